@@ -11,6 +11,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from cases.io.read import read_trial
+from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from mmg.errors import UserError
 from mmg_ident.commands.ships import ships
@@ -157,3 +158,24 @@ def test_scatter_prints_median_and_interval_of_each_figure_and_writes_the_motion
     assert data["scatter"] == 8
     assert {"figure", "unit", "value", "median", "interval_90", "share"} <= set(data["figures"][0])
     assert isinstance(mmg(*options, "--noise").exception, UserError)
+
+
+def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path) -> None:
+    """The turn rate is as late against the heading as that campaign's gyro is; without a name, as the mean of all."""
+    ship = with_effects(load_ship("esso_osaka_3m"), ["gyro:T=0.4"])
+    ship = parse_ship(
+        dump_ship(ship) + '\n[campaigns."spring"]\n"gyro.T" = 0.0\n[campaigns."autumn"]\n"gyro.T" = 0.9\n'
+    )
+    (tmp_path / "ship.toml").write_text(dump_ship(ship), encoding="utf-8")
+    for name, lag in (("spring", 0.0), ("autumn", 0.9), ("", 0.4)):
+        path = tmp_path / f"{name or 'mean'}.csv"
+        chosen = ["--campaign", name] if name else []
+        words = ["simulate", tmp_path / "ship.toml", "--maneuver", "zigzag:20/20", "--duration", "60", *chosen]
+        assert mmg(*words, "--out", path).exit_code == 0
+        trial = read_trial(path)
+        rate = np.gradient(np.unwrap(trial["psi"]), trial.t)
+        tried = np.arange(0.0, 1.5, 0.05)
+        off = [np.std((trial["r"] - np.interp(trial.t - T, trial.t, rate))[20:]) for T in tried]
+        assert tried[int(np.argmin(off))] == pytest.approx(lag, abs=0.06)
+    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows spring, autumn"):
+        CliRunner().invoke(APP, [*map(str, words[:4]), "--campaign", "summer"], catch_exceptions=False)

@@ -82,6 +82,23 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
         said_campaign(trials, "summer", ship)
 
 
+def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
+    """Straight runs show no turn rate."""
+    lags = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}
+    trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
+    trials += fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    found = estimate_coefficients(ship, trials, settings)
+    fit = by_campaign(found, CampaignQuestion(ship, trials, settings, wanted=("gyro",)))
+    constants = fit.calibration.constants
+    assert constants is not None and len(constants.value) == len(DAYS)
+    value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]
+    assert np.abs(value[:2] - LAGS).max() < 0.1 and value[2] == pytest.approx(value[:2].mean(), abs=0.1)
+    assert std[2] > 5 * std[:2].max()
+    words = [str(m) for m in fit.messages]
+    assert any(f"{DAYS[2]}: its runs tell nothing of gyro.T" in m and "mean of all campaigns" in m for m in words)
+
+
 def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) -> None:
     text = dump_ship(ESSO) + '\n[campaigns."spring"]\n"gyro.Tt" = 0.1\nY_v = 99.0\n'
     with pytest.raises(UserError, match=r"campaigns.*unknown coefficient 'gyro.Tt'.*outside its bounds"):
