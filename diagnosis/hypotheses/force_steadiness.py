@@ -32,7 +32,7 @@ DRAWS, TOGETHER = 400, 25
 LEAST = 20
 """Steps of a part that counts."""
 KEPT = 0.02
-"""Least variance of a combination of scores that counts, in that of the largest."""
+"""Least variance of a combination of scores that counts, in that of the largest, sizes by run and heading being one."""
 TAIL = 0.25
 """Share of the draws that tells how the law goes on beyond them: sums of few squares have longer tails than those of
 many, and the largest of several ways of parting is asked for."""
@@ -102,19 +102,24 @@ def steadiness_of(
     groups = np.concatenate([_members(part, there) for part in weather])
     members = {name: _members(part, there) for name, part in ways.items()}
 
-    def scores(some: np.ndarray) -> dict[str, np.ndarray]:
+    def scores(some: np.ndarray, of_one_size: bool = False) -> dict[str, np.ndarray]:
         square = _squares(system, run, some, at)
-        each = system.Q[at][:, None] * 0.5 * (square / _sizes(square, expected, groups) - expected[..., None])
+        sizes = 1.0 if of_one_size else _sizes(square, expected, groups)
+        each = system.Q[at][:, None] * 0.5 * (square / sizes - expected[..., None])
         flat = each.reshape(len(there), -1)
         return {name: (m @ flat).reshape(-1, some.shape[3]) for name, m in members.items() if len(m) > 1}
 
     rng = np.random.default_rng(seed)
     columns = np.where(system.good[..., None], white[..., :-1], 0.0)
-    drawn = [scores(some) for some in _campaigns(rng, columns, system.good)]
+    drawn: list[dict[str, np.ndarray]] = []
+    alike: dict[str, np.ndarray] = {}
+    for some in _campaigns(rng, columns, system.good):
+        drawn.append(scores(some))
+        alike = alike or scores(some, True)
     own, law = scores(white[..., -1:]), {n: np.concatenate([d[n] for d in drawn], axis=1) for n in drawn[0]}
     if not own:
         return ForceSteadiness(1.0, "", "")
-    rarity = {name: _rarity(np.hstack([score, law[name]]), law[name]) for name, score in own.items()}
+    rarity = {name: _rarity(np.hstack([score, law[name]]), law[name], alike[name]) for name, score in own.items()}
     most = np.max(list(rarity.values()), axis=0)
     worst = max(rarity, key=lambda name: rarity[name][0])
     each = own[worst][:, 0] / np.sqrt(np.maximum((law[worst] ** 2).mean(axis=1), 1e-300))
@@ -173,13 +178,20 @@ def _sizes(square: np.ndarray, expected: np.ndarray, groups: np.ndarray) -> np.n
     return factor.reshape(shape)
 
 
-def _rarity(scores: np.ndarray, law: np.ndarray) -> np.ndarray:
+def _rarity(scores: np.ndarray, law: np.ndarray, alike: np.ndarray) -> np.ndarray:
     """Negative logarithms (c,) of the probability of ``scores`` (3 parts, c) by the ``law`` of draws (3 parts, draws):
-    Hotelling's T squared with the mean known, in the combinations that vary."""
+    Hotelling's T squared with the mean known, in the combinations that vary.
+
+    alike: (3 parts, some) the same of draws whose size is one in all runs and headings: parts that are whole runs say
+    nothing once these may differ.
+    """
     draws = law.shape[1]
     values, vectors = np.linalg.eigh(law @ law.T / draws)
-    kept = values > KEPT * max(values.max(), 1e-300)
+    before = np.linalg.eigvalsh(alike @ alike.T / alike.shape[1]).max()
+    kept = values > KEPT * max(before, values.max(), 1e-300)
     m = int(kept.sum())
+    if not m:
+        return np.zeros(scores.shape[1])
     along = (vectors.T @ scores)[kept] / np.sqrt(values[kept])[:, None]
     return np.asarray(-f_law.logsf((along**2).sum(axis=0) * (draws - m + 1) / (m * draws), m, draws - m + 1))
 

@@ -69,6 +69,14 @@ def test_runs_and_headings_may_differ_in_their_weather() -> None:
         assert p_values(unsteady(np.minimum(way, 1), 1, 3.0, 6, 3)).min() > 1e-3
 
 
+def test_parts_that_are_whole_runs_say_nothing_however_much_these_differ() -> None:
+    """Revolutions that stay as they are in each run: what iterations leave of them is no evidence."""
+    s, by_run = system(), {"n": np.broadcast_to(np.arange(R) % 2, (K, R))}
+    white = unsteady(np.minimum(WEATHER[0], 1), 0, 4.0, 6, 5)
+    found = [steadiness_of(s, filtered(s), white[..., i, None], AT, by_run, WEATHER) for i in range(white.shape[3])]
+    assert min(f.p_value for f in found) > 0.5
+
+
 def test_a_part_in_which_parameters_take_most_errors_is_no_steadier() -> None:
     s, rng = system(), np.random.default_rng(6)
     fast = np.concatenate([WAYS["fast"], WAYS["fast"][-1:]]) == 1
