@@ -243,7 +243,7 @@ def _searched(
 
 def _with_wider_priors(p: SearchProblem, fit: Estimate) -> tuple[Estimate, tuple[Message, ...]]:
     """The ``fit`` with priors as wide as the trials have them, where that is wider than stated; and a sentence."""
-    return p.with_wider(fit), width_notices(p.width(fit).factor)
+    return p.with_wider(fit), width_notices(p.width(fit).factor, p.width_taken(fit))
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

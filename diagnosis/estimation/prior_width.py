@@ -51,7 +51,7 @@ def likely_width(found: Estimate, present: float = 1.0) -> Width:
     Where no coefficient is free, that is kept.
     """
     own = np.flatnonzero(_of_coefficients(found.free))
-    if not len(own):
+    if not len(own) or not np.isfinite(found.covariance).all():
         return Width(present, DOUBT, 0.0)
     known = np.linalg.inv(found.covariance[np.ix_(own, own)])
     values, vectors = np.linalg.eigh(0.5 * (known + known.T) - np.eye(len(own)))
@@ -60,8 +60,6 @@ def likely_width(found: Estimate, present: float = 1.0) -> Width:
     square = np.exp(2 * (logs - np.log(present)))[:, None]
     each = slopes**2 * square / (1 + square * values) - np.log1p(square * values)
     likely = 0.5 * each.sum(axis=1) - 0.5 * (logs / DOUBT) ** 2
-    if not np.isfinite(likely).all():
-        return Width(present, DOUBT, 0.0)
     weight = np.exp(likely[:-1] - likely[:-1].max())
     mean = float(weight @ GRID / weight.sum())
     error = float(np.sqrt(weight @ (GRID - mean) ** 2 / weight.sum()))
@@ -82,7 +80,8 @@ def narrowed(
     factor = width.factor * float(np.exp(width.error))
     if factor > 1 / TOLD:
         return null, base, 1.0
-    return refitted_at(steps, data, null, factor, iterations), widened(base, factor), factor
+    again = refitted_at(steps, data, null, factor, iterations)
+    return (null, base, 1.0) if again is null else (again, widened(base, factor), factor)
 
 
 def refitted_at(
@@ -106,12 +105,12 @@ def widened(base: Priors, factor: float) -> Priors:
     return replace(base, std=np.where(_of_coefficients(base), factor, 1.0) * base.std)
 
 
-def width_notices(factor: float) -> tuple[Message, ...]:
-    """A sentence on a ``factor`` that makes a difference."""
-    if 1 / TOLD < factor < TOLD:
+def width_notices(likely: float, taken: float) -> tuple[Message, ...]:
+    """A sentence on the ``likely`` factor where the one that was ``taken`` is another than the stated one."""
+    if 1 / TOLD < taken < TOLD:
         return ()
-    words = f"all together, the coefficients are off by about {factor:.2g} of what their priors state"
-    return (Message(f"{words}: effects are judged with priors as wide as that", "prior_width"),)
+    words = f"all together, the coefficients are off by about {likely:.2g} of what their priors state"
+    return (Message(f"{words}: effects are judged with {taken:.2g} of these priors", "prior_width"),)
 
 
 def _of_coefficients(priors: Priors) -> np.ndarray:

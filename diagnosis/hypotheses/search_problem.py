@@ -15,6 +15,12 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import likelihood
 
 
+def likelihood_of_width(found: Estimate, own: int, present: float = 1.0) -> float:
+    """``likelihood`` of the fit ``found``, whose last ``own`` columns are of effects, with the most likely width of the
+    coefficients' priors, which have the factor ``present`` on those stated."""
+    return likelihood(found, own) - likely_width(found, present).gain
+
+
 @dataclass(frozen=True)
 class SearchProblem:
     """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
@@ -38,7 +44,7 @@ class SearchProblem:
         """``likelihood`` of the fit ``found``, whose last ``own`` columns are of effects, with the width of the priors
         that is most likely with these: coefficients that are farther off than stated are no effect, and an effect that
         explains why they seemed so counts for that too."""
-        return likelihood(found, own) - self.width(found).gain
+        return likelihood(found, own) if self.factor is None else likelihood_of_width(found, own, self.factor)
 
     def width(self, found: Estimate) -> Width:
         """The most likely width of the stated priors at a fit."""
@@ -46,10 +52,16 @@ class SearchProblem:
 
     def with_wider(self, found: Estimate) -> Estimate:
         """The fit with wider priors than stated, where these are more likely."""
-        factor = self.width(found).factor
-        if self.factor is None or factor < TOLD:
+        factor = self.width_taken(found)
+        if self.factor is None or factor == self.factor:
             return found
         return refitted_at(self.steps, self.data, found, factor / self.factor)
+
+    def width_taken(self, found: Estimate) -> float:
+        """The factor on the stated priors with which a hypothesis is judged at last: the most likely one where it is
+        wider than stated, else that of ``base``."""
+        factor = self.width(found).factor
+        return factor if factor > TOLD else self.factor or 1.0
 
     @property
     def cost(self) -> float:

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from diagnosis.estimation.acting_inputs import acting
+from diagnosis.estimation.acting_inputs import Steered, acting
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearised_if_finite
@@ -16,7 +16,7 @@ from diagnosis.estimation.parameters import Priors, active_states, mean_over_win
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
-from mmg.model import Model, columns
+from mmg.model import columns
 from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 
@@ -25,13 +25,8 @@ WINDOW, STRIDE = 30.0, 15.0
 DRAWS = 2000
 
 
-class Stepper(Protocol):
+class Stepper(Steered, Protocol):
     """What predicts step by step: ``TransitionModel`` of a ship, or a ship with a learned residual."""
-
-    ship: Ship
-    model: Model
-    late: tuple[str, ...]
-    """Symbols that make inputs late (``acting_inputs``)."""
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M)."""

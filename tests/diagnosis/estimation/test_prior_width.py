@@ -10,11 +10,11 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from diagnosis.estimation.candidates import Column
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.prior_width import DOUBT, likely_width, refitted_at, widened, width_notices
+from diagnosis.estimation.prior_width import DOUBT, likely_width, narrowed, refitted_at, widened, width_notices
 from diagnosis.hypotheses.refit import refit
-from tests.support.diagnosis_cases import FEW, candidate, full_steps, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_trials
 
 P, SAMPLES = 12, 40
 INFORMATION = np.random.default_rng(3).standard_normal((SAMPLES, P)) * np.logspace(1, -2, P)
@@ -74,9 +74,9 @@ def test_priors_of_effects_and_values_by_run_stay_and_a_ship_of_none_keeps_its_p
 
 
 def test_a_factor_is_said_where_it_makes_a_difference() -> None:
-    assert [len(width_notices(f)) for f in (0.5, 0.9, 1.0, 1.2, 2.0)] == [1, 0, 0, 0, 1]
-    (words,) = width_notices(2.0)
-    assert "2 of what their priors state" in words and words.code == "prior_width"
+    assert [len(width_notices(0.7, taken)) for taken in (0.5, 0.9, 1.0, 1.2, 2.0)] == [1, 0, 0, 0, 1]
+    (words,) = width_notices(0.5, 0.6)
+    assert "0.5 of what their priors state" in words and "0.6 of these" in words and words.code == "prior_width"
 
 
 def test_a_fit_with_wider_priors_is_what_it_would_have_been_from_the_start() -> None:
@@ -110,8 +110,22 @@ def test_a_ship_with_coefficients_far_off_and_nothing_missing_is_fitted_with_wid
         {s: FEW.coefficients[s].with_(value=FEW.coefficients[s].value + 4 * signs[s] * FEW.coefficients[s].std)
          for s in symbols}
     )  # fmt: skip
-    _, null = problem_of(pushed_trials(2, ship=other), 0.5)
-    problem = replace(problem_of(pushed_trials(2, ship=other), 0.5)[0], factor=1.0)
-    assert full_steps(0.5).S == problem.steps.S
+    problem, null = problem_of(pushed_trials(2, ship=other), 0.5)
+    problem = replace(problem, factor=1.0)
     wide = problem.with_wider(null)
-    assert problem.width(null).factor > 1.5 and wide.free.std[0] > 1.4 * null.free.std[0]
+    assert problem.width(null).factor > 1.5
+    np.testing.assert_allclose(wide.free.std, problem.width_taken(null) * null.free.std)
+
+
+def test_stated_priors_stay_where_the_ship_explodes_with_narrower_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, null = problem_of(pushed_trials(4), 0.5)
+    same = replace(null, p=0.1 * null.p)
+    _, base, factor = narrowed(problem.steps, problem.data, same, problem.base, 2)
+    assert factor < 0.8 and np.allclose(base.std, factor * problem.base.std)
+
+    def exploding(*given: object) -> Estimate:
+        raise BrokenModelError("it explodes")
+
+    monkeypatch.setattr("diagnosis.estimation.prior_width.estimate", exploding)
+    found, base, factor = narrowed(problem.steps, problem.data, same, problem.base, 2)
+    assert found is same and base is problem.base and factor == 1.0
