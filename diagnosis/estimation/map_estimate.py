@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -175,9 +176,11 @@ def estimate(
 def bounded_step(
     hessian: np.ndarray, slope: np.ndarray, p: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper, by holding those that would leave.
+    """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper.
 
-    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each. (An active set that only grows.)
+    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Those that would leave
+    are held at their bounds and the others found anew. Where one of the held pulls back after that, the least squares
+    that have the same minimum are solved by an active set that lets go again (Stark and Parker 1995).
     """
     d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
     for _ in range(len(p)):
@@ -188,4 +191,9 @@ def bounded_step(
             break
         d[leaving] = np.clip(p + d, lower, upper)[leaving] - p[leaving]
         held |= leaving
-    return d
+    pull = slope + hessian @ d
+    at_lower = p + d - lower < upper - p - d
+    if not (held & np.where(at_lower, pull < 0.0, pull > 0.0)).any():
+        return d
+    root = np.linalg.cholesky(hessian)
+    return lsq_linear(root.T, -np.linalg.solve(root, slope), (lower - p, upper - p), method="bvls").x
