@@ -21,7 +21,7 @@ def pulls(hessian: np.ndarray, slope: np.ndarray, d: np.ndarray, low: np.ndarray
 def test_nothing_that_may_move_would_gain(seed: int, count: int, alike: float) -> None:
     rng = np.random.default_rng(seed)
     columns = rng.standard_normal((20, count))
-    columns = alike * columns[:, :1] + np.sqrt(1 - alike**2) * columns  # like coefficients that trials hardly tell apart
+    columns = alike * columns[:, :1] + np.sqrt(1 - alike**2) * columns  # hardly told apart
     hessian = columns.T @ columns + np.eye(count)
     slope, p = 20 * rng.standard_normal(count), rng.uniform(-1, 1, count)
     low, high = p - rng.uniform(0, 1, count) * (rng.random(count) < 0.7), p + rng.uniform(0.01, 2, count)
