@@ -20,7 +20,8 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
-from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit
+from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
+from diagnosis.hypotheses.smooth_basis import Forms, evaluated
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 
@@ -80,8 +81,8 @@ class Dictionary:
         self.states = _sensor_forms(z, data)
         self.labels = (
             *(
-                (kind if i < self.force_forms.named else f"smooth {kind}", form)
-                for i, form in enumerate(self.forces.names)
+                (f"{self.force_forms.family(form)}{kind}", form)
+                for form in self.forces.names
                 for kind in FORCES
             ),
             *(

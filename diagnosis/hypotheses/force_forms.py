@@ -7,58 +7,30 @@ the trials (principal components): an orthogonal basis whose size falls from com
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.smooth_basis import Forms, SmoothBasis, evaluated, spread_of
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import relative_air
 from mmg.motion.froude import time_scale
 
-FEATURES, COMPONENTS = 200, 16
-"""Random features, and principal components of them that are kept."""
+COMPONENTS, TOGETHER = 16, (1, 3)
+"""Smooth functions that are kept, and of how many variables each is."""
 SCALE = 1.0
 """Length over which a smooth function changes, in standard deviations of its variables."""
+OF_ONE, FINE = 8, 0.35
+"""Functions of each variable alone that are kept, and the length over which they change."""
 PASTS = (4.0, 12.0)
 """Memory [s of a 3 m model] of the past of rudders and propellers."""
-
-
-@dataclass(frozen=True)
-class Forms:
-    """Functions of the motion: names (m,), values (m, K, R), and their gradients (m, K, R, 6) by the logged states."""
-
-    names: tuple[str, ...]
-    values: np.ndarray
-    gradients: np.ndarray
-
-    def at(self, name: str) -> int:
-        """Position of a ``name``."""
-        return self.names.index(name)
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:
     """One over the root mean square of ``values`` (K, R) where ``mask`` (K, R) counts; 0 where there is nothing."""
     size = float(np.sqrt((values[mask] ** 2).mean()))
     return 1 / size if size > 1e-12 else 0.0
-
-
-def evaluated(
-    expressions: Mapping[str, ca.SX], arguments: list[ca.SX], values: list[np.ndarray], mask: np.ndarray
-) -> Forms:
-    """``expressions`` of ``arguments``, the first being the six logged states, at ``values`` (K, R, ...); mask: (K, R)
-    where they exist, else 0."""
-    names, shape = tuple(expressions), mask.shape
-    each = ca.vertcat(*expressions.values())
-    function = ca.Function("forms", list(arguments), [each, ca.densify(ca.jacobian(each, arguments[0]))])
-    flat = [v.reshape(mask.size, -1).T for v in values]
-    value, J = (np.array(x) for x in function.map(mask.size)(*flat))
-    value = value.reshape(len(names), *shape)
-    # CasADi lays the blocks of its columns side by side: (m, points, 6)
-    return Forms(names, value, J.reshape(len(names), mask.size, 6).reshape(len(names), *shape, 6))
 
 
 def of_unit_size(forms: Forms, mask: np.ndarray) -> tuple[Forms, np.ndarray, np.ndarray]:
@@ -81,50 +53,34 @@ def _scaled(forms: Forms, middle: np.ndarray, factor: np.ndarray) -> Forms:
 class ForceForms:
     """The forms, their units taken from trials.
 
-    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. named: how many
-    of the forms are products; the others are smooth.
+    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
         self.steps = steps
         raw = self._products(data, middle)
         _, self._middle, self._factor = of_unit_size(raw, data.inside)
-        self.named = len(raw.names)
+        self._names = frozenset(raw.names)
         known = self._variables(data, middle)
         inside = known.values[:, data.inside]
-        spread = inside.std(axis=1)
-        moving = spread > 1e-3 * np.abs(inside).max(axis=1, initial=0.0) + 1e-12
-        self._centre = inside.mean(axis=1)
-        rng = np.random.default_rng(0)
-        weight = np.zeros((FEATURES, len(known.names)))
-        where = np.flatnonzero(moving)
-        for row in weight:
-            chosen = rng.choice(where, min(len(where), int(rng.integers(1, 4))), replace=False)
-            row[chosen] = rng.standard_normal(len(chosen)) / (SCALE * spread[chosen])
-        self._weight, self._phase = weight, rng.uniform(0, 2 * np.pi, FEATURES)
-        features = np.cos(self._weight @ (inside - self._centre[:, None]) + self._phase[:, None])
-        self._mean = features.mean(axis=1)
-        features -= self._mean[:, None]
-        values, vectors = np.linalg.eigh(features @ features.T / features.shape[1])
-        kept = np.argsort(-values)[:COMPONENTS]
-        kept = kept[values[kept] > 1e-9]
-        self._mix = vectors[:, kept].T / np.sqrt(values[kept].max(initial=1e-300))
+        spread = spread_of(inside)
+        self._smooth = SmoothBasis(inside, SCALE * spread, COMPONENTS, TOGETHER)
+        self._alone = {
+            name: SmoothBasis(inside, np.where(np.arange(len(spread)) == i, FINE * spread[i], 0.0), OF_ONE, (1, 1))
+            for i, name in enumerate(known.names)
+            if spread[i] and not name.startswith("air") and " over " not in name
+        }
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
         products = _scaled(self._products(data, middle), self._middle, self._factor)
         known = self._variables(data, middle)
-        angle = np.einsum("fv,vkr->fkr", self._weight, known.values - self._centre[:, None, None])
-        angle += self._phase[:, None, None]
-        smooth = np.einsum("cf,fkr->ckr", self._mix, np.cos(angle) - self._mean[:, None, None])
-        slope = np.einsum("cf,fkr,fv->ckrv", self._mix, -np.sin(angle), self._weight, optimize=True)
-        gradient = np.einsum("ckrv,vkrs->ckrs", slope, known.gradients, optimize=True)
-        names = tuple(f"smooth {i + 1}" for i in range(len(smooth)))
-        return Forms(
-            (*products.names, *names),
-            np.concatenate([products.values, smooth]),
-            np.concatenate([products.gradients, gradient]),
-        )
+        alone = (basis.on(known, f"{name} alone") for name, basis in self._alone.items())
+        return sum(alone, products + self._smooth.on(known, "smooth"))
+
+    def family(self, name: str) -> str:
+        """Begin of the kinds of the form ``name``: "" for the products."""
+        return "" if name in self._names else f"{name.rpartition(' ')[0]} "
 
     def _arguments(self) -> tuple[list[ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
         """Symbols of states, inputs and time; the velocities (r times L) and air; the inputs by name."""

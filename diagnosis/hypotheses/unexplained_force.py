@@ -67,7 +67,7 @@ class ForceEstimate:
 def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
     """The force that the tests of unnamed forms ``unnamed`` point to."""
     words = unnamed.slopes.dictionary
-    chosen = np.array([kind.removeprefix("smooth ") in FORCES for kind in words.kinds])
+    chosen = np.array([kind.endswith(FORCES) for kind in words.kinds])
     # the dictionary has the channels of a form side by side
     order = np.flatnonzero(chosen).reshape(-1, 3).T.ravel()
     g, S = unnamed.slopes.g[order], unnamed.slopes.S[np.ix_(order, order)]
