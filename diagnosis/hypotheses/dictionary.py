@@ -10,6 +10,7 @@ likelihood. Each column therefore has, beside its response, the slope of the log
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -32,6 +33,14 @@ SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)
 """Kinds of the forces that are products."""
+
+
+WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
+"""Velocity of the water by its coefficient in the model."""
+SMALL = 1e-3
+"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated."""
+Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""States, inputs and coefficients of steps."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,8 @@ class Dictionary:
             for name in steps.model.controls
             if name in INPUTS
         }
+        self.place = self.force_forms.by_place(data, middle)
+        self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         theta = spread(found.theta, (K + 1) * R) if found.theta.ndim > 1 else found.theta
         all_theta = steps.coefficients(theta, found.path.force.reshape(-1, 3).T)
@@ -91,6 +102,7 @@ class Dictionary:
                 for what, forms in (("action", SHAPES), ("delay", tuple(f"{d:g} s" for d in DELAYS)))
                 for form in forms
             ),
+            *((f"{name} by place", form) for name in self.by_place for form in self.place.names),
             *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
         self.kinds = tuple(kind for kind, _ in self.labels)
@@ -100,9 +112,11 @@ class Dictionary:
         the logged columns (K + 1, R, 6, C), of the ``linear`` model."""
         forms, sizes = self.forces, self.noise.force
         pushed = [linear.force[..., c] * sizes[c] * v[..., None] for v in forms.values for c in range(3)]
-        for action, size in self._scaled_actions(linear):
+        for action, size in self._scaled(linear, self.actions):
             shapes = [forms.values[forms.at(name)] for name in SHAPES]
             pushed += [action.step * size * value[..., None] for value in (*shapes, *action.delayed)]
+        for action, size in self._scaled(linear, self.by_place):
+            pushed += [action.step * size * value[..., None] for value in self.place.values]
         count, total = len(pushed), len(self.kinds)
         K, R, A = linear.F.shape[:3]
         forcing, observed = np.zeros((K, R, A, total)), np.zeros((K + 1, R, 6, total))
@@ -117,24 +131,30 @@ class Dictionary:
         own = at.by_rates[..., : len(self.active)]  # (K, R, A, A)
         pull = np.einsum("kraf,krab->krfb", self.by_force, own)[..., :6]
         result = [(np.einsum("mkrb,krfb->mf", forms.gradients, pull) * sizes).ravel()]
-        for action, size in self._scaled_actions(at.linear):
-            whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
-            pull = np.einsum("kra,krab->krb", action.rates, own)[..., :6]
-            rows = [forms.at(name) for name in SHAPES]
-            shapes = np.einsum("mkr,kr->m", forms.values[rows], whole)
-            shapes += np.einsum("mkrb,krb->m", forms.gradients[rows], pull)
-            result += [size * shapes, size * np.einsum("mkr,kr->m", action.delayed, whole)]
+        for action, size in self._scaled(at.linear, self.actions):
+            whole, scaled = self._along(at, action, forms.only(SHAPES))
+            result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
+        for action, size in self._scaled(at.linear, self.by_place):
+            result.append(size * self._along(at, action, self.place)[1])
         by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
         return np.concatenate(result)
 
-    def _scaled_actions(self, linear: LinearModel) -> list[tuple[Action, float]]:
-        """Each input's action, and the unit of it that is as strong as the latent force."""
+    def _along(self, at: Linearisation, action: Action, forms: Forms) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative of 1/2 log det by the size of an ``action`` at each step (K, R), and by that of the action times
+        each of the ``forms`` (m,); at: the linearisation."""
+        whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
+        pull = np.einsum("kra,krab->krb", action.rates, at.by_rates[..., : len(self.active)])[..., :6]
+        along = np.einsum("mkr,kr->m", forms.values, whole) + np.einsum("mkrb,krb->m", forms.gradients, pull)
+        return whole, along
+
+    def _scaled(self, linear: LinearModel, actions: Mapping[str, Action]) -> list[tuple[Action, float]]:
+        """Each of the ``actions``, and the unit of it that is as strong as the latent force."""
         inside = self.data.inside
         strength = np.linalg.norm(linear.force * self.noise.force, axis=(2, 3))[inside]
         return [
             (a, float(np.sqrt((strength**2).mean() / max((a.step[inside] ** 2).sum(axis=1).mean(), 1e-300))))
-            for a in self.actions.values()
+            for a in actions.values()
         ]
 
     def _errors(self, linear: LinearModel) -> list[tuple[int, np.ndarray, np.ndarray]]:
@@ -186,19 +206,19 @@ def _action(
     steps: TransitionModel,
     data: GriddedTrials,
     name: str,
-    points: tuple[np.ndarray, np.ndarray, np.ndarray],
-    begin: tuple[np.ndarray, np.ndarray, np.ndarray],
+    points: Points,
+    begin: Points,
     active: np.ndarray,
     wanted: np.ndarray,
 ) -> Action:
-    """The action of the input ``name``, by central differences; points: middles of the steps, begin: their starts."""
-    K, R = data.inputs.shape[:2]
+    """The action of the input ``name``; points: middles of the steps, begin: their starts."""
     i, small = steps.model.controls.index(name), DIFFERENCE[INPUTS[name][1]]
-    up, down = points[1].copy(), points[1].copy()
-    up[i] += small
-    down[i] -= small
-    ends = [steps.advance(begin[0], c, begin[2]) for c in (up, down)]
-    rates, jacobians = zip(*(steps.rates(points[0], c, points[2]) for c in (up, down)), strict=True)
+
+    def moved(at: Points, sign: int) -> Points:
+        held = at[1].copy()
+        held[i] += sign * small
+        return at[0], held, at[2]
+
     x = data.inputs[..., i]
     k = time_scale(steps.ship.particulars["L"])
     delayed = []
@@ -206,9 +226,55 @@ def _action(
         rows = np.maximum(np.arange(len(x)) - max(1, round(delay * k / data.h)), 0)
         values = x[rows] - x
         delayed.append(unit(values, data.inside) * values)
+    return _by_difference(steps, data, moved, small, (points, begin), active, wanted, np.stack(delayed))
+
+
+def _of_places(
+    steps: TransitionModel, data: GriddedTrials, points: Points, begin: Points, active: np.ndarray, wanted: np.ndarray
+) -> dict[str, Action]:
+    """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
+    none = np.zeros((0, *data.inputs.shape[:2]))
+    found = {}
+    for name, symbol in WATER.items():
+        if symbol in steps.ship.symbols:
+            i = steps.ship.symbols.index(symbol)
+
+            def streaming(at: Points, sign: int, i: int = i) -> Points:
+                theta = at[2].copy()
+                theta[i] += sign * SMALL
+                return at[0], at[1], theta
+
+            found[name] = _by_difference(steps, data, streaming, SMALL, (points, begin), active, wanted, none)
+    wind = [steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
+
+    def blowing(at: Points, sign: int) -> Points:
+        held = at[1].copy()
+        held[wind] *= 1 + sign * SMALL
+        return at[0], held, at[2]
+
+    if data.inputs[..., wind].any():
+        found["wind"] = _by_difference(steps, data, blowing, SMALL, (points, begin), active, wanted, none)
+    return {name: a for name, a in found.items() if a.step.any()}
+
+
+def _by_difference(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    moved: Callable[[Points, int], Points],
+    small: float,
+    at: tuple[Points, Points],
+    active: np.ndarray,
+    wanted: np.ndarray,
+    delayed: np.ndarray,
+) -> Action:
+    """The action of what ``moved`` moves by ``small`` to either side, by central differences; at: middles and starts of
+    the steps."""
+    K, R = data.inputs.shape[:2]
+    ends = [steps.advance(*moved(at[1], sign)) for sign in (1, -1)]
+    rates, jacobians = zip(*(steps.rates(*moved(at[0], sign)) for sign in (1, -1)), strict=True)
     return Action(
         step=((ends[0] - ends[1]) / (2 * small))[active].T.reshape(K, R, -1),
         rates=((rates[0] - rates[1]) / (2 * small))[:, active].reshape(K, R, -1),
         jacobian=((jacobians[0] - jacobians[1]) / (2 * small))[:, active][:, :, wanted].reshape(K, R, len(active), -1),
-        delayed=np.stack(delayed),
+        delayed=delayed,
     )

@@ -23,6 +23,8 @@ SCALE = 1.0
 """Length over which a smooth function changes, in standard deviations of its variables."""
 OF_ONE, FINE = 8, 0.35
 """Functions of each variable alone that are kept, and the length over which they change."""
+OF_PLACE, PLACE = 12, 2.0
+"""Functions of the place that are kept, and the length over which they change [lengths of the ship]."""
 PASTS = (4.0, 12.0)
 """Memory [s of a 3 m model] of the past of rudders and propellers."""
 
@@ -65,6 +67,8 @@ class ForceForms:
         inside = known.values[:, data.inside]
         spread = spread_of(inside)
         self._smooth = SmoothBasis(inside, SCALE * spread, COMPONENTS, TOGETHER)
+        scale = np.full(2, PLACE * float(steps.ship.particulars["L"]))
+        self._place = SmoothBasis(_places(middle).values[:, data.inside], scale, OF_PLACE, (2, 2))
         self._alone = {
             name: SmoothBasis(inside, np.where(np.arange(len(spread)) == i, FINE * spread[i], 0.0), OF_ONE, (1, 1))
             for i, name in enumerate(known.names)
@@ -77,6 +81,10 @@ class ForceForms:
         known = self._variables(data, middle)
         alone = (basis.on(known, f"{name} alone") for name, basis in self._alone.items())
         return sum(alone, products + self._smooth.on(known, "smooth"))
+
+    def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
+        """Smooth functions of the place of trials ``data`` with states ``middle`` (K, R, S)."""
+        return self._place.on(_places(middle), "place")
 
     def family(self, name: str) -> str:
         """Begin of the kinds of the form ``name``: "" for the products."""
@@ -137,3 +145,10 @@ class ForceForms:
 def _mean(inputs: list[ca.SX]) -> ca.SX:
     """Mean of some inputs, 0 without any."""
     return sum(inputs, ca.SX(0)) / max(len(inputs), 1)
+
+
+def _places(middle: np.ndarray) -> Forms:
+    """Position north and east in states ``middle`` (K, R, S)."""
+    gradients = np.zeros((2, *middle.shape[:2], 6))
+    gradients[0, ..., 0] = gradients[1, ..., 1] = 1.0
+    return Forms(("x", "y"), np.moveaxis(middle[..., :2], 2, 0), gradients)
