@@ -112,10 +112,10 @@ class Dictionary:
         the logged columns (K + 1, R, 6, C), of the ``linear`` model."""
         forms, sizes = self.forces, self.noise.force
         pushed = [linear.force[..., c] * sizes[c] * v[..., None] for v in forms.values for c in range(3)]
-        for action, size in self._scaled(linear, self.actions):
+        for action, size in self.scaled(linear, self.actions):
             shapes = [forms.values[forms.at(name)] for name in SHAPES]
             pushed += [action.step * size * value[..., None] for value in (*shapes, *action.delayed)]
-        for action, size in self._scaled(linear, self.by_place):
+        for action, size in self.scaled(linear, self.by_place):
             pushed += [action.step * size * value[..., None] for value in self.place.values]
         count, total = len(pushed), len(self.kinds)
         K, R, A = linear.F.shape[:3]
@@ -131,10 +131,10 @@ class Dictionary:
         own = at.by_rates[..., : len(self.active)]  # (K, R, A, A)
         pull = np.einsum("kraf,krab->krfb", self.by_force, own)[..., :6]
         result = [(np.einsum("mkrb,krfb->mf", forms.gradients, pull) * sizes).ravel()]
-        for action, size in self._scaled(at.linear, self.actions):
+        for action, size in self.scaled(at.linear, self.actions):
             whole, scaled = self._along(at, action, forms.only(SHAPES))
             result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
-        for action, size in self._scaled(at.linear, self.by_place):
+        for action, size in self.scaled(at.linear, self.by_place):
             result.append(size * self._along(at, action, self.place)[1])
         by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
@@ -148,7 +148,7 @@ class Dictionary:
         along = np.einsum("mkr,kr->m", forms.values, whole) + np.einsum("mkrb,krb->m", forms.gradients, pull)
         return whole, along
 
-    def _scaled(self, linear: LinearModel, actions: Mapping[str, Action]) -> list[tuple[Action, float]]:
+    def scaled(self, linear: LinearModel, actions: Mapping[str, Action]) -> list[tuple[Action, float]]:
         """Each of the ``actions``, and the unit of it that is as strong as the latent force."""
         inside = self.data.inside
         strength = np.linalg.norm(linear.force * self.noise.force, axis=(2, 3))[inside]

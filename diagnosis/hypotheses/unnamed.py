@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import norm
 
 from diagnosis.estimation.dispersion import dispersion, memory_steps
@@ -20,6 +21,7 @@ from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
+from diagnosis.hypotheses.events import Events, event_slopes
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
@@ -43,18 +45,20 @@ class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
     their information S (C, C), and by kind of sensor error the ratio of the slopes' variance to that information, at
     least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The memory of forces is
-    in the model. taken: (P, C) multiples of the free parameters that were projected out."""
+    in the model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary.
+    Its columns are the first; those of ``events`` follow, kind by kind, as if independent of all others."""
 
     g: np.ndarray
     S: np.ndarray
     dictionary: Dictionary
     dispersion: dict[str, float]
     taken: np.ndarray
+    events: tuple[str, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kind of each column."""
-        return self.dictionary.kinds
+        return (*self.dictionary.kinds, *self.events)
 
     @property
     def allowed(self) -> np.ndarray:
@@ -63,9 +67,13 @@ class UnnamedSlopes:
 
     def by_chance(self, seed: int) -> np.ndarray:
         """Slopes (DRAWS, C) by the law of the model: normal to first order, sensors off by what is tolerated."""
-        values, vectors = np.linalg.eigh(0.5 * (self.S + self.S.T))
         normal, off = np.random.default_rng(seed).standard_normal((2, DRAWS, len(self.g)))
-        drawn = normal * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        drawn, count = np.zeros_like(normal), len(self.dictionary.kinds)
+        kinds = np.array(self.events)
+        for part in (np.arange(count), *(count + np.flatnonzero(kinds == kind) for kind in dict.fromkeys(self.events))):
+            own = self.S[np.ix_(part, part)]
+            values, vectors = np.linalg.eigh(0.5 * (own + own.T))
+            drawn[:, part] = normal[:, part] * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         same = np.equal.outer(np.array(self.kinds), np.array(self.kinds))
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
         return (drawn + (off * self.allowed) @ (self.S * same)) * np.sqrt(ratio)
@@ -163,26 +171,35 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     active = active_states(steps, found.free.symbols, found.theta)
     forms = Dictionary(steps, data, found, active)
     timing = timing_columns(steps, data, found, active)
+    length, events = float(steps.ship.particulars["L"]), []
 
     def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
         forcing, observed = forms.columns(linear)
+        events.append(Events.of(data, forms, linear, length))
         late = np.zeros((*observed.shape[:3], timing.shape[3]))
-        return np.concatenate([timing, forcing], axis=3), np.concatenate([late, observed], axis=3)
+        each = (timing, forcing, events[0].forcing), (late, observed, events[0].observed)
+        return np.concatenate(each[0], axis=3), np.concatenate(each[1], axis=3)
 
     linearised = linearise_and_filter(steps, data, found, active, columns_of)
-    flat = linearised.white.reshape(-1, linearised.white.shape[-1])
     p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
-    P = len(p)
-    logdet = np.concatenate([linearised.logdet_gradient.sum(axis=0)[:P], forms.logdet_gradient(linearised)])
-    rest = projected(flat.T @ flat, logdet, p)
-    g, S = rest.g, rest.S
-    lags = memory_steps(steps.ship.particulars["L"], data.h)
-    columns = linearised.white[..., P:-1] - linearised.white[..., :P] @ rest.taken
+    P, C = len(p), len(p) + len(forms.kinds)
+    by_free = linearised.logdet_gradient.sum(axis=0)[:P]
+    white = linearised.white[..., [*range(C), -1]]
+    flat = white.reshape(-1, C + 1)
+    rest = projected(flat.T @ flat, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
+    lags = memory_steps(length, data.h)
+    columns = white[..., P:-1] - white[..., :P] @ rest.taken
     ratios = {}
     for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
         own = np.array([k == name for k in forms.kinds])
-        ratios[name] = dispersion(columns[..., own], linearised.white[..., -1], g[own], S[np.ix_(own, own)], lags)
-    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)])
+        ratios[name] = dispersion(columns[..., own], white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)
+    others = linearised.white[..., [*range(P), *range(C, linearised.white.shape[3])]]
+    there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds, lags)
+    ratios |= {kind: each.dispersion for kind, each in there.items()}
+    g = np.concatenate([rest.g, *(each.g for each in there.values())])
+    S = block_diag(rest.S, *(each.S for each in there.values()))
+    kinds = tuple(kind for kind, each in there.items() for _ in each.g)
+    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)], kinds)
 
 
 def log_bayes(
