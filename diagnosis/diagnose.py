@@ -60,7 +60,7 @@ from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
-from diagnosis.report.words import sentence_of
+from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
@@ -182,11 +182,14 @@ def _diagnosed(
     is_left = verdict == "unknown" or remainder
     unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
     between = _between(ready, sensors, groups, trials, reasons)
+    unnamed = Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
+    sentence = sentence_of(
+        verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0
+    )
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=doubt
-        or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0),
+        sentence=doubt or sentence + (likeness(unnamed.after if is_named else unnamed.before) if is_left else ""),
         effects=effects,
         instruments=instruments,
         equivalence_class=same,
@@ -198,7 +201,7 @@ def _diagnosed(
         warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
-        unnamed=Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after))),
+        unnamed=unnamed,
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         chance=result.chance,

@@ -55,14 +55,15 @@ def _scaled(forms: Forms, middle: np.ndarray, factor: np.ndarray) -> Forms:
 class ForceForms:
     """The forms, their units taken from trials.
 
-    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step.
+    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. products: names
+    of those forms that are products; the others are smooth functions, of several variables or of one alone.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
         self.steps = steps
         raw = self._products(data, middle)
         _, self._middle, self._factor = of_unit_size(raw, data.inside)
-        self._names = frozenset(raw.names)
+        self.products = frozenset(raw.names)
         known = self._variables(data, middle)
         inside = known.values[:, data.inside]
         spread = spread_of(inside)
@@ -88,7 +89,7 @@ class ForceForms:
 
     def family(self, name: str) -> str:
         """Begin of the kinds of the form ``name``: "" for the products."""
-        return "" if name in self._names else f"{name.rpartition(' ')[0]} "
+        return "" if name in self.products else f"{name.rpartition(' ')[0]} "
 
     def _arguments(self) -> tuple[list[ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
         """Symbols of states, inputs and time; the velocities (r times L) and air; the inputs by name."""

@@ -29,6 +29,8 @@ from mmg.ship import Ship
 
 SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())
 """Sizes that are tried, in those of the latent force."""
+SEEN = 0.1
+"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it."""
 SWEEPS = 3
 """Rounds over the channels in which the sizes are improved one by one."""
 DRAWS = 400
@@ -71,6 +73,9 @@ def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
     # the dictionary has the channels of a form side by side
     order = np.flatnonzero(chosen).reshape(-1, 3).T.ravel()
     g, S = unnamed.slopes.g[order], unnamed.slopes.S[np.ix_(order, order)]
+    known, along = np.linalg.eigh(0.5 * (S + S.T))
+    seen = along[:, known > SEEN]
+    g = seen @ (seen.T @ g)  # sums of forms that vanish on these trials have no force, but may have a slope there
     sizes = np.zeros(3)
     for _, c in itertools.product(range(SWEEPS), range(3)):
         tried = [np.where(np.arange(3) == c, a, sizes) for a in SIZES]

@@ -31,6 +31,8 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
+SEEN = 0.01
+"""Information from which a direction is seen: a sum of forms that vanishes on the trials may have a slope all the same."""
 DRAWS, LEVEL = 2000, 0.02
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
 LEVEL_AGAIN = 0.005
@@ -212,7 +214,7 @@ def log_bayes(
     """
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    return _log_bayes_of(g @ vectors, np.maximum(values, 0.0), tolerance, sizes)
+    return _log_bayes_of(np.where(values > SEEN, g @ vectors, 0.0), np.maximum(values, 0.0), tolerance, sizes)
 
 
 def _log_bayes_of(

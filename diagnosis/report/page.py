@@ -66,12 +66,10 @@ def _what(d: Findings) -> str:
     """What is missing where no effect is named."""
     if d.verdict == "none":
         return "The residuals look like chance."
-    what, nearest = "The cause is not in the library of effects, or several act at once.", d.unnamed.strongest
+    what = "The cause is not in the library of effects, or several act at once."
     for best in words.ranking(d)[:1]:
         what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
-    if nearest and d.unexplained_force is not None:
-        what += f" Among the unnamed forms it acts most like {words.kind_words(nearest)}."
-    return what
+    return what + (words.likeness(d.unnamed.before) if d.unexplained_force is not None else "")
 
 
 def _candidates(d: Findings) -> dict[str, Any]:

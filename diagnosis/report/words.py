@@ -23,6 +23,8 @@ from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+AT_TIMES, BY_PLACE = " at times", " by place"
+"""Ends of the kinds of the dictionary without names that differ from stretch to stretch, and from place to place."""
 BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
 BETWEEN = {"named": "difference named", "none": "no difference", "unknown": "difference without a name"}
 
@@ -145,6 +147,10 @@ def note_on(c: RankedCandidate, role: str, d: Findings) -> str:
 
 def kind_words(kind: str) -> str:
     """A kind of function of the dictionary without names, in words."""
+    if kind.endswith(AT_TIMES):
+        return f"{kind_words(kind.removesuffix(AT_TIMES))} for some seconds, now and then"
+    if kind.endswith(BY_PLACE):
+        return f"a {kind.removesuffix(BY_PLACE).replace('wind', 'share of the logged wind')} that differs by place"
     what, _, name = kind.partition(" of ")
     name = PLAIN.get(name, name)
     if what == "sensor":
@@ -152,7 +158,20 @@ def kind_words(kind: str) -> str:
     if what in ("action", "delay"):
         does = "do" if name.endswith("s") else "does"
         return f"a {'change in' if what == 'action' else 'delay of'} what the {name} {does}"
+    variable, alone, force = kind.partition(" alone ")
+    if alone:
+        return f"a {force} that follows {PLAIN.get(variable, variable)} alone"
     return f"a {kind}" if " " in kind else f"a {kind} of its own"
+
+
+def likeness(log_bayes: Mapping[str, float]) -> str:
+    """The unnamed form that what is missing acts most like, as a sentence; "" where none explains anything by itself.
+
+    log_bayes: of each kind, with that of all together and of the best force alone.
+    """
+    kinds = {kind: value for kind, value in log_bayes.items() if kind not in ("all", "single")}
+    best = max(kinds, key=kinds.__getitem__, default="")
+    return f" Among the unnamed forms it acts most like {kind_words(best)}." if best and kinds[best] > 0 else ""
 
 
 def next_words(d: Findings) -> str:

@@ -10,7 +10,7 @@ from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_forms import COMPONENTS, ForceForms
+from diagnosis.hypotheses.force_forms import COMPONENTS, OF_ONE, OF_PLACE, ForceForms
 from tests.support.diagnosis_cases import full_steps, pushed_trials
 
 
@@ -26,7 +26,7 @@ def arranged() -> tuple:
 def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
     _, data, middle, forms = arranged
     here = forms.on(data, middle)
-    smooth = slice(forms.named, None)
+    smooth = slice(len(forms.products), None)
     for s in range(2, 6):
         ends = []
         for sign in (1, -1):
@@ -40,7 +40,8 @@ def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
 
 def test_smooth_forms_are_orthogonal_and_fall_in_size(arranged: tuple) -> None:
     _, data, middle, forms = arranged
-    values = forms.on(data, middle).values[forms.named :][:, data.inside]
+    every = forms.on(data, middle)
+    values = every.only(tuple(n for n in every.names if n.startswith("smooth"))).values[:, data.inside]
     gram = values @ values.T / values.shape[1]
     sizes = np.sqrt(np.diag(gram))
     assert len(values) == COMPONENTS and sizes[0] == pytest.approx(1.0) and (np.diff(sizes) < 1e-9).all()
@@ -65,3 +66,22 @@ def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> No
     middle = 0.5 * (z[:-1] + z[1:])
     names = ForceForms(steps, data, middle).on(data, middle).names
     assert {"delta_port", "delta_starboard|delta_starboard|"} <= set(names)
+
+
+def test_each_variable_has_functions_of_it_alone(arranged: tuple) -> None:
+    _, data, middle, forms = arranged
+    every = forms.on(data, middle)
+    for name, at in (("v", 4), ("r", 5)):
+        own = every.only(tuple(n for n in every.names if n.startswith(f"{name} alone")))
+        assert len(own.names) == OF_ONE and np.abs(own.gradients[..., at]).max() > 0
+        assert not np.delete(own.gradients, at, axis=-1).any()
+    assert forms.family("v alone 3") == "v alone " and forms.family("smooth 2") == "smooth " and forms.family("uu") == ""
+
+
+def test_functions_of_the_place_are_those_of_the_ships_position(arranged: tuple) -> None:
+    _, data, middle, forms = arranged
+    found = forms.by_place(data, middle)
+    assert len(found.names) == OF_PLACE and not found.gradients[..., 2:].any()
+    other = middle.copy()
+    other[..., 2:] += 1.0
+    np.testing.assert_array_equal(forms.by_place(data, other).values, found.values)

@@ -19,13 +19,22 @@ from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.smooth_basis import Forms
 from diagnosis.hypotheses.unnamed import LEVEL, SENSOR, SIZES, TOLERANCE, log_bayes, unnamed_forms, unnamed_slopes
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
 from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_trials, quiet
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
-LENGTH = 3.0
+LENGTH, FAR = 3.0, 10.0
+
+
+def northward(path: Any) -> Forms:
+    """The place north [FAR] as the only form of it."""
+    middle = 0.5 * (path.z[:-1] + path.z[1:])
+    gradients = np.zeros((1, *middle.shape[:2], 6))
+    gradients[..., 0] = 1 / FAR
+    return Forms(("x",), middle[None, ..., 0] / FAR, gradients)
 
 
 class Probe(Effect):
@@ -34,10 +43,13 @@ class Probe(Effect):
     name, enters = "probe", "force"
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        return tuple(Parameter(s, 0.0, 1.0, -9.0, 9.0, "", s) for s in ("ur", "cos", "vv", "over", "crosstalk"))
+        return tuple(Parameter(s, 0.0, 1.0, -9.0, 9.0, "", s) for s in ("ur", "cos", "vv", "over", "crosstalk", "stream"))
 
     def actuators(self, flow: Flow, memory: Any, e: Any, p: Any, s: Any) -> Flow:
         return flow.with_(delta=flow.delta + e.over * flow.u)
+
+    def water(self, flow: Flow, e: Any) -> tuple[Any, Any, Any, Any]:
+        return e.stream * flow.x / FAR, 0.0, 0.0, 0.0
 
     def forces(self, parts: Any, flow: Flow, e: Any, at: Any) -> Any:
         N = e.ur * flow.u * flow.r * LENGTH
@@ -53,7 +65,8 @@ def probed() -> Any:
     full_model()  # cached before the probe is one of the effects
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(mmg.effects.EFFECTS, "probe", Probe())
-        ship = with_effects(FEW, ["tow:X=0.0,Y=0.0,N=0.0", "probe:ur=0.0,cos=0.0,vv=0.0,over=0.0,crosstalk=0.0"])
+        probe = "probe:ur=0.0,cos=0.0,vv=0.0,over=0.0,crosstalk=0.0,stream=0.0"
+        ship = with_effects(FEW, ["tow:X=0.0,Y=0.0,N=0.0", "current:x=0.0,y=0.0", probe])
         steps = TransitionModel(ship, [*FEW.free], 0.5, compiled=False)
         trials = pushed_trials(3, runs=(("zigzag:20/20", 40.0), ("random:11", 28.0)))
         data = grid_trials(trials, ship.inputs, LENGTH, steps.h)
@@ -79,12 +92,17 @@ def half_log_det(steps: TransitionModel, data: GriddedTrials, path: Any, symbol:
         ("vv", "surge force", "vv"),
         ("over", "action of delta", "u"),
         ("crosstalk", "sensor of v", "r"),
+        ("stream", "stream to the north by place", "x"),
     ],
 )
 def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symbol: str, kind: str, form: str) -> None:
     steps, data, path = probed
     at = Point(steps.ship.values, NO_PRIORS, np.zeros(0), path, NOISE)
     words = Dictionary(steps, data, at, np.arange(6))
+    words.place = northward(path)
+    words.labels = tuple(label for label in words.labels if "by place" not in label[0] or label[1] == "place 1")
+    words.labels = tuple((k, "x" if f == "place 1" else f) for k, f in words.labels)
+    words.kinds = tuple(kind for kind, _ in words.labels)
     linearised = linearise_and_filter(steps, data, at, np.arange(6), words.columns)
     place = words.labels.index((kind, form))
     found = words.logdet_gradient(linearised)[place]

@@ -1,0 +1,89 @@
+"""Events: stretches together are the whole, an actuator that stops now and then shows, and chance does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cases.trial import Trial
+from diagnosis.estimation.linearisation import linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.transition_model import LinearModel
+from diagnosis.hypotheses.dictionary import Dictionary
+from diagnosis.hypotheses.events import MOST, Events, event_slopes
+from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
+from tests.support.diagnosis_cases import problem_of, pushed_trials, quiet
+
+DELTA, POSITION = "delay of delta at times", "sensor of position at times"
+
+
+@pytest.fixture(scope="module")
+def calm() -> tuple[SearchProblem, Estimate]:
+    return problem_of(pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)))
+
+
+def test_all_stretches_together_are_the_delay_of_the_dictionary(calm: tuple[SearchProblem, Estimate]) -> None:
+    """Responses, slopes of the log determinant, and so the slope of the likelihood, exactly."""
+    problem, null = calm
+    steps, data = problem.steps, problem.data
+    active = active_states(steps, null.free.symbols, null.theta)
+    forms, made = Dictionary(steps, data, null, active), []
+
+    def columns(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+        made.append(Events.of(data, forms, linear, 3.0))
+        forcing, observed = forms.columns(linear)
+        both = [forcing, made[0].forcing], [observed, made[0].observed]
+        return np.concatenate(both[0], axis=3), np.concatenate(both[1], axis=3)
+
+    at = linearise_and_filter(steps, data, null, active, columns)
+    place, first = forms.labels.index(("delay of delta", "4 s")), len(null.p)
+    own = np.array([kind == DELTA for kind in made[0].kinds])
+    white = at.white[..., first + len(forms.kinds) : -1][..., own]
+    np.testing.assert_allclose(white.sum(axis=3), at.white[..., first + place], atol=1e-9)
+    along = made[0].logdet_gradient(at)[:, own]
+    assert along.sum() == pytest.approx(forms.logdet_gradient(at)[place], rel=1e-9)
+    assert 0 < own.sum() * len(data.run) <= 2 * MOST
+
+    every = [*range(first), *(first + len(forms.kinds) + np.flatnonzero(own)), at.white.shape[3] - 1]
+    logdet = at.logdet_gradient.sum(axis=0)[:first]
+    kinds = tuple(kind for kind in made[0].kinds if kind == DELTA)
+    found = event_slopes(at.white[..., every], logdet, null.p, along, kinds, 5)[DELTA]
+    flat = at.white[..., [*range(first), first + place, -1]].reshape(-1, first + 2)
+    gram, known = flat.T @ flat, np.eye(first)
+    taken = np.linalg.solve(gram[:first, :first] + known, gram[:first, first])
+    slope = -(gram[:-1, -1] + np.append(logdet, forms.logdet_gradient(at)[place])) - np.append(null.p, 0.0)
+    assert found.g.sum() == pytest.approx(slope[-1] - taken @ slope[:-1], rel=1e-6, abs=1e-6)
+    assert found.S.sum() == pytest.approx(gram[first, first] - gram[first, :first] @ taken, rel=1e-6)
+
+
+def of(trials: list[Trial]) -> UnnamedForms:
+    problem, null = problem_of(trials)
+    return unnamed_forms(problem.steps, problem.data, null)
+
+
+def test_chance_shows_no_events(calm: tuple[SearchProblem, Estimate]) -> None:
+    problem, null = calm
+    found = unnamed_forms(problem.steps, problem.data, null)
+    assert found.beyond_chance < 0 and max(found.by_kind[DELTA], found.by_kind[POSITION]) < 2
+
+
+def test_a_position_that_is_off_for_a_while_shows() -> None:
+    """By 15 cm in the second third of each run, as where a building throws the signals back."""
+    off = []
+    for t in pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)):
+        third = (t.t - t.t[0]) * 3 // (t.t[-1] - t.t[0] + 1e-9)
+        off.append(t.with_columns(x=t["x"] + 0.15 * (third == 1)))
+    found = of(off)
+    assert found.p_value < 0.01 and max(found.by_kind, key=found.by_kind.__getitem__) == POSITION
+
+
+def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
+    """By 4 s in 10 of each 30 seconds, and not in the others."""
+    late = []
+    for i, t in enumerate(pushed_trials(1, how=quiet(X=0.1, Y=0.2, N=0.1))):
+        ahead = np.interp(t.t + 4.0, t.t, t["delta"])
+        late.append(t.with_columns(delta=np.where((t.t + 7 * i) % 30 < 10, ahead, t["delta"])))
+    found = of(late)
+    assert found.p_value < 0.01 and max(found.by_kind, key=found.by_kind.__getitem__) == DELTA

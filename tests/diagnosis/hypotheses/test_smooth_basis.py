@@ -1,0 +1,54 @@
+"""Smooth functions: orthogonal on their trials, with slopes by finite differences, fine enough for what they are for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.hypotheses.smooth_basis import Forms, SmoothBasis, spread_of
+
+
+def known(values: np.ndarray) -> Forms:
+    """Variables (m, K, R) of which the first is the first logged state."""
+    gradients = np.zeros((*values.shape, 6))
+    gradients[0, ..., 0] = 1.0
+    return Forms(tuple(f"v{i}" for i in range(len(values))), values, gradients)
+
+
+@pytest.fixture(scope="module")
+def values() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-2.0, 3.0, (3, 40, 5))
+
+
+def test_functions_are_orthogonal_and_fall(values: np.ndarray) -> None:
+    flat = values.reshape(3, -1)
+    basis = SmoothBasis(flat, spread_of(flat), 12, (1, 3))
+    found = basis.on(known(values), "smooth")
+    gram = found.values.reshape(12, -1) @ found.values.reshape(12, -1).T / flat.shape[1]
+    assert found.names[0] == "smooth 1" and np.abs(gram - np.diag(np.diag(gram))).max() < 1e-9
+    assert np.diag(gram)[0] == pytest.approx(1.0) and (np.diff(np.diag(gram)) <= 1e-9).all()
+
+
+def test_slopes_are_those_of_finite_differences(values: np.ndarray) -> None:
+    flat = values.reshape(3, -1)
+    basis = SmoothBasis(flat, 0.5 * spread_of(flat), 8, (1, 2))
+    small = 1e-6 * np.array([1.0, 0.0, 0.0])[:, None, None]
+    ends = [basis.on(known(values + sign * small), "smooth").values for sign in (1, -1)]
+    expected = (ends[0] - ends[1]) / 2e-6
+    np.testing.assert_allclose(basis.on(known(values), "smooth").gradients[..., 0], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("waves", [1.0, 2.0, 3.0])
+def test_waves_of_one_variable_are_spanned(values: np.ndarray, waves: float) -> None:
+    """As of an engine map: up to three of them over the range of the variable."""
+    flat = values.reshape(3, -1)
+    scale = np.where(np.arange(3) == 1, 0.35 * spread_of(flat), 0.0)
+    found = SmoothBasis(flat, scale, 8, (1, 1)).on(known(values), "one").values.reshape(8, -1)
+    wave = np.sin(2 * np.pi * waves * flat[1] / 5.0)
+    wave -= wave.mean()
+    left = wave - np.linalg.lstsq(found.T, wave, rcond=None)[0] @ found
+    assert (left**2).mean() < 0.1 * (wave**2).mean()
+
+
+def test_what_does_not_change_has_no_function() -> None:
+    assert (spread_of(np.array([[1.0, 1.0, 1.0], [0.0, 1.0, 2.0]])) > 0).tolist() == [False, True]
