@@ -80,10 +80,10 @@ def test_a_position_that_is_off_for_a_while_shows() -> None:
 
 
 def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
-    """By 4 s in 10 of each 30 seconds, and not in the others."""
+    """By 4 s in every other stretch of 10 s, and as early in the others."""
     late = []
     for i, t in enumerate(pushed_trials(1, how=quiet(X=0.1, Y=0.2, N=0.1))):
-        ahead = np.interp(t.t + 4.0, t.t, t["delta"])
-        late.append(t.with_columns(delta=np.where((t.t + 7 * i) % 30 < 10, ahead, t["delta"])))
+        way = np.where((t.t + 7 * i) % 20 < 10, 4.0, -4.0)
+        late.append(t.with_columns(delta=np.interp(t.t + way, t.t, t["delta"])))
     found = of(late)
-    assert found.p_value < 0.01 and max(found.by_kind, key=found.by_kind.__getitem__) == DELTA
+    assert found.p_value < 0.01 and found.by_kind[DELTA] > 5
