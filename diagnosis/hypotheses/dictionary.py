@@ -64,7 +64,7 @@ class Dictionary:
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, found: Point, active: np.ndarray) -> None:
         data = acting(steps, data, found.theta)
-        self.data, self.noise, self.active = data, found.noise, active
+        self.data, self.noise, self.active, self.path = data, found.noise, active, found.path
         z = found.path.z
         K, R = data.inputs.shape[:2]
         middle = 0.5 * (z[:-1] + z[1:])

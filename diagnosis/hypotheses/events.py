@@ -1,8 +1,8 @@
-"""Events: what is wrong for some seconds of a run and not, or otherwise, at another time.
+"""What has sizes of its own in each run: events, and forces that swing.
 
-Each stretch of each run has sizes of its own: of an actuator that comes late then, and of an offset of the logged
-position. A column is nothing outside its stretch: those of all runs are filtered side by side, and products of
-different runs are zero.
+Events are wrong for some seconds of a run and not, or otherwise, at another time: an actuator that comes late for a
+while, the position off for a while. Forces that swing with the ship's way, as of vortices (Strouhal 1878), have a phase
+of their own in each run. The columns of all runs are filtered side by side, and products of different runs are zero.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ MOST = 150
 """Stretches of all runs together."""
 LATE = 4.0
 """Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
+SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
+"""Swings of a force on a way of one length of the ship (the Strouhal number)."""
 SEEN = 1e-9
 """Information from which a column is seen at all."""
 POSITION = (0, 1)
@@ -32,10 +34,10 @@ POSITION = (0, 1)
 
 @dataclass(frozen=True)
 class Events:
-    """Columns of all stretches, those with the same number in their runs side by side.
+    """Columns of all runs, those with the same number side by side.
 
     kinds: what each of E columns is of; forcing: (K, R, A, E) of the active states over a step; observed: (K + 1, R, 6,
-    E) of the logged columns; forms: the dictionary; stretches: (K, W) which steps are in each.
+    E) of the logged columns; forms: the dictionary; stretches: (K, W) which steps are in each stretch.
     """
 
     kinds: tuple[str, ...]
@@ -64,6 +66,10 @@ class Events:
             observed.append(off)
             forcing.append(np.zeros((K, R, len(forms.active), W)))
             kinds += ["sensor of position at times"] * W
+        swinging = _swinging(data, forms, linear, length)
+        forcing.append(swinging)
+        observed.append(np.zeros((K + 1, R, 6, swinging.shape[3])))
+        kinds += [f"force that swings {rate:g} times a length" for rate in SWINGS for _ in range(4)]
         return cls(tuple(kinds), np.concatenate(forcing, axis=3), np.concatenate(observed, axis=3), forms, own)
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
@@ -75,6 +81,17 @@ class Events:
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
             result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches
         return result
+
+
+def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, length: float) -> np.ndarray:
+    """What sway force and yaw moment add over a step that swing with the way made, sine and cosine of each of SWINGS:
+    (K, R, A, 4 x 12)."""
+    z = forms.path.z
+    speed = np.hypot(z[:-1, :, 3] + z[1:, :, 3], z[:-1, :, 4] + z[1:, :, 4]) / 2
+    phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length
+    waves = np.stack([f(rate * phase) for rate in SWINGS for f in (np.sin, np.cos)], axis=-1)
+    pushes = linear.force[..., 1:] * forms.noise.force[1:]
+    return np.einsum("krac,krw->krawc", pushes, waves).reshape(*pushes.shape[:3], -1)
 
 
 @dataclass(frozen=True)

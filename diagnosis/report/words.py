@@ -151,6 +151,8 @@ def kind_words(kind: str) -> str:
         return f"{kind_words(kind.removesuffix(AT_TIMES))} for some seconds, now and then"
     if kind.endswith(BY_PLACE):
         return f"a {kind.removesuffix(BY_PLACE).replace('wind', 'share of the logged wind')} that differs by place"
+    if kind.startswith("force that swings"):
+        return f"a {kind} of the ship on her way, as of vortices"
     what, _, name = kind.partition(" of ")
     name = PLAIN.get(name, name)
     if what == "sensor":
