@@ -143,9 +143,8 @@ def _diagnosed(
     progress: OnProgress | None,
 ) -> Diagnosis:
     """The diagnosis without what is learned; no test trial shares rows with the trials."""
-    began = time.perf_counter()
+    given, began = ship, time.perf_counter()
     sensors = consistency(trials, ship)
-    given = ship
     ship, repairs = with_sensor_faults(given, sensors)
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
@@ -168,8 +167,7 @@ def _diagnosed(
     effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
     reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
     remainder = remainder or bool(doubts)
-    final = found.final if is_named else found.null
-    same = summary.equivalence_class(found) if is_named else ()
+    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
     instruments = summary.instrument_faults(given, ready.full, final)
     if "gyro" not in given.effects and "gyro" not in (fault.name for fault in instruments):
         ship = ship.without_effect("gyro")
@@ -182,14 +180,13 @@ def _diagnosed(
     is_left = verdict == "unknown" or remainder
     unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
     between = _between(ready, sensors, groups, trials, reasons)
-    unnamed = Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
-    sentence = sentence_of(
-        verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0
-    )
+    unnamed, usual = _by_kind(before, after), p.expected_unnamed_null > 0
+    sentence = doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual)
+    sentence += likeness(unnamed.after if is_named else unnamed.before) if is_left and not doubt else ""
     timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
-        sentence=doubt or sentence + (likeness(unnamed.after if is_named else unnamed.before) if is_left else ""),
+        sentence=sentence,
         effects=effects,
         instruments=instruments,
         equivalence_class=same,
@@ -215,6 +212,11 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
+
+
+def _by_kind(before: UnnamedForms, after: UnnamedForms) -> Unnamed:
+    """What the unnamed forms explain, for diagnosis.json."""
+    return Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
 
 
 def _searched(

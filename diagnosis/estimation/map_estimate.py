@@ -34,6 +34,8 @@ BREAKS_DOWN = (
 )
 
 
+WORSE, MOST_REDUCTIONS = 2.0, 5
+"""Log likelihood that a step may cost after two reductions, and reductions of one that costs more."""
 FEW_COMPARED = 0.7
 """Share of grid times compared below which it pays to take them out before columns are multiplied."""
 
@@ -126,6 +128,14 @@ def _iteration(
     )
 
 
+def _too_bad(nll: float, best: _Iteration, tolerance: float, reductions: int) -> bool:
+    """Whether a step to this ``nll`` is taken back after so many ``reductions``. Two are enough where the point is
+    nearly as good: sizes of the noise have moved, too. A slope may be far off near a bend of the model."""
+    if nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and nll < best.nll + WORSE:
+        return False
+    return reductions < (2 if nll < best.nll + WORSE else MOST_REDUCTIONS)
+
+
 @np.errstate(all="ignore")
 def estimate(
     steps: TransitionModel,
@@ -154,9 +164,7 @@ def estimate(
         here = linearised_if_finite(steps, data, now, active)
         if here is None and best is None:
             raise BrokenModelError(f"{steps.ship.name}: {BREAKS_DOWN}")
-        if best is not None and (
-            here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
-        ):
+        if best is not None and (here is None or _too_bad(here.nll, best, tolerance, reductions)):
             reductions, share = reductions + 1, 0.3 * share
             now = best.moved(steps.ship, data, share, best.at.noise)
             continue

@@ -91,11 +91,7 @@ class Dictionary:
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)
         self.states = _sensor_forms(z, data)
         self.labels = (
-            *(
-                (f"{self.force_forms.family(form)}{kind}", form)
-                for form in self.forces.names
-                for kind in FORCES
-            ),
+            *((f"{self.force_forms.family(form)}{kind}", form) for form in self.forces.names for kind in FORCES),
             *(
                 (f"{what} of {name}", form)
                 for name in self.actions

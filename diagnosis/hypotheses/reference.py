@@ -77,7 +77,7 @@ def fit_reference(
     if len(passive):
         z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.force, passive)
     start = Point(null.theta, free, p, Trajectory(z, null.path.force), null.noise)
-    found = estimate(steps, data, start, MAX_FITS)
+    found = _with_likeliest_noise(steps, data, start)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
@@ -105,6 +105,21 @@ def fit_reference(
     reach = np.where(np.arange(len(value)) < P, np.inf, USUAL * priors.std)
     priors = replace(priors, lower=np.maximum(free.lower, value - reach), upper=np.minimum(free.upper, value + reach))
     return Reference(priors, tuple(moved), tuple(strong), theta, shift, scatter, rest, whole, found.noise)
+
+
+def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Point) -> Estimate:
+    """The fit of ``start``, with its noise, that of the fit itself, or half way between them: where the likelihood is
+    the largest with the parameters integrated out (Laplace's approximation).
+
+    So many parameters can explain most of the random force of a few runs. The likelihood is then the largest with
+    hardly any, and with errors of the parameters as small, unless these are integrated out (restricted likelihood,
+    Harville 1977).
+    """
+    fits = [estimate(steps, data, start, MAX_FITS, fixed_noise=True), estimate(steps, data, start, MAX_FITS)]
+    one, other = (fit.noise for fit in fits)
+    between = one.with_(force=np.sqrt(one.force * other.force), white=np.sqrt(one.white * other.white))
+    fits.append(estimate(steps, data, replace(fits[0], noise=between), MAX_FITS, fixed_noise=True))
+    return min(fits, key=lambda fit: fit.nll - 0.5 * float(np.linalg.slogdet(fit.covariance)[1]))
 
 
 def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Estimate:

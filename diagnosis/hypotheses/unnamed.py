@@ -32,7 +32,7 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 SEEN = 0.01
-"""Information from which a direction is seen: a sum of forms that vanishes on the trials may have a slope all the same."""
+"""Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
 DRAWS, LEVEL = 2000, 0.02
 """Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
 LEVEL_AGAIN = 0.005

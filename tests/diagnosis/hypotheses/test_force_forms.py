@@ -75,7 +75,8 @@ def test_each_variable_has_functions_of_it_alone(arranged: tuple) -> None:
         own = every.only(tuple(n for n in every.names if n.startswith(f"{name} alone")))
         assert len(own.names) == OF_ONE and np.abs(own.gradients[..., at]).max() > 0
         assert not np.delete(own.gradients, at, axis=-1).any()
-    assert forms.family("v alone 3") == "v alone " and forms.family("smooth 2") == "smooth " and forms.family("uu") == ""
+    families = {"v alone 3": "v alone ", "smooth 2": "smooth ", "uu": ""}
+    assert {name: forms.family(name) for name in families} == families
 
 
 def test_functions_of_the_place_are_those_of_the_ships_position(arranged: tuple) -> None:

@@ -1,4 +1,4 @@
-"""Smooth functions: orthogonal on their trials, with slopes by finite differences, fine enough for what they are for."""
+"""Smooth functions: orthogonal on their trials, with slopes by finite differences, and fine enough."""
 
 from __future__ import annotations
 

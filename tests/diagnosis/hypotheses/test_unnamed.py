@@ -43,7 +43,8 @@ class Probe(Effect):
     name, enters = "probe", "force"
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        return tuple(Parameter(s, 0.0, 1.0, -9.0, 9.0, "", s) for s in ("ur", "cos", "vv", "over", "crosstalk", "stream"))
+        names = ("ur", "cos", "vv", "over", "crosstalk", "stream")
+        return tuple(Parameter(s, 0.0, 1.0, -9.0, 9.0, "", s) for s in names)
 
     def actuators(self, flow: Flow, memory: Any, e: Any, p: Any, s: Any) -> Flow:
         return flow.with_(delta=flow.delta + e.over * flow.u)
