@@ -22,7 +22,7 @@ from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedFo
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
-from diagnosis.report.words import meaning, next_words, probability, quantity, ranking, readable, visible
+from diagnosis.report.words import kind_words, likeness, meaning, next_words, probability, quantity, ranking, readable, visible
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
 from tests.support.figures import unrendered
@@ -223,3 +223,29 @@ def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
     withdrawn = replace(case("unknown"), held_out=replace(d.held_out, mse_after=0.5, reduction=-0.25))
     assert "whose names were withdrawn: on 2 test trials" in text_of(build_report(withdrawn, Path("nowhere"), []))
     assert "GROWS by 25" in text_of(build_report(withdrawn, Path("nowhere"), []))
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("yaw force", "a yaw force"),
+        ("smooth surge force", "a smooth surge force"),
+        ("n alone surge force", "a surge force that follows revolutions alone"),
+        ("action of delta", "a change in what the rudder angle does"),
+        ("delay of delta at times", "a delay of what the rudder angle does for some seconds, now and then"),
+        ("sensor of position at times", "an error of the logged position for some seconds, now and then"),
+        ("stream to the east by place", "a stream to the east that differs by place"),
+        ("wind by place", "a share of the logged wind that differs by place"),
+        ("force that swings 0.8 times a length", "a force that swings 0.8 times a length of the ship on her way"),
+    ],
+)
+def test_every_kind_of_unnamed_forms_has_words(kind: str, said: str) -> None:
+    assert kind_words(kind).startswith(said)
+
+
+def test_what_is_left_acts_like_the_strongest_kind() -> None:
+    found = {"all": 9.0, "single": 12.0, "wind by place": 8.0, "yaw force": 3.0}
+    assert likeness(found) == (
+        " Among the unnamed forms it acts most like a share of the logged wind that differs by place."
+    )
+    assert likeness({"all": 0.1, "yaw force": -0.5}) == "" == likeness({"all": 0.0})
