@@ -186,16 +186,18 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
     P, C = len(p), len(p) + len(forms.kinds)
     by_free = linearised.logdet_gradient.sum(axis=0)[:P]
-    white = linearised.white[..., [*range(C), -1]]
-    flat = white.reshape(-1, C + 1)
-    rest = projected(flat.T @ flat, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
+    white = linearised.white
+    flat = white.reshape(-1, white.shape[3])
+    first = np.append(np.arange(C), len(flat.T) - 1)
+    gram = (flat.T @ flat)[np.ix_(first, first)]
+    rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
     lags = memory_steps(length, data.h)
-    columns = white[..., P:-1] - white[..., :P] @ rest.taken
     ratios = {}
     for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
-        own = np.array([k == name for k in forms.kinds])
-        ratios[name] = dispersion(columns[..., own], white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)
-    others = linearised.white[..., [*range(P), *range(C, linearised.white.shape[3])]]
+        own = np.flatnonzero([k == name for k in forms.kinds])
+        columns = white[..., P + own] - white[..., :P] @ rest.taken[:, own]
+        ratios[name] = dispersion(columns, white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)
+    others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds, lags)
     ratios |= {kind: each.dispersion for kind, each in there.items()}
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
