@@ -28,8 +28,8 @@ SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
 SEEN = 1e-9
 """Information from which a column is seen at all."""
-POSITION = (0, 1)
-"""Logged columns of the position."""
+POSITION, OF_POSITION = (0, 1), "sensor of position"
+"""Logged columns of the position, and the kind of the dictionary's forms of their errors."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Events:
             off[:, :, channel] = forms.noise.white[channel] * seen[:, None, :]
             observed.append(off)
             forcing.append(np.zeros((K, R, len(forms.active), W)))
-            kinds += ["sensor of position at times"] * W
+            kinds += [f"{OF_POSITION} at times"] * W
         swinging = _swinging(data, forms, linear, length)
         forcing.append(swinging)
         observed.append(np.zeros((K + 1, R, 6, swinging.shape[3])))
@@ -96,22 +96,20 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
 
 @dataclass(frozen=True)
 class EventSlopes:
-    """Slopes g (c,) of the log likelihood along the events of one kind, the free parameters projected out, their
-    information S (c, c), and how much more the slopes vary where residuals are correlated in time, at least 1."""
+    """Slopes g (c,) of the log likelihood along the events of one kind, the free parameters projected out, and their
+    information S (c, c)."""
 
     g: np.ndarray
     S: np.ndarray
-    dispersion: float
 
 
 def event_slopes(
-    white: np.ndarray, logdet: np.ndarray, p: np.ndarray, along: np.ndarray, kinds: tuple[str, ...], lags: int
+    white: np.ndarray, logdet: np.ndarray, p: np.ndarray, along: np.ndarray, kinds: tuple[str, ...]
 ) -> dict[str, EventSlopes]:
     """The slopes by kind of events; those that nothing shows are left out.
 
     white: (K + 1, R, 6, P + E + 1) whitened columns, P free ones first, the negative residual last; logdet: (P,) slopes
-    of half the log determinant by the free ones, along: (R, E) by those of events; p: (P,); kinds: (E,); lags: steps
-    over which residuals may be correlated.
+    of half the log determinant by the free ones, along: (R, E) by those of events; p: (P,); kinds: (E,).
     """
     P = len(p)
     known = [*range(P), white.shape[3] - 1]
@@ -133,20 +131,5 @@ def event_slopes(
         same = run[:, None] == run
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
         left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
-        ratio = _dispersion(own, white[..., -1], lags) if kind.startswith("sensor") else 1.0
-        found[kind] = EventSlopes(left.g, left.S, ratio)
+        found[kind] = EventSlopes(left.g, left.S)
     return found
-
-
-def _dispersion(columns: np.ndarray, white: np.ndarray, lags: int) -> float:
-    """Variance of the slopes along columns (K + 1, R, 6, E) over their information, in the mean over those of each
-    stretch, at least 1, by Newey & West (1987) about what each explains; white: (K + 1, R, 6) negative residual."""
-    information = np.einsum("krce,krce->re", columns, columns, optimize=True)
-    size = -np.einsum("krce,krc->re", columns, white, optimize=True) / (1 + information)
-    rest = white + np.einsum("krce,re->krc", columns, size, optimize=True)
-    each = np.einsum("krce,krc->kre", columns, rest, optimize=True)
-    weight = 1 - np.arange(1, lags + 1) / (lags + 1)
-    variance = (each**2).sum(axis=0)
-    for lag, w in enumerate(weight[: len(each) - 1], start=1):
-        variance += 2 * w * (each[lag:] * each[:-lag]).sum(axis=0)
-    return max(1.0, float(variance[information > SEEN].sum() / information[information > SEEN].sum()))

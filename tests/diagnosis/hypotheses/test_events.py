@@ -49,7 +49,7 @@ def test_all_stretches_together_are_the_delay_of_the_dictionary(calm: tuple[Sear
     every = [*range(first), *(first + len(forms.kinds) + np.flatnonzero(own)), at.white.shape[3] - 1]
     logdet = at.logdet_gradient.sum(axis=0)[:first]
     kinds = tuple(kind for kind in made[0].kinds if kind == DELTA)
-    found = event_slopes(at.white[..., every], logdet, null.p, along, kinds, 5)[DELTA]
+    found = event_slopes(at.white[..., every], logdet, null.p, along, kinds)[DELTA]
     flat = at.white[..., [*range(first), first + place, -1]].reshape(-1, first + 2)
     gram, known = flat.T @ flat, np.eye(first)
     taken = np.linalg.solve(gram[:first, :first] + known, gram[:first, first])
