@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation
@@ -28,8 +29,10 @@ SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
 SEEN = 1e-9
 """Information from which a column is seen at all."""
-POSITION, OF_POSITION = (0, 1), "sensor of position"
-"""Logged columns of the position, and the kind of the dictionary's forms of their errors."""
+AT_TIMES = " at times"
+"""End of the kinds of what is wrong for a while."""
+POSITION = (0, 1)
+"""Logged columns of the position."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Events:
         for name, (action, size) in zip(forms.actions, forms.scaled(linear, forms.actions), strict=True):
             late = action.step * (size * action.delayed[DELAYS.index(LATE)])[..., None]
             forcing.append(late[..., None] * own[:, None, None, :])
-            kinds += [f"delay of {name} at times"] * W
+            kinds += [f"delay of {name}{AT_TIMES}"] * W
             observed.append(np.zeros((K + 1, R, 6, W)))
         seen = np.concatenate([own[:1], own])
         for channel in POSITION:
@@ -65,7 +68,7 @@ class Events:
             off[:, :, channel] = forms.noise.white[channel] * seen[:, None, :]
             observed.append(off)
             forcing.append(np.zeros((K, R, len(forms.active), W)))
-            kinds += [f"{OF_POSITION} at times"] * W
+            kinds += [f"sensor of position{AT_TIMES}"] * W
         swinging = _swinging(data, forms, linear, length)
         forcing.append(swinging)
         observed.append(np.zeros((K + 1, R, 6, swinging.shape[3])))
@@ -101,6 +104,12 @@ class EventSlopes:
 
     g: np.ndarray
     S: np.ndarray
+
+    @property
+    def dispersion(self) -> float:
+        """How much more the slopes vary than the information says, at least 1: by the median of their squares, so that
+        what is wrong in few stretches does not count."""
+        return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / chi2.median(1)))
 
 
 def event_slopes(

@@ -21,7 +21,7 @@ from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
-from diagnosis.hypotheses.events import OF_POSITION, Events, event_slopes
+from diagnosis.hypotheses.events import Events, event_slopes
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
@@ -199,7 +199,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
         ratios[name] = dispersion(columns, white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)
     others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds)
-    ratios |= {kind: ratios[OF_POSITION] for kind in there if kind.startswith(OF_POSITION)}
+    ratios |= {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))
     kinds = tuple(kind for kind, each in there.items() for _ in each.g)

@@ -15,6 +15,7 @@ from diagnosis.findings import (
     NamedEffect,
     RankedCandidate,
 )
+from diagnosis.hypotheses.events import AT_TIMES
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit, unexplained_hint
@@ -23,8 +24,8 @@ from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-AT_TIMES, BY_PLACE = " at times", " by place"
-"""Ends of the kinds of the dictionary without names that differ from stretch to stretch, and from place to place."""
+BY_PLACE = " by place"
+"""End of the kinds of the dictionary without names that differ from place to place."""
 BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
 BETWEEN = {"named": "difference named", "none": "no difference", "unknown": "difference without a name"}
 

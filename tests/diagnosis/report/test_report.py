@@ -22,7 +22,17 @@ from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedFo
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
-from diagnosis.report.words import kind_words, likeness, meaning, next_words, probability, quantity, ranking, readable, visible
+from diagnosis.report.words import (
+    kind_words,
+    likeness,
+    meaning,
+    next_words,
+    probability,
+    quantity,
+    ranking,
+    readable,
+    visible,
+)
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
 from tests.support.figures import unrendered
