@@ -209,7 +209,7 @@ def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
 
 @pytest.mark.parametrize("seed", [102, 106])
 def test_few_runs_do_not_take_the_random_force_away(seed: int) -> None:
-    """With all effects free at once the likelihood alone is largest with a hundredth of it, and they were sure of it."""
+    """With all effects free the likelihood alone is largest with a hundredth of it, and they were sure of it."""
     problem, null = problem_of(pushed_trials(seed, (), BEFORE), H)
     found = fit_reference(problem.steps, problem.data, null, problem.base, problem.candidates)
     assert (found.noise.force > 0.1 * null.noise.force).all()
