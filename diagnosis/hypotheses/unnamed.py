@@ -34,7 +34,8 @@ TOLERANCE = 0.05
 SEEN = 0.01
 """Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
 DRAWS, LEVEL = 2000, 0.02
-"""Draws of the law by chance, and the probability of a false alarm of either test (all kinds; the best force alone)."""
+"""Draws of the law by chance, and the probability of a false alarm of both tests together (all kinds; the best force
+alone)."""
 LEVEL_AGAIN = 0.005
 """Probability of a false alarm of both together with what trials that took no part say."""
 LARGE = 5.0
@@ -110,15 +111,23 @@ class UnnamedForms:
     slopes: UnnamedSlopes
     again: FoundAgain = NOTHING
 
+    @cached_property
+    def _limits(self) -> tuple[float, float]:
+        """What both exceed by chance with equal probabilities, either of them with the probability LEVEL."""
+        rarest = np.sort(np.minimum(*(_as_large(x) for x in self.chance.T)))
+        count = rarest[max(int(LEVEL * len(rarest)) - 1, 0)]
+        first, second = np.quantile(self.chance, 1 - count / len(rarest), axis=0)
+        return float(first), float(second)
+
     @property
     def limit(self) -> float:
-        """What ``log_bayes`` exceeds by chance with the probability LEVEL."""
-        return float(np.quantile(self.chance[:, 0], 1 - LEVEL))
+        """What ``log_bayes`` exceeds by chance with half the probability LEVEL, or a little more."""
+        return self._limits[0]
 
     @property
     def single_limit(self) -> float:
-        """What ``single`` exceeds by chance with the probability LEVEL."""
-        return float(np.quantile(self.chance[:, 1], 1 - LEVEL))
+        """What ``single`` exceeds by chance with the same probability: with LEVEL at least one of them does."""
+        return self._limits[1]
 
     @property
     def beyond_chance(self) -> float:
@@ -148,9 +157,13 @@ class UnnamedForms:
     def p_value_here(self) -> float:
         """Probability that chance leaves as much in these trials: of the smaller probability of the two tests."""
         both = np.vstack([self.chance, [self.log_bayes, self.single]])
-        as_large = [len(x) - np.searchsorted(np.sort(x), x) for x in both.T]
-        rarest = np.minimum(*as_large)
+        rarest = np.minimum(*(_as_large(x) for x in both.T))
         return float((rarest <= rarest[-1]).mean())
+
+
+def _as_large(draws: np.ndarray) -> np.ndarray:
+    """How many of the ``draws`` (n,) are as large as each of them (n,)."""
+    return len(draws) - np.searchsorted(np.sort(draws), draws)
 
 
 def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, seed: int = 0) -> UnnamedForms:

@@ -177,6 +177,16 @@ def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[S
     assert 0.2 * LEVEL < share < 3 * LEVEL
 
 
+def test_either_of_both_tests_is_beyond_chance_as_often_as_the_level_says(
+    without_effects: tuple[SearchProblem, Estimate],
+) -> None:
+    problem, null = without_effects
+    found = unnamed_forms(problem.steps, problem.data, null)
+    mixture, single = (found.chance[:, i] > limit for i, limit in enumerate((found.limit, found.single_limit)))
+    assert (mixture | single).mean() == pytest.approx(LEVEL, abs=0.002)
+    assert mixture.mean() == pytest.approx(single.mean(), abs=0.002) and mixture.mean() < LEVEL
+
+
 def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[SearchProblem, Estimate]) -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
     plain = unnamed_slopes(*_parts(*without_effects)).dispersion
