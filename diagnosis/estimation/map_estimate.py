@@ -34,8 +34,6 @@ BREAKS_DOWN = (
 )
 
 
-WORSE, MOST_REDUCTIONS = 2.0, 5
-"""Log likelihood that a step may cost after two reductions, and reductions of one that costs more."""
 FEW_COMPARED = 0.7
 """Share of grid times compared below which it pays to take them out before columns are multiplied."""
 
@@ -128,14 +126,6 @@ def _iteration(
     )
 
 
-def _too_bad(nll: float, best: _Iteration, tolerance: float, reductions: int) -> bool:
-    """Whether a step to this ``nll`` is taken back after so many ``reductions``. Two are enough where the point is
-    nearly as good: sizes of the noise have moved, too. A slope may be far off near a bend of the model."""
-    if nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and nll < best.nll + WORSE:
-        return False
-    return reductions < (2 if nll < best.nll + WORSE else MOST_REDUCTIONS)
-
-
 @np.errstate(all="ignore")
 def estimate(
     steps: TransitionModel,
@@ -148,7 +138,7 @@ def estimate(
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is. Returns the last accepted point. Raises BrokenModelError
+    linearisations. fixed_noise: the noise stays as it is. Returns the likeliest accepted point. Raises BrokenModelError
     where the model cannot be followed along the trials from its first coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
@@ -157,6 +147,7 @@ def estimate(
     theta = set_values(steps.ship, data, start.theta, start.free.columns, start.free.mean + start.free.std * p)
     now = Point(theta, start.free, p, start.path, start.noise)
     best: _Iteration | None = None
+    likeliest: _Iteration | None = None
     share, reductions, converged, used = 1.0, 0, False, 0
     while used < iterations and not converged:
         check_time()
@@ -164,21 +155,24 @@ def estimate(
         here = linearised_if_finite(steps, data, now, active)
         if here is None and best is None:
             raise BrokenModelError(f"{steps.ship.name}: {BREAKS_DOWN}")
-        if best is not None and (here is None or _too_bad(here.nll, best, tolerance, reductions)):
+        if best is not None and (
+            here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
+        ):
             reductions, share = reductions + 1, 0.3 * share
             now = best.moved(steps.ship, data, share, best.at.noise)
             continue
         assert here is not None
         share, reductions = 1.0, 0
         best, noise = _iteration(here, now, data, active, typical)
+        likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         noise = now.noise if fixed_noise else noise
         pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
         settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         converged = best.gain < tolerance and settled_noise
         now = best.moved(steps.ship, data, 1.0, noise)
-    assert best is not None
-    at = best.at
-    return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(best.A), best.nll, used, converged)
+    assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse
+    at, A = likeliest.at, likeliest.A
+    return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(A), likeliest.nll, used, converged)
 
 
 def bounded_step(
