@@ -115,7 +115,7 @@ class UnnamedForms:
     def _limits(self) -> tuple[float, float]:
         """What both exceed by chance with equal probabilities, either of them with the probability LEVEL."""
         rarest = np.sort(np.minimum(*(_as_large(x) for x in self.chance.T)))
-        count = rarest[max(int(LEVEL * len(rarest)) - 1, 0)]
+        count = rarest[int(LEVEL * len(rarest))] - 1
         first, second = np.quantile(self.chance, 1 - count / len(rarest), axis=0)
         return float(first), float(second)
 
