@@ -71,7 +71,7 @@ class ForceForms:
         scale = np.full(2, PLACE * float(steps.ship.particulars["L"]))
         self._place = SmoothBasis(_places(middle).values[:, data.inside], scale, OF_PLACE, (2, 2))
         self._alone = {
-            name: SmoothBasis(inside, np.where(np.arange(len(spread)) == i, FINE * spread[i], 0.0), OF_ONE, (1, 1))
+            name: SmoothBasis(inside[[i]], FINE * spread[[i]], OF_ONE, (1, 1))
             for i, name in enumerate(known.names)
             if spread[i] and not name.startswith("air") and " over " not in name
         }
@@ -80,7 +80,7 @@ class ForceForms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
         products = _scaled(self._products(data, middle), self._middle, self._factor)
         known = self._variables(data, middle)
-        alone = (basis.on(known, f"{name} alone") for name, basis in self._alone.items())
+        alone = (basis.on(known.only((name,)), f"{name} alone") for name, basis in self._alone.items())
         return sum(alone, products + self._smooth.on(known, "smooth"))
 
     def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
