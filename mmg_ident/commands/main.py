@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
-import gc
 import importlib.util
 import io
 import keyword
@@ -289,7 +288,8 @@ def run() -> None:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
-        gc.collect()  # semaphores of processes that were ended go with their queues, or their tracker warns of them
+        if "multiprocessing.util" in sys.modules:  # semaphores go as at a usual end, or their tracker warns of them
+            sys.modules["multiprocessing.util"]._run_finalizers(0)
         os._exit(code)
     sys.exit(code)
 
