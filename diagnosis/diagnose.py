@@ -60,7 +60,8 @@ from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
-from diagnosis.report.words import likeness, sentence_of
+from diagnosis.report.form_words import likeness
+from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions

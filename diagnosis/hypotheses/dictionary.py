@@ -33,8 +33,8 @@ SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)
 """Kinds of the forces that are products."""
-
-
+AFTER_RUDDER = "force that swings after the rudder"
+"""Kind of the forces of what the rudder sets swinging."""
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
 """Velocity of the water by its coefficient in the model."""
 SMALL = 1e-3
@@ -81,6 +81,7 @@ class Dictionary:
             for name in steps.model.controls
             if name in INPUTS
         }
+        self.swings = self.force_forms.after_the_rudder(data)
         self.place = self.force_forms.by_place(data, middle)
         self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
@@ -98,6 +99,7 @@ class Dictionary:
                 for what, forms in (("action", SHAPES), ("delay", tuple(f"{d:g} s" for d in DELAYS)))
                 for form in forms
             ),
+            *((AFTER_RUDDER, f"{form} {axis}") for form in self.swings.names for axis in AXES[1:]),
             *((f"{name} by place", form) for name in self.by_place for form in self.place.names),
             *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
@@ -111,6 +113,7 @@ class Dictionary:
         for action, size in self.scaled(linear, self.actions):
             shapes = [forms.values[forms.at(name)] for name in SHAPES]
             pushed += [action.step * size * value[..., None] for value in (*shapes, *action.delayed)]
+        pushed += [linear.force[..., c] * sizes[c] * v[..., None] for v in self.swings.values for c in (1, 2)]
         for action, size in self.scaled(linear, self.by_place):
             pushed += [action.step * size * value[..., None] for value in self.place.values]
         count, total = len(pushed), len(self.kinds)
@@ -130,6 +133,7 @@ class Dictionary:
         for action, size in self.scaled(at.linear, self.actions):
             whole, scaled = self._along(at, action, forms.only(SHAPES))
             result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
+        result.append(np.zeros(2 * len(self.swings.names)))  # they depend on inputs alone
         for action, size in self.scaled(at.linear, self.by_place):
             result.append(size * self._along(at, action, self.place)[1])
         by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)

@@ -1,8 +1,9 @@
 """What has sizes of its own in each run: events, and forces that swing.
 
 Events are wrong for some seconds of a run and not, or otherwise, at another time: an actuator that comes late for a
-while, the position off for a while. Forces that swing with the ship's way, as of vortices (Strouhal 1878), have a phase
-of their own in each run. The columns of all runs are filtered side by side, and products of different runs are zero.
+while, the position off for a while. Forces that swing with the ship's way, as of vortices (Strouhal 1878), and a stream
+that turns in the course of a run have a phase of their own in each. The columns of all runs are filtered side by side,
+and products of different runs are zero.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.dictionary import DELAYS, Dictionary
+from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
 from diagnosis.hypotheses.projection import projected
 from mmg.motion.froude import time_scale
 
@@ -27,6 +28,8 @@ LATE = 4.0
 """Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
+TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)
+"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run."""
 SEEN = 1e-9
 """Information from which a column is seen at all."""
 AT_TIMES = " at times"
@@ -40,7 +43,8 @@ class Events:
     """Columns of all runs, those with the same number side by side.
 
     kinds: what each of E columns is of; forcing: (K, R, A, E) of the active states over a step; observed: (K + 1, R, 6,
-    E) of the logged columns; forms: the dictionary; stretches: (K, W) which steps are in each stretch.
+    E) of the logged columns; forms: the dictionary; stretches: (K, W) which steps are in each stretch; waves: (K, w),
+    those of a stream that turns.
     """
 
     kinds: tuple[str, ...]
@@ -48,6 +52,7 @@ class Events:
     observed: np.ndarray
     forms: Dictionary
     stretches: np.ndarray
+    waves: np.ndarray
 
     @classmethod
     def of(cls, data: GriddedTrials, forms: Dictionary, linear: LinearModel, length: float) -> Events:
@@ -73,7 +78,13 @@ class Events:
         forcing.append(swinging)
         observed.append(np.zeros((K + 1, R, 6, swinging.shape[3])))
         kinds += [f"force that swings {rate:g} times a length" for rate in SWINGS for _ in range(4)]
-        return cls(tuple(kinds), np.concatenate(forcing, axis=3), np.concatenate(observed, axis=3), forms, own)
+        k = time_scale(length)
+        waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
+        for action, size in forms.scaled(linear, _streams(forms)):
+            forcing.append((action.step * size)[..., None] * waves[:, None, None, :])
+            observed.append(np.zeros((K + 1, R, 6, waves.shape[1])))
+            kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
+        return cls(tuple(kinds), np.concatenate(forcing, axis=3), np.concatenate(observed, axis=3), forms, own, waves)
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (R, E) of 1/2 log det along each column, of the linearisation ``at``."""
@@ -83,6 +94,11 @@ class Events:
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
             result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches
+        streams, w = self.forms.scaled(at.linear, _streams(self.forms)), self.waves.shape[1]
+        for i, (action, size) in enumerate(streams, start=-len(streams)):
+            whole = size * np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
+            first = len(self.kinds) + i * w
+            result[:, first : first + w] = whole.T @ self.waves
         return result
 
 
@@ -92,9 +108,19 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
     z = forms.path.z
     speed = np.hypot(z[:-1, :, 3] + z[1:, :, 3], z[:-1, :, 4] + z[1:, :, 4]) / 2
     phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length
-    waves = np.stack([f(rate * phase) for rate in SWINGS for f in (np.sin, np.cos)], axis=-1)
+    waves = _waves(phase[..., None], np.array(SWINGS))
     pushes = linear.force[..., 1:] * forms.noise.force[1:]
     return np.einsum("krac,krw->krawc", pushes, waves).reshape(*pushes.shape[:3], -1)
+
+
+def _waves(phase: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """Sine and cosine of each of the ``rates`` (w,) times ``phase`` (..., 1), side by side: (..., 2 w)."""
+    return np.stack([np.sin(rates * phase), np.cos(rates * phase)], axis=-1).reshape(*phase.shape[:-1], -1)
+
+
+def _streams(forms: Dictionary) -> dict[str, Action]:
+    """The actions of the water's velocity."""
+    return {name: action for name, action in forms.by_place.items() if name in WATER}
 
 
 @dataclass(frozen=True)

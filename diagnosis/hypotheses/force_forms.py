@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import expm
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.transition_model import TransitionModel
@@ -27,6 +28,10 @@ OF_PLACE, PLACE = 12, 2.0
 """Functions of the place that are kept, and the length over which they change [lengths of the ship]."""
 PASTS = (4.0, 12.0)
 """Memory [s of a 3 m model] of the past of rudders and propellers."""
+SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
+"""Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
+DAMPING = 0.07
+"""Its share of the critical damping."""
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:
@@ -86,6 +91,22 @@ class ForceForms:
     def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """Smooth functions of the place of trials ``data`` with states ``middle`` (K, R, S)."""
         return self._place.on(_places(middle), "place")
+
+    def after_the_rudder(self, data: GriddedTrials) -> Forms:
+        """What the rudders set swinging in trials ``data``: deflection, from where it would come to rest, and speed of
+        an oscillator of each of SWINGS."""
+        places = [i for i, name in enumerate(self.steps.model.controls) if name in RUDDERS]
+        moved = data.inputs[..., places].sum(axis=2)
+        omega = 2 * np.pi / (np.array(SWINGS) * time_scale(float(self.steps.ship.particulars["L"])))
+        step = np.stack([expm(data.h * np.array([[0, w], [-w, -2 * DAMPING * w]])) for w in omega])
+        swing = np.zeros((*moved.shape, len(omega), 2))  # about where it would come to rest
+        for k in range(1, len(moved)):
+            begin = swing[k - 1].copy()
+            begin[..., 0] += (moved[k - 1] - moved[k])[:, None]
+            swing[k] = np.einsum("wij,rwj->rwi", step, begin)
+        values = np.moveaxis(swing.reshape(*moved.shape, -1), 2, 0)
+        names = tuple(f"{period:g} s {part}" for period in SWINGS for part in ("deflection", "speed"))
+        return of_unit_size(Forms(names, values, np.zeros((*values.shape, 6))), data.inside)[0]
 
     def family(self, name: str) -> str:
         """Begin of the kinds of the form ``name``: "" for the products."""

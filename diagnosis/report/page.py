@@ -15,6 +15,7 @@ from diagnosis.location.regions import CHANNELS
 from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
+from diagnosis.report.form_words import likeness
 from fitting.report.page import environment, write_page
 from fitting.report.page_figures import figures_of
 from fitting.report.plot_style import FigureFolder
@@ -69,7 +70,7 @@ def _what(d: Findings) -> str:
     what = "The cause is not in the library of effects, or several act at once."
     for best in words.ranking(d)[:1]:
         what += f" The nearest is {best['name']}: {best['meaning'][:1].lower()}{best['meaning'][1:]}"
-    return what + (words.likeness(d.unnamed.before) if d.unexplained_force is not None else "")
+    return what + (likeness(d.unnamed.before) if d.unexplained_force is not None else "")
 
 
 def _candidates(d: Findings) -> dict[str, Any]:

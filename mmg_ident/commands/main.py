@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import gc
 import importlib.util
 import io
 import keyword
@@ -13,6 +14,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
@@ -288,8 +290,11 @@ def run() -> None:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
-        if "multiprocessing.util" in sys.modules:  # semaphores go as at a usual end, or their tracker warns of them
-            sys.modules["multiprocessing.util"]._run_finalizers(0)
+        patience = time.monotonic() + 0.5
+        for thread in threading.enumerate():  # those that see processes of a pool end still hold its queues
+            if thread is not threading.current_thread():
+                thread.join(max(patience - time.monotonic(), 0.0))
+        gc.collect()  # semaphores go with their queues, or their tracker warns of them
         os._exit(code)
     sys.exit(code)
 

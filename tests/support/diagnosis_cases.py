@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -24,6 +24,8 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
+Act = Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]
+"""What acts on windows: number of the step, states, forces and coefficients, the last two to be changed."""
 SHIP = load_ship("esso_osaka_3m")
 RUNS = (("zigzag:20/20", 80.0), ("random:11", 80.0), ("turning:-20", 80.0))
 ASTERN = (("zigzag:20/20", 80.0), ("random:11", 80.0), ("berthing", 80.0))
@@ -153,27 +155,42 @@ FORMS = {
 """Forces that none of the fitted coefficients and no random force can give, by heading and revolutions."""
 
 
-def pushed_windows(problem: SearchProblem, seed: int, axis: int, form: str, size: float) -> GriddedTrials:
-    """The problem's windows once more with a force [N, N m] besides random ones, and white noise."""
+def acted_windows(problem: SearchProblem, seed: int, act: Act) -> GriddedTrials:
+    """The problem's windows once more with random forces and white noise, and what ``act`` does at each step k to the
+    forces (3, R) and coefficients (C, R) where the states are z (S, R)."""
     steps, data, rng = problem.steps, problem.data, np.random.default_rng(seed)
     K, R = data.inputs.shape[:2]
     how = quiet()
     sizes = np.array([how.X, how.Y, how.N])[:, None]
     chance = np.array([[process(K, data.h, how.tau, rng) for _ in range(R)] for _ in range(3)])
     y, z = data.y.copy(), steps.settled(data.y[0].T, data.inputs[0].T, steps.ship.values)
-    n = steps.model.controls.index("n")
     for k in range(K):
-        force = sizes * chance[:, :, k]
-        force[axis] += size * FORMS[form](z[2], data.inputs[k, :, n])
-        z = steps.advance(z, data.controls[k].T, steps.coefficients(steps.ship.values, force))
+        force, theta = sizes * chance[:, :, k], np.tile(steps.ship.values[:, None], R)
+        act(k, z, force, theta)
+        z = steps.advance(z, data.controls[k].T, steps.coefficients(theta, force))
         y[k + 1] = z[:6].T
     return replace(data, y=y + WHITE * rng.standard_normal(y.shape))
+
+
+def pushed_windows(problem: SearchProblem, seed: int, axis: int, form: str, size: float) -> GriddedTrials:
+    """The problem's windows once more with a force [N, N m] besides random ones, and white noise."""
+    n = problem.steps.model.controls.index("n")
+
+    def act(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
+        force[axis] += size * FORMS[form](z[2], problem.data.inputs[k, :, n])
+
+    return acted_windows(problem, seed, act)
 
 
 def pushed_by(
     problem: SearchProblem, seed: int, axis: int, form: str, size: float
 ) -> tuple[TransitionModel, GriddedTrials, Estimate]:
     """Steps, ``pushed_windows`` and the fit to them."""
-    steps, seen = problem.steps, pushed_windows(problem, seed, axis, form, size)
+    return fitted_to(problem, pushed_windows(problem, seed, axis, form, size))
+
+
+def fitted_to(problem: SearchProblem, seen: GriddedTrials) -> tuple[TransitionModel, GriddedTrials, Estimate]:
+    """Steps, the windows ``seen`` and the fit to them."""
+    steps = problem.steps
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
     return steps, seen, estimate(steps, seen, start, iterations=12)

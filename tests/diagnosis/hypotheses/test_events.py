@@ -1,4 +1,4 @@
-"""Events: stretches together are the whole, an actuator that stops now and then shows, and chance does not."""
+"""Events: stretches together are the whole, and what stops, swings or turns shows; chance does not."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.dictionary import Dictionary
-from diagnosis.hypotheses.events import MOST, Events, event_slopes
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER, Dictionary
+from diagnosis.hypotheses.events import MOST, TURNS, Events, event_slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from tests.support.diagnosis_cases import problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
 
 DELTA, POSITION = "delay of delta at times", "sensor of position at times"
 
@@ -66,7 +66,40 @@ def of(trials: list[Trial]) -> UnnamedForms:
 def test_chance_shows_no_events(calm: tuple[SearchProblem, Estimate]) -> None:
     problem, null = calm
     found = unnamed_forms(problem.steps, problem.data, null)
-    assert found.beyond_chance < 0 and max(found.by_kind[DELTA], found.by_kind[POSITION]) < 2
+    other = [value for kind, value in found.by_kind.items() if kind.startswith(("stream that turns", AFTER_RUDDER))]
+    assert len(other) == len(TURNS) + 1
+    assert found.beyond_chance < 0 and max(found.by_kind[DELTA], found.by_kind[POSITION], *other) < 2
+
+
+def test_a_stream_that_turns_within_each_run_shows(calm: tuple[SearchProblem, Estimate]) -> None:
+    """By 3 cm/s with a period of 50 s and another phase in each run, while the mean of each run is no stream."""
+    steps = calm[0].steps
+    x, y = (steps.ship.symbols.index(f"current.{a}") for a in "xy")
+
+    def turned(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
+        phase = 2 * np.pi * k * steps.h / 50.0 + np.arange(z.shape[1])
+        theta[x], theta[y] = 0.03 * np.sin(phase), 0.02 * np.cos(phase)
+
+    found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, turned)))
+    assert found.p_value < 0.01
+    assert max(found.by_kind, key=found.by_kind.__getitem__) == "stream that turns in 48 s"
+
+
+def test_a_roll_that_swings_after_turns_shows(calm: tuple[SearchProblem, Estimate]) -> None:
+    """An oscillator with a period of 7 s and 5 % of the critical damping, driven by speed and turn rate, not by the
+    rudder, that pushes the hull to the side and turns it."""
+    steps, omega, heel = calm[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm[0].data.inputs.shape[1]))
+
+    def rolled(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
+        for _ in range(10):
+            h = steps.h / 10
+            heel[1] += h * (omega**2 * (10 * z[3] * z[5] - heel[0]) - 0.1 * omega * heel[1])
+            heel[0] += h * heel[1]
+        force[1] -= 2.0 * heel[0]
+        force[2] += 6.0 * heel[0]
+
+    found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, rolled)))
+    assert found.p_value < 0.01 and found.by_kind[AFTER_RUDDER] > 3
 
 
 def test_a_position_that_is_off_for_a_while_shows() -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_forms import COMPONENTS, OF_ONE, OF_PLACE, ForceForms
+from diagnosis.hypotheses.force_forms import COMPONENTS, DAMPING, OF_ONE, OF_PLACE, SWINGS, ForceForms
 from tests.support.diagnosis_cases import full_steps, pushed_trials
 
 
@@ -86,3 +87,24 @@ def test_functions_of_the_place_are_those_of_the_ships_position(arranged: tuple)
     other = middle.copy()
     other[..., 2:] += 1.0
     np.testing.assert_array_equal(forms.by_place(data, other).values, found.values)
+
+
+def test_what_swings_after_the_rudder_is_an_oscillator(arranged: tuple) -> None:
+    """Against the differential equation with the rudder held over each step, by an integrator of scipy."""
+    steps, data, _, forms = arranged
+    made = forms.after_the_rudder(data)
+    delta = data.inputs[:, 0, steps.model.controls.index("delta")]
+    period = SWINGS[4]
+    omega = 2 * np.pi / period
+
+    def moved(_: float, q: np.ndarray, held: float) -> list[float]:
+        return [omega * q[1], omega * (held - q[0]) - 2 * DAMPING * omega * q[1]]
+
+    q, expected = np.array([delta[0], 0.0]), []
+    for held in delta:
+        q = solve_ivp(moved, (0.0, data.h), q, args=(held,), rtol=1e-9, atol=1e-12).y[:, -1]
+        expected.append([q[0] - held, q[1]])
+    for part, own in zip(("deflection", "speed"), np.array(expected).T, strict=True):
+        values = made.values[made.at(f"{period:g} s {part}"), :, 0]
+        np.testing.assert_allclose(values / np.abs(values).max(), own / np.abs(own).max(), atol=1e-3)
+    assert not made.gradients.any() and len(made.names) == 2 * len(SWINGS)

@@ -20,11 +20,10 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
+from diagnosis.report.form_words import kind_words, likeness
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
 from diagnosis.report.words import (
-    kind_words,
-    likeness,
     meaning,
     next_words,
     probability,
@@ -246,6 +245,8 @@ def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
         ("sensor of position at times", "an error of the logged position for some seconds, now and then"),
         ("stream to the east by place", "a stream to the east that differs by place"),
         ("wind by place", "a share of the logged wind that differs by place"),
+        ("force that swings after the rudder", "a force that swings after the rudder, as roll does"),
+        ("stream that turns in 48 s", "a stream that turns in 48 s"),
         ("force that swings 0.8 times a length", "a force that swings 0.8 times a length of the ship on her way"),
     ],
 )
