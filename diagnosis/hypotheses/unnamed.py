@@ -27,6 +27,8 @@ from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
+UNLOGGED = "wind by place"
+"""Kind of the share of the logged wind: gusts that are not logged make it vary from second to second."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 TOLERANCE = 0.05
@@ -46,10 +48,11 @@ of a large one is not linear in its size."""
 @dataclass(frozen=True)
 class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
-    their information S (C, C), and by kind of sensor error the ratio of the slopes' variance to that information, at
-    least 1: it is larger where residuals are correlated in time, as of sensors with a memory. The memory of forces is
-    in the model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary.
-    Its columns are the first; those of ``events`` follow, kind by kind, as if independent of all others."""
+    their information S (C, C), and by kind of sensor error, and for the share of the wind, the ratio of the slopes'
+    variance to that information, at least 1: it is larger where residuals are correlated in time, as of sensors with a
+    memory or in gusts. The memory of forces is in the model. taken: (P, c) multiples of the free parameters that were
+    projected out, by those of the dictionary. Its columns are the first; those of ``events`` follow, kind by kind, as
+    if independent of all others."""
 
     g: np.ndarray
     S: np.ndarray
@@ -206,7 +209,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
     lags = memory_steps(length, data.h)
     ratios = {}
-    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
+    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR) or k == UNLOGGED):
         own = np.flatnonzero([k == name for k in forms.kinds])
         columns = white[..., P + own] - white[..., :P] @ rest.taken[:, own]
         ratios[name] = dispersion(columns, white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import mmg.effects
+from benchmarks.disturbed_trials import process
 from cases.shipfiles.effects import with_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel
@@ -20,7 +21,16 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.smooth_basis import Forms
-from diagnosis.hypotheses.unnamed import LEVEL, SENSOR, SIZES, TOLERANCE, log_bayes, unnamed_forms, unnamed_slopes
+from diagnosis.hypotheses.unnamed import (
+    LEVEL,
+    SENSOR,
+    SIZES,
+    TOLERANCE,
+    UNLOGGED,
+    log_bayes,
+    unnamed_forms,
+    unnamed_slopes,
+)
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
 from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_trials, quiet
@@ -202,6 +212,16 @@ def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[Searc
         rough.append(t.with_columns(v=t["v"] + 0.008 * error))
     coloured = unnamed_slopes(*_parts(*problem_of(rough))).dispersion
     assert coloured["sensor of v"] > 1.5 * plain["sensor of v"]
+
+
+def test_gusts_that_are_not_logged_make_shares_of_the_wind_less_news() -> None:
+    """The ship feels the logged wind: no dispersion. Logged speeds off by a half, with a memory of 3 s: more."""
+    trials, rng, gusty = pushed_trials(1, how=quiet(X=0.05, Y=0.1, N=0.05)), np.random.default_rng(0), []
+    for t in trials:
+        off = 1 + 0.5 * process(len(t.t), float(np.diff(t.t).mean()), 3.0, rng)
+        gusty.append(t.with_columns(wind_speed=t["wind_speed"] * off))
+    plain, found = (unnamed_slopes(*_parts(*problem_of(some))).dispersion[UNLOGGED] for some in (trials, gusty))
+    assert plain < 1.2 and found > 1.4
 
 
 def _parts(problem: SearchProblem, null: Estimate) -> tuple[TransitionModel, GriddedTrials, Estimate]:
