@@ -29,6 +29,9 @@ alone. A constant error of v, for example, is nearly one of the heading alone.""
 RARE = 0.005
 """Probability by chance below which a name that is withdrawn leaves something unexplained, though no unnamed form does.
 """
+CERTAIN = 1e-4
+"""Probability by chance of every name, by training and test trials together, below which windows and steps of the test
+trials must surely become worse to contradict: what they show of a weak effect is uncertain, too."""
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
 """Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
 even if they do."""
@@ -87,6 +90,17 @@ def supports(held: HeldOut) -> bool:
 def _surely_gains(held: HeldOut) -> bool:
     """Whether predictions of the test trials over one step become better beyond chance."""
     return held.likelihood_interval_90 is not None and held.likelihood_interval_90[0] > 0
+
+
+def _surely_loses(held: HeldOut) -> bool:
+    """Whether predictions of the test trials over one step become worse beyond chance, or chance cannot be told."""
+    return held.likelihood_interval_90 is None or held.likelihood_interval_90[1] < 0
+
+
+def _is_certain(found: Selection) -> bool:
+    """Whether chance is excluded as the cause of each name."""
+    best = [s.best.p_both for s in found.searches[: len(found.effects)] if s.best is not None]
+    return len(best) == len(found.effects) and max(best) < CERTAIN
 
 
 def confirms(held: HeldOut) -> bool:
@@ -150,6 +164,9 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
     gain = held.likelihood_gain or 0.0
     sure = _surely_gains(held)
     if sure and _measures(found):
+        return False
+    surely_worse = held.interval_90[1] < 0 and held.reduction < -NOTED_GROWTH
+    if _is_certain(found) and not surely_worse and not _surely_loses(held):
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)

@@ -29,6 +29,7 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
 from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,
+    CERTAIN,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,
@@ -383,6 +384,25 @@ def test_a_name_that_test_trials_contradict_is_withdrawn(test: HeldOut) -> None:
     verdict, reasons = decide(found_with(12.0, "fouling"), 9.0, -1.0, LIMIT, test)
     assert verdict == "unknown" and len(reasons) == 1
     assert "fouling fits the training trials but does not predict the test trials better" in reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("test", "verdict"),
+    [
+        (held(-1.1 * SMALL_GROWTH, (-0.2, 0.1), -0.1, (-3.0, 2.0)), "named"),  # a little worse in both, by chance
+        (held(0.01, (-0.1, 0.1), -3.1, (-6.0, 1.0)), "named"),
+        (held(0.01, (-0.1, 0.1), -3.1, (-6.0, -1.0)), "unknown"),  # single steps surely worse
+        (held(-1.1 * NOTED_GROWTH, (-0.2, -0.01), 3.0, (-3.0, 8.0)), "unknown"),  # windows surely worse
+        (held(0.01, (-0.1, 0.1), -3.1, None), "unknown"),  # what chance does cannot be told
+    ],
+)
+def test_a_name_that_no_chance_explains_must_surely_be_contradicted(test: HeldOut, verdict: str) -> None:
+    sure, unsure = (Search((), (tried("fouling", 3.0, f * CERTAIN),), a_fit(100.0)) for f in (0.5, 2.0))
+    name = found_with(12.0, "fouling")
+    assert decide(replace(name, searches=(sure,)), 9.0, -1.0, LIMIT, test)[0] == verdict
+    assert decide(replace(name, searches=(unsure,)), 9.0, -1.0, LIMIT, test)[0] == "unknown"
+    two = replace(found_with(12.0, "fouling", "bank"), searches=(sure, unsure))
+    assert decide(two, 9.0, -1.0, LIMIT, test)[0] == "unknown"
 
 
 @pytest.mark.parametrize(
