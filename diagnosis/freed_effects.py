@@ -21,7 +21,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import likelihood_of_width
+from diagnosis.hypotheses.search_problem import gained
 from diagnosis.prepare import fit_as_read, priors_before
 from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
@@ -90,7 +90,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
             first = {x: every.value(*x) for other in rest for x in other.columns}
             fewer = refit(steps, data, base, replace(every, theta=theta), rest, first)
         kept = len(symbols) - len(c.symbols)
-        lost = likelihood_of_width(fewer, kept) - likelihood_of_width(every, len(symbols))
+        lost = gained(fewer, kept, every, len(symbols))
         chance = float(chi2.sf(max(2 * lost, 0.0), len(c.symbols)))
         chance *= 0.5 if len(c.symbols) == 1 and c.neutral[0] <= c.lower[0] else 1.0  # it can only be positive
         tests.append(_test(result, c, every, chance))

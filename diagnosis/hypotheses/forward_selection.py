@@ -225,7 +225,7 @@ def refit_candidate(
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
     kept = sum(len(e.columns) for e in named)
-    gain = (problem.likelihood(before, kept) - problem.likelihood(fit, kept + len(c.columns))) / score.dispersion
+    gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
     by_refit = c.effect in CURVED or problem.width(before).factor > TOLD  # the score knows the stated priors alone
     p_value = by_chance if by_refit else min(score.p_value, by_chance)
@@ -284,7 +284,7 @@ def pruned(
         start = {x: now.value(*x) for e in rest for x in e.columns}
         without = refit(problem.steps, problem.data, problem.base, without_effects(now, problem, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
-        lost = 2 * (problem.likelihood(without, kept) - problem.likelihood(now, every))
+        lost = 2 * problem.gained(without, kept, now, every)
         if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now

@@ -15,10 +15,17 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import likelihood
 
 
-def likelihood_of_width(found: Estimate, own: int, present: float = 1.0) -> float:
-    """``likelihood`` of the fit ``found``, whose last ``own`` columns are of effects, with the most likely width of the
-    coefficients' priors, which have the factor ``present`` on those stated."""
-    return likelihood(found, own) - likely_width(found, present).gain
+def gained(fewer: Estimate, kept: int, more: Estimate, every: int, present: float | None = 1.0) -> float:
+    """Log likelihood that the fit ``more`` gains over ``fewer``, whose last ``every`` and ``kept`` columns are of
+    effects, each with the most likely width of the coefficients' priors, which have the factor ``present`` on those
+    stated, None where none are: coefficients that are farther off than stated are no effect, and one that explains why
+    they seemed so counts for less. An effect that asks for wider priors itself gains nothing by these: coefficients so
+    far off that nothing is linear there would have to follow.
+    """
+    gain = likelihood(fewer, kept) - likelihood(more, every)
+    if present is None:
+        return gain
+    return gain + min(likely_width(more, present).gain - likely_width(fewer, present).gain, 0.0)
 
 
 @dataclass(frozen=True)
@@ -40,11 +47,9 @@ class SearchProblem:
     tests: GriddedTrials | None = None
     factor: float | None = None
 
-    def likelihood(self, found: Estimate, own: int) -> float:
-        """``likelihood`` of the fit ``found``, whose last ``own`` columns are of effects, with the width of the priors
-        that is most likely with these: coefficients that are farther off than stated are no effect, and an effect that
-        explains why they seemed so counts for that too."""
-        return likelihood(found, own) if self.factor is None else likelihood_of_width(found, own, self.factor)
+    def gained(self, fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
+        """``gained`` by the fit ``more`` with ``every`` columns of effects over ``fewer`` with those ``kept``."""
+        return gained(fewer, kept, more, every, self.factor)
 
     def width(self, found: Estimate) -> Width:
         """The most likely width of the stated priors at a fit."""

@@ -104,7 +104,7 @@ def _judged(
     while tests is not None and len(found.effects) > 1:
         fewer = found.without_last(p)
         with_it = compare(p.steps, tests, fewer.final, found.final, options.seed)
-        if with_it is None or supports(with_it):
+        if with_it is None or supports(with_it, found):
             break
         LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer

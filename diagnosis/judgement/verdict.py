@@ -81,10 +81,12 @@ def _measures(found: Selection) -> bool:
     return any(EFFECTS[c.effect].measures for c in found.effects if c.effect in EFFECTS)
 
 
-def supports(held: HeldOut) -> bool:
-    """Whether test trials speak for a further effect: with it (``held``: compared with the fit before it) they become
-    more predictable, over windows or surely over single steps."""
-    return held.reduction > 0 or _surely_gains(held)
+def supports(held: HeldOut, found: Selection) -> bool:
+    """Whether test trials speak for the effect found last: with it (``held``: compared with the fit before it) they
+    become more predictable, over windows or surely over single steps; or not surely less, where chance is excluded.
+
+    found: the selection with it."""
+    return held.reduction > 0 or _surely_gains(held) or (_is_certain(found, found.effects[-1:]) and not _worse(held))
 
 
 def _surely_gains(held: HeldOut) -> bool:
@@ -97,10 +99,15 @@ def _surely_loses(held: HeldOut) -> bool:
     return held.likelihood_interval_90 is None or held.likelihood_interval_90[1] < 0
 
 
-def _is_certain(found: Selection) -> bool:
-    """Whether chance is excluded as the cause of each name."""
-    best = [s.best.p_both for s in found.searches[: len(found.effects)] if s.best is not None]
-    return len(best) == len(found.effects) and max(best) < CERTAIN
+def _is_certain(found: Selection, effects: Sequence[Candidate]) -> bool:
+    """Whether chance is excluded as the cause of each of the ``effects``."""
+    by_chance = {s.best.candidate: s.best.p_both for s in found.searches if s.best is not None}
+    return all(by_chance.get(c, 1.0) < CERTAIN for c in effects)
+
+
+def _worse(held: HeldOut) -> bool:
+    """Whether the test trials surely become less predictable, over windows by more than a little, or by steps."""
+    return (held.interval_90[1] < 0 and held.reduction < -NOTED_GROWTH) or _surely_loses(held)
 
 
 def confirms(held: HeldOut) -> bool:
@@ -165,8 +172,7 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
     sure = _surely_gains(held)
     if sure and _measures(found):
         return False
-    surely_worse = held.interval_90[1] < 0 and held.reduction < -NOTED_GROWTH
-    if _is_certain(found) and not surely_worse and not _surely_loses(held):
+    if _is_certain(found, found.effects) and not _worse(held):
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)

@@ -61,7 +61,7 @@ def test_the_probability_is_that_of_the_diagnosis_of_the_same_trials() -> None:
     p = ready.problem
     c = find(p.candidates, "rudder_offset")
     with_it = refit(p.steps, p.data, p.base, ready.null, [c], {})
-    gain = p.likelihood(ready.null, 0) - p.likelihood(with_it, 1)
+    gain = p.gained(ready.null, 0, with_it, 1)
     assert np.log(test.p_value) == pytest.approx(-gain, rel=0.15)
     assert test.parameters[SYMBOL].value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
 

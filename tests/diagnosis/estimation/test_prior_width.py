@@ -96,9 +96,11 @@ def test_an_effect_that_the_coefficients_had_to_make_up_for_narrows_their_priors
     with_it = refit(problem.steps, problem.data, problem.base, null, [effect], dict.fromkeys(effect.columns, 0.02))
     before, after = problem.width(null), problem.width(with_it)
     assert before.factor > 1.25 * after.factor
-    assert problem.likelihood(null, 0) - problem.likelihood(with_it, 2) == pytest.approx(
+    assert problem.gained(null, 0, with_it, 2) == pytest.approx(
         null.nll - before.gain - (with_it.nll - 0.5 * with_it.p[-2:] @ with_it.p[-2:] - after.gain)
     )
+    other_way = problem.gained(with_it, 2, null, 0)  # the priors that it asks for itself are no gain
+    assert other_way == pytest.approx(with_it.nll - 0.5 * with_it.p[-2:] @ with_it.p[-2:] - null.nll)
     assert problem.with_wider(with_it) is with_it
     assert replace(problem, factor=None).width(null) == (1.0, 0.0, 0.0)
 

@@ -101,7 +101,7 @@ def test_none_is_named_by_chance(seed: int) -> None:
     ],
 )
 def test_a_further_effect_must_predict_test_trials_better(test: HeldOut, expected: bool) -> None:
-    assert supports(test) is expected
+    assert supports(test, found_with(12.0, "bank")) is expected
 
 
 def test_two_effects_are_both_named() -> None:
@@ -401,8 +401,10 @@ def test_a_name_that_no_chance_explains_must_surely_be_contradicted(test: HeldOu
     name = found_with(12.0, "fouling")
     assert decide(replace(name, searches=(sure,)), 9.0, -1.0, LIMIT, test)[0] == verdict
     assert decide(replace(name, searches=(unsure,)), 9.0, -1.0, LIMIT, test)[0] == "unknown"
-    two = replace(found_with(12.0, "fouling", "bank"), searches=(sure, unsure))
+    two = replace(found_with(12.0, "bank", "fouling"), searches=(unsure, sure))
     assert decide(two, 9.0, -1.0, LIMIT, test)[0] == "unknown"
+    assert supports(test, two) == (verdict == "named" or test.reduction > 0)
+    assert supports(test, replace(two, searches=(unsure, unsure))) == (test.reduction > 0)
 
 
 @pytest.mark.parametrize(
