@@ -159,6 +159,17 @@ SMOOTHED = 9
 """Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height."""
 
 
+def parabolic(values: np.ndarray, width: int) -> np.ndarray:
+    """``values`` (N,) smoothed by the parabola through the ``width`` samples (odd, at most N) about each, (N,); at the
+    ends by that through the outermost (Savitzky & Golay 1964). That of ``scipy.signal``, which is slow to import."""
+    half = width // 2
+    powers = np.vander(np.arange(-half, half + 1.0), 3)
+    fit = np.linalg.pinv(powers)  # (3, width): coefficients of the parabola
+    ends = [powers @ (fit @ part) for part in (values[:width], values[-width:])]
+    inner = np.convolve(values, fit[2, ::-1], "valid")
+    return np.concatenate([ends[0][:half], inner, ends[1][half + 1 :]])
+
+
 def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...], end: float) -> dict[str, float]:
     """overshoot_1, ... [rad] of a measured zigzag: heading gained after each reversal of the rudder at its own heading.
 
@@ -169,9 +180,7 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     good = np.isfinite(psi)
     t, psi = t[good], psi[good]
     if len(t) > SMOOTHED:
-        from scipy.signal import savgol_filter  # late: slow to import
-
-        psi = savgol_filter(psi, SMOOTHED, 2)
+        psi = parabolic(psi, SMOOTHED)
     figures, side = {}, math.copysign(1.0, rudder)
     for k, begin in enumerate(reversals):
         stop = reversals[k + 1] if k + 1 < len(reversals) else end

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
+from cases.criteria.figures import parabolic
 from cases.criteria.measured_maneuvers import find_maneuver
 from cases.criteria.standard_runs import figures_of, measured_run
 from cases.io.read import read_trial
@@ -145,3 +147,9 @@ def test_what_is_not_in_the_data_is_not_found() -> None:
     turn = simulate(SHIP, parse_maneuver("turning:35", SHIP, duration=100))
     with pytest.raises(UserError, match="looked for a zigzag test, but the rudder is held on one side"):
         find_maneuver(turn, 3.0, "zigzag")
+
+
+@pytest.mark.parametrize("count", [9, 10, 40])
+def test_a_heading_is_smoothed_by_parabolas(count: int) -> None:
+    values = np.random.default_rng(count).standard_normal(count)
+    np.testing.assert_allclose(parabolic(values, 9), savgol_filter(values, 9, 2), atol=1e-12)
