@@ -145,6 +145,7 @@ def test_the_third_ship_moves_as_the_package_has_it() -> None:
     assert np.max(np.abs(ours - theirs) / size) < 1e-9
 
 
+@pytest.mark.slow
 def test_the_flow_at_two_rudders_passes_over_an_angle_as_what_is_fitted_has_it() -> None:
     """On the ship's own manoeuvres the package's smooth model is far closer to the world than to a jump."""
     world = replace(WORLDS["vectwin"], duration=60.0)
@@ -214,6 +215,7 @@ def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, mon
         assert 0 < truth["floor"] < 2
 
 
+@pytest.mark.slow
 def test_files_of_a_large_ship_are_scaled_by_froudes_law(tmp_path: Path) -> None:
     generate(tmp_path / "out", 1, 3, "null", world=WORLDS["kvlcc2"])
     case = tmp_path / "out" / "case_0000"
@@ -241,6 +243,7 @@ def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     np.testing.assert_allclose(runs.delta[:, :B], plain.delta, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(EFFECTS)), ids=[effect.name for effect in EFFECTS])
 def test_a_medium_effect_changes_the_trials(index: int) -> None:
     _, runs = with_each_effect()
@@ -252,6 +255,7 @@ def test_a_medium_effect_changes_the_trials(index: int) -> None:
     assert np.max(size / np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])) > 0.5
 
 
+@pytest.mark.slow
 def test_the_true_model_predicts_better_with_its_effects() -> None:
     cases, runs = with_each_effect()
     floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
@@ -349,6 +353,7 @@ def test_no_single_delay_spells_a_slow_rudder(name: str) -> None:
         assert abs(np.corrcoef(off.ravel(), (logged[late] - logged).ravel())[0, 1]) < 0.95
 
 
+@pytest.mark.slow
 def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> None:
     offset = next(effect for effect in LIBRARY if effect.name == "rudder_offset")
     world = replace(WORLDS["vectwin"], duration=35.0)

@@ -53,6 +53,7 @@ def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_s
     assert draft.p_single > 0.01
 
 
+@pytest.mark.slow
 def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship() -> None:
     """A fit that begins with the noise of a quiet reference ends where coefficients explain the current."""
     before, after = demo_trials(1, 0.5)[0][:3], demo_trials(1001, 0.5, [CURRENT])[0][-2:]

@@ -111,6 +111,7 @@ def test_the_page_compares_the_groups_where_that_was_asked(folder: Path) -> None
     assert 'id="between"' not in build_report(case("named"), Path("nowhere"), [])
 
 
+@pytest.mark.slow
 def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> None:
     case("none").save(tmp_path / "gap")
     with pytest.raises(UserError, match="already exists"):

@@ -79,7 +79,11 @@ def ship_of(name: str) -> Ship:
     return found
 
 
-@pytest.fixture(scope="module", params=list(SHIPS))
+LONGER = ("kvlcc2_full", "hybrid of three networks of one layer", "hybrid of three layers", "generated")
+EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONGER)) for name in SHIPS]
+
+
+@pytest.fixture(scope="module", params=EVERY)
 def ship(request: pytest.FixtureRequest, folder: Path) -> Compiled:
     return compiled(product(ship_of(request.param)), folder)
 
@@ -135,9 +139,7 @@ def test_other_coefficients_agree_with_python(ship: Compiled) -> None:
     assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, ship.of.ship.values)).ravel())
 
 
-@pytest.mark.parametrize("name", list(SHIPS))
-def test_600_s_agree_with_the_simulator(name: str, folder: Path) -> None:
-    ship = compiled(product(ship_of(name)), folder)
+def test_600_s_agree_with_the_simulator(ship: Compiled) -> None:
     h, L = 0.5, ship.of.ship.particulars["L"]
     parts = max(1, int(np.ceil(h / ship.of.longest_step - 1e-9)))
     start = np.array([0.0, 0.0, 0.3, 0.1 * np.sqrt(9.81 * L), 0.0, 0.0])

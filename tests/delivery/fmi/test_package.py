@@ -64,6 +64,7 @@ def test_inputs_are_named_by_role_and_symbol() -> None:
     assert names[-4:] == [f"{what}_velocity.{axis}" for what in ("wind", "current") for axis in ("north", "east")]
 
 
+@pytest.mark.slow
 def test_units_have_those_that_people_read() -> None:
     of = product("esso_osaka_3m")
     rows = {row.name: row for row in variable_table(CoSimulatedShip.of(of)).rows}
@@ -90,7 +91,7 @@ def test_coefficients_say_how_well_they_are_known() -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
     WRITERS[version](product(ship_of("plain")), tmp_path / "again.fmu")
     assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()

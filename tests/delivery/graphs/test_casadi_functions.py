@@ -112,6 +112,7 @@ print(json.dumps({"heading": calm[-1, 1], "rudder": calm[:, 2].max(), "blown": b
 """
 
 
+@pytest.mark.slow
 def test_the_examples_run_with_casadi_and_numpy_alone(tmp_path: Path) -> None:
     export(product_of("esso_osaka_3m", force=True), "casadi", tmp_path / "ship")
     command = [sys.executable, "-c", SAIL, str(tmp_path / "ship")]

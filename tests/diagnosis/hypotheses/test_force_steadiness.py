@@ -51,6 +51,7 @@ def p_values(white: np.ndarray) -> np.ndarray:
     return np.array([steadiness(white[..., i], i).p_value for i in range(white.shape[3])])
 
 
+@pytest.mark.slow
 def test_a_steady_force_is_unsteady_no_more_often_than_chance_has_it() -> None:
     p = p_values(residuals_of(system(), system(), 60, 1))
     assert (p < 0.1).mean() <= 0.1 + 3 * np.sqrt(0.09 / len(p)) and p.min() > 1e-4

@@ -100,7 +100,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
         return fit_of(effects, made.nll["".join(names)])
 
     monkeypatch.setattr(hypotheses, "refit", refitted)
-    monkeypatch.setattr(SearchProblem, "likelihood", lambda self, found, own: found.nll)
+    monkeypatch.setattr(SearchProblem, "gained", lambda self, fewer, kept, more, every: fewer.nll - more.nll)
     monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
     monkeypatch.setattr(hypotheses, "without_effects", lambda now, problem, kept: now)
     return made

@@ -219,7 +219,10 @@ def test_a_force_that_no_effect_of_the_library_has_is_seen(
         assert max(found.by_kind, key=lambda kind: found.by_kind[kind]) == "yaw force"
 
 
-@pytest.mark.parametrize(("column", "by", "kind"), [("r", 0.002, "sensor of r"), ("v", 0.015, "sensor of v")])
+@pytest.mark.parametrize(
+    ("column", "by", "kind"),
+    [("r", 0.002, "sensor of r"), pytest.param("v", 0.015, "sensor of v", marks=pytest.mark.slow)],
+)
 def test_a_fault_of_a_sensor_without_a_name_is_unknown(column: str, by: float, kind: str) -> None:
     """A constant error of turn rate or sway velocity is no effect of the library."""
     trials = [t.with_columns(**{column: t[column] + by}) for t in pushed_trials(2)]

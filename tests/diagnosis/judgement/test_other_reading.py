@@ -85,6 +85,7 @@ def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() ->
     assert other_reading(ready, trials, 1.0).null.nll == pytest.approx(right.null.nll, abs=10.0)  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_held_actuators_are_joined_and_searched_again_only_where_something_makes_them_late() -> None:
     late, prompt = late_rudder(LATE), late_rudder(0.0)
     assert read_joined(found_with(late, True, "control_delay")[0], late) is None  # joined already

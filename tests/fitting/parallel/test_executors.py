@@ -124,6 +124,7 @@ def test_free_memory_is_that_of_the_machine_or_the_control_group(
     assert memory.free_memory() == float("inf")
 
 
+@pytest.mark.slow
 def test_a_planned_trial_is_the_same_on_processes() -> None:
     ship = load_ship("esso_osaka_3m")
     ship = ship.fixing([s for s in ship.symbols if s not in ("X_0F", "Y_v", "N_r")])
@@ -138,6 +139,7 @@ def test_a_planned_trial_is_the_same_on_processes() -> None:
     assert [(r.option, r.gain, r.fits) for r in one.rows] == [(r.option, r.gain, r.fits) for r in two.rows]
 
 
+@pytest.mark.slow
 def test_intervals_of_figures_are_the_same_on_processes() -> None:
     ship = load_ship("esso_osaka_3m")
     found = imo_figures(ship)

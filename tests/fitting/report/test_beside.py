@@ -88,6 +88,7 @@ def test_the_process_ends_with_its_context() -> None:
     assert not child.is_alive()
 
 
+@pytest.mark.slow
 def test_a_result_saved_with_drawn_figures_has_the_same_ones(process: FigureProcess, tmp_path: Path) -> None:
     result = small_result()
     assert result.objects

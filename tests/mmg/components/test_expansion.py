@@ -78,7 +78,7 @@ def test_the_second_order_list_is_the_one_that_can_be_written_by_hand() -> None:
 
 
 @pytest.mark.parametrize("devices", ["n, delta", "n, delta_port, delta_starboard", "n+n_2, delta_starboard+delta_port"])
-@pytest.mark.parametrize("order", [2, 3])
+@pytest.mark.parametrize("order", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_the_identity_leaves_is_independent_and_complete(devices: str, order: int) -> None:
     """The terms that stay have full rank at random points, and the terms left out lie in their span and a constant."""
     kept, whole = (Structure(parse_devices(devices), order, duplicates=rule) for rule in ("identity", "none"))

@@ -90,6 +90,7 @@ def test_a_ship_that_diverges_has_no_scores_and_no_predictions(
     assert main(["compare", "--ship", bad, "--train", run, "--test", run, "--models", "captive"]) == 2
 
 
+@pytest.mark.slow
 def test_doubts_and_what_is_left_out_are_in_the_pages(tmp_path: Path) -> None:
     trial = demo_trials(3)[0][0]
     rows = (trial.t > 50) & (trial.t < 56)

@@ -44,6 +44,7 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     assert (folder / "run" / "figures" / "starts.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_the_loss_chosen_by_runs_left_out_is_told_in_result_and_report(tmp_path: Path) -> None:
     (tmp_path / "train").mkdir()
     for trial in runs()[0][:5]:

@@ -35,6 +35,7 @@ def same_folders(one: Path, two: Path) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_what_is_open_is_asked_once_and_the_map_repeats_it_to_the_bit(tmp_path: Path) -> None:
     open_logs(tmp_path / "logs")
     asked = ["wind_direction", "", "fathoms", "rps", "m/s"]

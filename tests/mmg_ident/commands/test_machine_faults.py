@@ -59,6 +59,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
+@pytest.mark.slow
 def test_without_a_compiler_the_fit_goes_on_and_says_so(folder: Path) -> None:
     made = run(folder, "fit", "esso_osaka_3m", "trials", *FEW, "--out", "slow", MMG_CC="/no/such/compiler")
     assert made.returncode == 1 and "without compiled code" in made.stderr  # two iterations do not suffice

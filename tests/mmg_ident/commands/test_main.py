@@ -145,6 +145,7 @@ def test_scores_of_several_models_come_side_by_side(folder: Path, capsys: pytest
     assert "sigma" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_path: Path) -> None:
     assert main(fit(folder, tmp_path / "run", "--without", "wind", "--fix", "m_x,m_y")) == 0
     content = json.loads((tmp_path / "run" / "result.json").read_text())

@@ -59,6 +59,7 @@ def test_a_run_is_called_by_its_name_date_data_and_start(folder: Path) -> None:
     assert read_fit(folder / "second").ship == second
 
 
+@pytest.mark.slow
 def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path) -> None:
     run, title, trials = folder / "a", load_ship(folder / "a").title, folder / "trials"
     assert title in mmg("predict", run, trials, "--out", tmp_path / "p")

@@ -271,7 +271,7 @@ def processor_time(session: int) -> float:
     return ticks / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize("wait", [2.0, 6.5])
+@pytest.mark.parametrize("wait", [2.0, pytest.param(6.5, marks=pytest.mark.slow)])
 def test_ctrl_c_in_the_first_seconds_leaves_no_process_and_no_traceback(
     wait: float, folder: Path, tmp_path: Path
 ) -> None:
