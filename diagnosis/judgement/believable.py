@@ -15,7 +15,7 @@ from diagnosis.estimation.input_timing import TIMING
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
-from diagnosis.judgement.verdict import confirms
+from diagnosis.judgement.verdict import confirms, surely_confirms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
 from mmg.messages import Message
@@ -23,8 +23,8 @@ from mmg.ship import Ship
 
 FAR_OFF, RARE, ANOTHER = 5.0, 1e-4, 3.0
 """Prior standard deviations of one coefficient, probability by chance of all of them together, both with priors as wide
-as the trials have them, and factor by which these are wider than stated, from which the ship that fits is not the ship
-that was given, so that no effect is named."""
+as the trials have them, and factor by which these are wider than stated (by their likelihood and by the sizes alone),
+from which the ship that fits is not the ship that was given, so that no effect is named."""
 FAR_WITHOUT = 8.0
 """The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
 half, true coefficients are four or five off."""
@@ -102,6 +102,15 @@ def deviations(fit: Estimate, ship: Ship, factor: float = 1.0) -> dict[str, floa
     return rows
 
 
+def width_by_size(fit: Estimate) -> float:
+    """How far the coefficients of a ``fit`` are off, over what its priors and the trials let expect: root of their sum
+    of squares over the number of coefficients that the trials determine (MacKay 1992). No far extrapolation, as the
+    most likely width of the priors may be."""
+    own = np.flatnonzero([c.run is None and "." not in c.symbol for c in fit.free.columns])
+    determined = float((1 - np.diag(fit.covariance)[own]).sum())
+    return float(np.sqrt((fit.p[own] ** 2).sum() / max(determined, 1.0)))
+
+
 def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     """Why the ship that fits is another one than was given, or nothing."""
     found, ship = result.found, ready.full.ship
@@ -112,13 +121,14 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     together = float(chi2.sf((usual**2).sum(), len(sizes)))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
     named, most = result.verdict == "named", sizes.max(initial=0.0)
-    is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE or wide > ANOTHER
+    is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE
+    is_far = is_far or min(wide, width_by_size(found.final) * stated) > ANOTHER
     if (named and is_far) or most > FAR_WITHOUT:
         beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
     before = deviations(found.null, ship, stated)
     left = result.after.beyond_chance > ready.problem.expected_unnamed
-    confirmed = result.held is not None and confirms(result.held)
+    confirmed = result.held is not None and (confirms(result.held) or surely_confirms(result.held))
     if named and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:
         names = " and ".join(c.label for c in found.effects)
         words = f"without any effect the trials need coefficients that are not this ship's, {_listed(before)}, and with"

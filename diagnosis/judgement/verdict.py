@@ -115,6 +115,11 @@ def confirms(held: HeldOut) -> bool:
     return held.interval_90[0] > 0 and held.reduction > CONFIRMING_REDUCTION
 
 
+def surely_confirms(held: HeldOut) -> bool:
+    """Whether the test trials become by ``held`` as much more predictable, and that surely over single steps."""
+    return held.reduction > CONFIRMING_REDUCTION and _surely_gains(held)
+
+
 def _explained(found: Selection) -> tuple[float, str]:
     """Log likelihood that the named effects explain, also in words."""
     gain = found.null.nll - found.final.nll

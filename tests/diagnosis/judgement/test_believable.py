@@ -14,7 +14,7 @@ from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
-from diagnosis.judgement.believable import believed, beyond_reported, deviations
+from diagnosis.judgement.believable import ANOTHER, believed, beyond_reported, deviations, width_by_size
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.prepare import InputReading
 from mmg.errors import UserError
@@ -55,10 +55,27 @@ def test_what_has_no_verdict_stays_so() -> None:
 def test_a_name_that_leaves_a_ship_far_off_unexplained_needs_test_trials() -> None:
     null, final = off(ready().null, 4.5), off(ready().null, 1.0)
     confirming = SimpleNamespace(interval_90=(0.2, 0.4), reduction=0.3)
+    by_steps = SimpleNamespace(interval_90=(-0.01, 0.7), reduction=0.3, likelihood_interval_90=(5.0, 80.0))
+    unsure = SimpleNamespace(interval_90=(-0.01, 0.7), reduction=0.3, likelihood_interval_90=(-5.0, 80.0))
     assert believed(judged("named", null, final), ready())[0] == "named"
     assert believed(judged("named", null, final, left=2.0), ready())[0] == "unknown"
     assert believed(judged("named", null, final, left=2.0, held=confirming), ready())[0] == "named"
+    assert believed(judged("named", null, final, left=2.0, held=by_steps), ready())[0] == "named"
+    assert believed(judged("named", null, final, left=2.0, held=unsure), ready())[0] == "unknown"
     assert believed(judged("named", off(null, 3.5), final, left=2.0), ready())[0] == "named"
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(0.7, "named"), (1.3, "unknown")])
+def test_coefficients_are_another_ships_only_if_their_sizes_say_so_too(size: float, verdict: str) -> None:
+    """The trials determine them by a tenth: their pull promises much from priors four times
+    as wide, while the coefficients have hardly moved."""
+    null = off(ready().null)
+    final = replace(null, p=np.full(len(null.p), size), covariance=0.9 * np.eye(len(null.p)))
+    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
+    assert prepared.problem.width(final).factor > ANOTHER
+    assert width_by_size(final) == pytest.approx(size * np.sqrt(len(null.p)))  # as of one that is determined
+    found, _, sentence = believed(judged("named", null, final), prepared)
+    assert found == verdict and ("not this ship's" in sentence) == (verdict == "unknown")
 
 
 def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
