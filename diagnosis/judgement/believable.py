@@ -76,13 +76,19 @@ def _outliers(trials: Sequence[Trial]) -> str:
 
 
 def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
-    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any that is known of."""
-    rows = []
+    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger, or less, than any known of."""
+    rows, calibrated = [], any(c.prior_std is not None for c in ship.coefficients.values())
     for e in effects:
         for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
             found = e.parameters.get(p.symbol)
-            if found is not None and abs(found.value - p.neutral) - 2 * found.std > p.reported:
-                size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+            if found is None:
+                continue
+            size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+            if found.value + 2 * found.std < p.least(calibrated):
+                had = "a calibrated ship can have lost" if calibrated else "there is on a ship that has none"
+                words = f"{e.name} of {p.symbol} {size} is less than {had} ({p.least(calibrated):.2g})"
+                rows.append(Message(f"{words}: something else stands behind it", "beyond_reported"))
+            elif abs(found.value - p.neutral) - 2 * found.std > p.reported:
                 words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
                 rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
     return rows

@@ -19,7 +19,8 @@ class Fouling(Effect):
     form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", "resistance larger by this share", reported=REPORTED),)
+        words = "resistance larger by this share"
+        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, reported=REPORTED, added=True),)
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         hull = module("hull", at.components["hull"])
