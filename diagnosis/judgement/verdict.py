@@ -83,10 +83,12 @@ def _measures(found: Selection) -> bool:
 
 def supports(held: HeldOut, found: Selection) -> bool:
     """Whether test trials speak for the effect found last: with it (``held``: compared with the fit before it) they
-    become more predictable, over windows or surely over single steps; or not surely less, where chance is excluded.
+    become more predictable, over windows or surely over single steps. Where single steps gain somewhat, or chance is
+    excluded, the test trials must not surely become less predictable.
 
     found: the selection with it."""
-    return held.reduction > 0 or _surely_gains(held) or (_is_certain(found, found.effects[-1:]) and not _worse(held))
+    maybe = (held.likelihood_gain or 0.0) > 0 or _is_certain(found, found.effects[-1:])
+    return held.reduction > 0 or _surely_gains(held) or (maybe and not _worse(held))
 
 
 def _surely_gains(held: HeldOut) -> bool:
