@@ -33,6 +33,8 @@ SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)
 """Kinds of the forces that are products."""
+BY_PLACE = " by place"
+"""End of the kinds that differ from place to place."""
 AFTER_RUDDER = "force that swings after the rudder"
 """Kind of the forces of what the rudder sets swinging."""
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
@@ -100,7 +102,7 @@ class Dictionary:
                 for form in forms
             ),
             *((AFTER_RUDDER, f"{form} {axis}") for form in self.swings.names for axis in AXES[1:]),
-            *((f"{name} by place", form) for name in self.by_place for form in self.place.names),
+            *((f"{name}{BY_PLACE}", form) for name in self.by_place for form in self.place.names),
             *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
         self.kinds = tuple(kind for kind, _ in self.labels)

@@ -20,14 +20,14 @@ from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
-from diagnosis.hypotheses.dictionary import FORCES, Dictionary
+from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
-UNLOGGED = "wind by place"
+UNLOGGED = f"wind{BY_PLACE}"
 """Kind of the share of the logged wind: gusts that are not logged make it vary from second to second."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER, BY_PLACE
 from diagnosis.hypotheses.events import AT_TIMES
 from diagnosis.report.where_words import PLAIN
-
-BY_PLACE = " by place"
-"""End of the kinds of the dictionary without names that differ from place to place."""
 
 
 def kind_words(kind: str) -> str:
