@@ -55,7 +55,7 @@ from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import JudgedSearch, judged_search
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
-from diagnosis.judgement.other_reading import explains_lateness, read_joined, read_otherwise
+from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import has_remainder, limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
@@ -232,6 +232,7 @@ def _searched(
     and the search."""
     gridded = _like_training(tests, ready)
     result = judged_search(ready, gridded, options, progress)
+    ready = as_shown(ready, result.found)
     other = read_otherwise(ready, trials, result.found)
     is_likelier = other is not None
     if other is None and result.verdict == "unknown":
@@ -241,6 +242,7 @@ def _searched(
     LOGGER.info("searching again with the actuators read the other way")
     like = _like_training(tests, other)
     again = judged_search(other, like, options, progress)
+    other = as_shown(other, again.found)
     is_better = again.verdict == "named" or result.verdict != "named"
     if is_better and (is_likelier or explains_lateness(result.found, again.found)):
         return other, like, again

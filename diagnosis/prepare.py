@@ -60,18 +60,22 @@ class InputReading:
     """How samples of the actuators were read.
 
     straight: joined by lines, not held; gain: how much more likely than the other way (logarithm), None where
-    there was no choice; sample: longest sampling time [s]; length: of the ship [m].
+    there was no choice; sample: longest sampling time [s]; length: of the ship [m]; visible: delay of the actuators
+    from which these trials show one [s], infinite before it is known.
     """
 
     straight: bool
     gain: float | None
     sample: float
     length: float
+    visible: float = math.inf
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether half a sample matters and nobody said how the samples are to be read."""
-        return self.gain is not None and self.sample > COARSE * time_scale(self.length)
+        """Whether half a sample matters, by its length or in trials that show so short a delay, and nobody said
+        how the samples are to be read."""
+        matters = self.sample > COARSE * time_scale(self.length) or 0.5 * self.sample > self.visible
+        return self.gain is not None and matters
 
     @property
     def time_error(self) -> float:

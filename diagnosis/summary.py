@@ -14,6 +14,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
+from diagnosis.hypotheses.score_test import SHOWS
 from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
@@ -121,10 +122,6 @@ def equivalence_class(found: Selection) -> tuple[str, ...]:
     near = dict.fromkeys(c.effect for c in _named_in(found, found.effects[0])[0].indistinguishable)
     named = {c.effect for c in found.effects}
     return tuple(n for n in near if n not in named)
-
-
-SHOWS = 3.0
-"""Standard errors from which an effect would show."""
 
 
 def visible_from(first: Search, effect: str) -> dict[str, float]:

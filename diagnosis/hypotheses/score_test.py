@@ -29,6 +29,8 @@ DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest."""
 EXCITED = 1e-3
 """Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it."""
+SHOWS = 3.0
+"""Standard errors from which an effect would show."""
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,26 @@ from diagnosis.estimation.candidates import TIMES, Column
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.score_test import score_tests, slopes
-from diagnosis.prepare import CLEAR, Prepared, fit_without_effects
+from diagnosis.hypotheses.score_test import SHOWS, score_tests, slopes
+from diagnosis.prepare import CLEAR, InputReading, Prepared, fit_without_effects
 from mmg.errors import UserError
+from mmg.messages import Message
+
+
+def as_shown(ready: Prepared, found: Selection) -> Prepared:
+    """The problem ``ready`` with the shortest delay of the actuators that its trials show, by the search that gave
+    ``found``: by the tests of each step, and by the errors of delays and lags that were found."""
+    tests = [s for search in found.searches for s in search.scores if s.candidate.effect == "control_delay"]
+    errors = [float(s.errors[0] * s.candidate.typical[0]) for s in tests if not s.candidate.by_run]
+    late = [f"{c.effect}.{TIMES[c.effect]}" for c in found.effects if c.effect in TIMES and not c.by_run]
+    errors += [found.final.std(symbol) for symbol in late]
+    reading = replace(ready.reading, visible=SHOWS * min(errors, default=np.inf))
+    return replace(ready, reading=reading, notices=_said_anew(ready, reading))
+
+
+def _said_anew(ready: Prepared, reading: InputReading) -> tuple[Message, ...]:
+    """The notices of ``ready`` with those of its new ``reading``."""
+    return *(m for m in ready.notices if m.code != "coarse_samples"), *reading.notices
 
 
 def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -> Prepared | None:
@@ -76,9 +93,8 @@ def other_reading(ready: Prepared, trials: Sequence[Trial], gain: float) -> Prep
     except (UserError, np.linalg.LinAlgError):
         return None
     reading = replace(ready.reading, straight=straight, gain=abs(gain))
-    known = tuple(m for m in ready.notices if m.code != "coarse_samples")
-    notices = (*known, *reading.notices)
-    return replace(ready, problem=replace(p, data=data), null=null, line=line, reading=reading, notices=notices)
+    notices, problem = _said_anew(ready, reading), replace(p, data=data)
+    return replace(ready, problem=problem, null=null, line=line, reading=reading, notices=notices)
 
 
 def explains_lateness(held: Selection, joined: Selection) -> bool:

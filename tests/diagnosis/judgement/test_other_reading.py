@@ -13,7 +13,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.other_reading import explains_lateness, other_reading, read_joined, read_otherwise
+from diagnosis.judgement.other_reading import as_shown, explains_lateness, other_reading, read_joined, read_otherwise
 from diagnosis.prepare import InputReading, Prepared, prepare
 from tests.support.diagnosis_cases import FEW
 
@@ -83,6 +83,25 @@ def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() ->
     right, again = found_with(trials, True, "control_delay")
     assert again.final.value("control_delay.tau") == pytest.approx(LATE, abs=0.05)
     assert other_reading(ready, trials, 1.0).null.nll == pytest.approx(right.null.nll, abs=10.0)  # type: ignore[union-attr]
+
+
+def test_half_a_sample_matters_where_the_trials_show_so_short_a_delay() -> None:
+    """A ship of 30 m answers so slowly that samples of half a second are fine by their length alone."""
+    trials = late_rudder(LATE)
+    ready, found = found_with(trials, False, "control_delay")
+    ready = replace(ready, reading=InputReading(False, 5.0, SAMPLE, 30.0), notices=())
+    assert not ready.reading.is_doubtful and ready.reading.time_error == 0.0
+    assert read_otherwise(ready, trials, found) is None
+    shown = as_shown(ready, found)
+    assert shown.reading.visible == pytest.approx(3.0 * found.final.std("control_delay.tau"))
+    assert shown.reading.visible < SAMPLE / 2
+    assert shown.reading.is_doubtful and [m.code for m in shown.notices] == ["coarse_samples"]
+    assert shown.reading.time_error == pytest.approx(SAMPLE / 2 / 3**0.5)
+    other = read_otherwise(shown, trials, found)
+    assert other is not None and other.reading.straight
+    assert not as_shown(ready, replace(found, effects=(), final=found.null)).reading.is_doubtful
+    known = replace(ready, reading=replace(ready.reading, gain=None))
+    assert not as_shown(known, found).reading.is_doubtful
 
 
 @pytest.mark.slow
