@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.motion import Motion, delayed
+from cases.checks.motion import Motion, delayed, smoothed
+from cases.evidence.tails import normal_tail
 
 LONGEST_LAG = 5.0
 """s (or 20 samples, whichever is longer): lags are looked for up to this."""
@@ -19,6 +20,9 @@ FRAMES = ("earth", "body")
 ARM_PAYS = 0.7
 """A lever arm is allowed for where it brings the mean square misfit below this share."""
 
+LEVEL = 0.01
+"""Probability by chance of a lag of a channel."""
+
 Channel = dict[str, float | None]
 
 
@@ -27,7 +31,7 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
 
     logged, derived: (N,), NaN in gaps; dt: [s]. The lag maximises the absolute correlation, between samples by a
     parabola through the three highest points. lag_s is None where the signals hardly correlate, the peak
-    lies at the end of the search, or a lag explains nothing that lag zero does not.
+    lies at the end of the search, or a lag explains nothing beyond chance that lag zero does not.
     """
     nothing: Channel = dict.fromkeys(("lag_s", "gain", "correlation"))
     reach = _reach(len(logged), dt)
@@ -43,9 +47,17 @@ def compare(logged: np.ndarray, derived: np.ndarray, dt: float) -> Channel:
         return nothing
     top = _correlation(*_aligned(logged, derived, best))
     unexplained = (1.0 - cost(0) ** 2) / max(1.0 - top**2, 1e-12)
-    if abs(top) <= 0.3 or (unexplained <= 1.05 and best != 0):
+    if abs(top) <= 0.3 or (best != 0 and (unexplained <= 1.05 or _by_chance(unexplained, len(logged), reach, dt))):
         lag = None
     return {"lag_s": lag, "gain": gain(logged, delayed(derived, (lag or 0.0) / dt)), "correlation": top}
+
+
+def _by_chance(unexplained: float, rows: int, reach: int, dt: float) -> bool:
+    """Whether noise gives the best lag such a ratio of squares ``unexplained`` without and with it: a likelihood ratio
+    of what is independent after smoothing among ``rows``, for each lag within ``reach`` that is."""
+    width = smoothed(dt)
+    ratio = rows / width * math.log(max(unexplained, 1.0))
+    return (2 * reach + 1) / width * 2 * normal_tail(math.sqrt(ratio)) > LEVEL
 
 
 def gain(logged: np.ndarray, derived: np.ndarray) -> float | None:

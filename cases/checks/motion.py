@@ -37,10 +37,15 @@ def motion(trial: Trial) -> Motion:
     """The motion of a ``trial``, interpolated linearly onto its median step, but not across gaps."""
     dt = trial.dt
     t = trial.t[0] + dt * np.arange(min(round(trial.duration / dt) + 1, 20 * len(trial)))
-    width = max(round(SMOOTHING / dt), 5) | 1
+    width = smoothed(dt)
     x, y, psi, u, v, r = (uniform(trial.t, column, t, dt) for column in trial.states.T)
     derived = (np.gradient(column, dt) for column in (x, y, psi))
     return Motion(dt, psi, *(smooth(column, width) for column in (u, v, r, *derived)))
+
+
+def smoothed(dt: float) -> int:
+    """Samples ``dt`` [s] apart over which everything is smoothed, an odd number."""
+    return max(round(SMOOTHING / dt), 5) | 1
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:
