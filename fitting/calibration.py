@@ -8,36 +8,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.checks import inputs_are_constant
-from cases.inputs import model_inputs
 from cases.trial import Trial
 from fitting.identifiability.analysis import Identifiability, analyse
-from fitting.identifiability.data_checks import (
-    against_captive,
-    contradictions,
-    outlying_runs,
-    refuse_outliers,
-    unexcited_astern,
-)
+from fitting.identifiability.data_checks import outlying_runs
 from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
 from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
-from fitting.nlp.grid import default_step
-from fitting.nlp.loss import LOSSES, Loss
+from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_values, prior_with
-
-from fitting.nlp.run_constants import ship_of_all, symbols_of  # isort: skip
-from fitting.nlp.windows import Segments, cut
+from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, ship_of_all
+from fitting.nlp.windows import Segments
 from fitting.parallel import with_one_thread
 from fitting.selection.robust_choice import Weighting, choose_weighting
 from fitting.settings import Settings, Start
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
+from fitting.solvers.preparation import holding, prepared
 from fitting.solvers.residual_noise import Choose, ResidualNoise, Resumption, solve_with_noise_estimation
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
-from mmg.messages import Message, as_messages
+from mmg.messages import Message
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
@@ -52,7 +42,8 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given.
+    was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given;
+    unfinished: whether ``finished`` has still to do its part.
     """
 
     ship: Ship
@@ -74,6 +65,7 @@ class Calibration:
     resumption: Resumption
     constants: RunConstants | None
     weighting: Weighting | None = None
+    unfinished: bool = False
 
     @property
     def converged(self) -> bool:
@@ -113,73 +105,6 @@ def condition_number(covariance: np.ndarray) -> float:
     return float(values[-1] / values[0]) if values[0] > 0 else float("inf")
 
 
-def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
-    if not trials:
-        raise UserError("no trials to fit: name at least one trial file")
-    if not ship.free:
-        raise UserError(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
-    if all(inputs_are_constant(t) for t in trials):
-        raise UserError(
-            f"{', '.join(t.name for t in trials)}: the inputs n and delta never change, so there is nothing to "
-            "identify; give trials with manoeuvres"
-        )
-
-
-def _prepared(
-    ship: Ship,
-    trials: Sequence[Trial],
-    settings: Settings,
-    warm: dict[str, np.ndarray] | None,
-    captive: Captive | None,
-    per_run: Own,
-) -> tuple[Problem, np.ndarray, Settings, list[Message], list[Message]]:
-    """A problem, where to start, the settings used, and the warnings and notices on the way."""
-    _check_inputs(ship, trials)
-    step = settings.step or default_step(trials, ship.particulars["L"])
-    window = settings.window or settings.horizon or 100.0 * step
-    if window < 10 * step:
-        raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
-    refuse_outliers(trials, step)
-    segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
-    own = symbols_of(per_run)
-    campaign = per_run.number if isinstance(per_run, ByCampaign) else ()
-    segments = segments.by_run(campaign) if own else segments
-    prior = prior_with(ship, per_run, segments.trials)
-    warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
-    speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
-    rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
-    sigma = np.asarray(settings.sigma or rough, dtype=float)
-    if sigma.shape != (6,) or not (sigma > 0).all():
-        raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss or LOSSES[0]), captive, settings.compiled)
-    if problem.captive:
-        shared = prior.positions(ship)[: prior.shared]
-        warnings += against_captive(problem.captive, neutral_values(ship, own), shared, prior.common)
-    problem, x = _started(problem, warm, settings)
-    notices = _notices(ship, trials, segments, problem.kernels.interpreted_because)
-    used = replace(settings, step=step, window=window)
-    return problem, x, used, warnings, notices
-
-
-def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Settings) -> tuple[Problem, np.ndarray]:
-    """The problem and its starting point, from an interrupted run where it fits."""
-    if not warm or len(warm.get("p", ())) != problem.P:
-        return problem, problem.start()
-    if len(warm.get("nodes", ())) == problem.B:
-        x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
-    else:
-        x = problem.start(warm["p"])
-    return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
-
-
-def _holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem:
-    """The problem with the coefficients ``symbols`` bound to where they are at x (n,)."""
-    prior = problem.prior
-    here = prior.mean + prior.std * problem.split(x)[1]
-    own = np.isin(prior.symbols, symbols)
-    return problem.with_bounds(np.where(own, here, prior.lower), np.where(own, here, prior.upper))
-
-
 @with_one_thread
 @np.errstate(all="ignore")
 def estimate_coefficients(
@@ -204,14 +129,69 @@ def estimate_coefficients(
     stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for input from which
     nothing can be identified.
     """
+    return finished(_estimated(_Question(ship, trials, settings or Settings(), warm, captive, per_run, held), progress))
+
+
+@with_one_thread
+@np.errstate(all="ignore")
+def first_estimate(
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: Settings,
+    progress: OnProgress | None = None,
+    warm: dict[str, np.ndarray] | None = None,
+    captive: Captive | None = None,
+) -> Calibration:
+    """The calibration that ``estimate_coefficients`` gives for the same arguments, before it is ``finished``: for a fit
+    that another one may replace.
+
+    ship, trials, settings, progress, captive: as there; warm: as there, "p" (P,) at least. Raises UserError as there.
+    """
+    return _estimated(_Question(ship, trials, settings, warm, captive), progress)
+
+
+@with_one_thread
+@np.errstate(all="ignore")
+def finished(found: Calibration) -> Calibration:
+    """The calibration ``found`` with what is only done for one that is handed out: its runs are judged. As it is where
+    that is done."""
+    if not found.unfinished:
+        return found
     began = time.perf_counter()
-    prepared = _prepared(ship, trials, settings or Settings(), warm, captive, per_run)
-    first, x, settings, early_warnings, notices = prepared
+    condition = condition_number(found.covariance)
+    warnings = (
+        *found.warnings,
+        *outlying_runs(found.problem.with_changes(), found.solution.x, found.spread.moves),
+        *_unsure(found.solution, len(found.starts), found.settings, condition),
+    )
+    timings = found.timings | {"total": found.timings["total"] + time.perf_counter() - began}
+    return replace(found, warnings=warnings, timings=timings, unfinished=False)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What is to be estimated, as of ``estimate_coefficients``."""
+
+    ship: Ship
+    trials: Sequence[Trial]
+    settings: Settings
+    warm: dict[str, np.ndarray] | None = None
+    captive: Captive | None = None
+    per_run: Own = ()
+    held: Sequence[str] = ()
+
+
+def _estimated(question: _Question, progress: OnProgress | None) -> Calibration:
+    """The calibration that the ``question`` is for, before it is ``finished``."""
+    began, warm, per_run = time.perf_counter(), question.warm, question.per_run
+    first, x, settings, warnings, notices = prepared(
+        question.ship, question.trials, question.settings, warm, question.captive, per_run
+    )
     free = first.prior
-    first = _holding(first, x, held)
+    first = holding(first, x, question.held)
     prior, timings = free, {"prepare": time.perf_counter() - began}
     resumed = Resumption.of_arrays(warm or {}, first)
-    deciding = _Deciding(trials, settings)
+    deciding = _Deciding(question.trials, settings)
     near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
     solved = solve_with_noise_estimation(first, x, settings, began, progress, resumed, deciding.choose, near)
     problem, solution, noise, passes, last = solved
@@ -227,12 +207,6 @@ def estimate_coefficients(
     spread = robust(found)
     shared, common = slice(prior.shared), prior.common
     covariance = spread.covariance[shared, shared]
-    warnings = [
-        *estimate_warnings(problem, best, p, starts),
-        *early_warnings,
-        *outlying_runs(problem, best.x, spread.moves),
-        *_unsure(best, len(starts), settings, condition_number(covariance)),
-    ]
     timings["total"] = time.perf_counter() - began
     findings = analyse(common, p[shared], covariance, found.of_data())
     names = per_run.names if isinstance(per_run, ByCampaign) else problem.segments.trials
@@ -249,7 +223,7 @@ def estimate_coefficients(
         settings=settings,
         passes=tuple(passes),
         starts=tuple(starts),
-        warnings=tuple(warnings),
+        warnings=(*estimate_warnings(problem, best, p, starts), *warnings),
         notices=tuple(dict.fromkeys(notices)),
         timings=timings,
         information=found,
@@ -258,6 +232,7 @@ def estimate_coefficients(
         resumption=last,
         constants=constants,
         weighting=weighting,
+        unfinished=True,
     )
 
 
@@ -296,7 +271,7 @@ def moved_by(
     fitted.
     """
     p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
-    other = _prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
+    other = prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
     if len(p) != other.P:
         raise UserError("the runs that have constants of their own are others")
     steps = []
@@ -316,15 +291,3 @@ def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -
     )
     found = [Message(left_out, "starts_left_out")] if best.converged and solved < settings.starts else []
     return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])
-
-
-def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
-    """What was left out, assumed or done more slowly."""
-    found = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
-    if names := ", ".join(t.name for t in trials if not t.has_wind):
-        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
-    if names := ", ".join(t.name for t in trials if not t.has_position):
-        found.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
-    found += [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
-    slow = f"running without compiled code, several times slower: {interpreted_because}"
-    return found + ([Message(slow, "interpreted")] if interpreted_because else [])

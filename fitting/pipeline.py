@@ -16,7 +16,7 @@ from cases.checks.propulsion import doubtful_revolutions
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients, moved_by
+from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import width, with_one_thread
@@ -217,20 +217,21 @@ def _estimated(
     coefficients that are held."""
     warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
     held = tuple(options.start) if options.hold else ()
-    found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
-    if not (held or constants or settings.window or options.resume):
-        ask = partial(choose_window, found, model, train, options.captive, progress)
+    if held or constants:
+        found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
+        messages = () if held else not_asked(train, options.per_campaign)
+        return CampaignFit(found, model, constants, messages=messages)
+    found = first_estimate(model, train, settings, progress, warm, options.captive)
+    if settings.horizon and not (settings.window or options.resume):
+        ask = partial(choose_window, finished(found), model, train, options.captive, progress)
         found = later.made("windows", ask, found)
-    if options.try_disturbance and not (held or constants):
-        choose = partial(choose_disturbance, found, model, train, options.captive, progress)
+    if options.try_disturbance:
+        choose = partial(choose_disturbance, finished(found), model, train, options.captive, progress)
         found, model = later.made("random forces", choose, (found, model))
-    as_it_is = CampaignFit(found, model, constants)
-    if held:
-        return as_it_is
-    if constants:
-        return replace(as_it_is, messages=not_asked(train, options.per_campaign))
     question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    return later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
+    as_it_is = CampaignFit(found, model)
+    by_day = later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
+    return replace(by_day, calibration=finished(by_day.calibration))
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:

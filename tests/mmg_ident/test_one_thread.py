@@ -32,7 +32,7 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
 @pytest.mark.parametrize(
     ("module", "entry", "inner", "arguments"),
     [
-        ("fitting.calibration", "estimate_coefficients", "_prepared", "(None, [])"),
+        ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
         ("diagnosis.diagnose", "diagnose", "timed", "(None, [])"),
         ("residual.pipeline", "train", "_start", "(None, [])"),
     ],

@@ -11,8 +11,10 @@ import pytest
 from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
+from fitting import calibration
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
+from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import RunConstants
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
@@ -23,6 +25,7 @@ from fitting.selection.campaigns.sentences import differences, not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
 from fitting.settings import Settings
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.rollout import Simulator
 from tests.support.fleets import DAYS, fleet
 
@@ -80,6 +83,25 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
     assert ship_in(ship, trials)[0].coefficients["gyro.T"].value == own
     with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows 2026-03-02, 2026-03-09"):
         said_campaign(trials, "summer", ship)
+
+
+@pytest.mark.parametrize("differ", [True, False])
+def test_runs_are_judged_once_and_in_the_calibration_that_is_handed_out(
+    differ: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged: list[int] = []
+
+    def counted(problem: Problem, *_: np.ndarray) -> list[Message]:
+        judged.append(problem.P)
+        return [Message(f"{problem.P} coefficients", "outlying_run")]
+
+    monkeypatch.setattr(calibration, "outlying_runs", counted)
+    lags = LAGS if differ else (0.0, 0.0)
+    trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}, RUNS, 5, 10.0, 100.0)
+    ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
+    result = calibrate(ship, trials, options=FitOptions(per_campaign=("gyro",), next_trial=False, instruments=()))
+    number = len(FREE) + (len(LAGS) if differ else 0)
+    assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
 
 
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
