@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-import fitting.solvers.residual_noise as solves
+import fitting.solvers.noise_iteration as solves
 from benchmarks.record import record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,17 +15,18 @@ from fitting.identifiability.data_checks import outlying_runs
 from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
 from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
-from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, ship_of_all
 from fitting.nlp.windows import Segments
 from fitting.parallel import with_one_thread
-from fitting.selection.robust_choice import Weighting, choose_weighting
+from fitting.selection.robust_choice import OpenWeighting, Weighting
 from fitting.settings import Settings, Start
+from fitting.solvers.interrupts import finishing
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
+from fitting.solvers.noise_iteration import Course, NoiseSolves, Resumption, solve_with_noise_estimation
 from fitting.solvers.preparation import holding, prepared
-from fitting.solvers.residual_noise import Choose, ResidualNoise, Resumption, solve_with_noise_estimation
+from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -43,7 +45,8 @@ class Calibration:
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
     was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given;
-    unfinished: whether ``finished`` has still to do its part.
+    unfinished: warnings on what it began with, while ``finished`` has still to certify it and to say what is wrong,
+    else None.
     """
 
     ship: Ship
@@ -65,7 +68,7 @@ class Calibration:
     resumption: Resumption
     constants: RunConstants | None
     weighting: Weighting | None = None
-    unfinished: bool = False
+    unfinished: tuple[Message, ...] | None = None
 
     @property
     def converged(self) -> bool:
@@ -129,7 +132,8 @@ def estimate_coefficients(
     stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for input from which
     nothing can be identified.
     """
-    return finished(_estimated(_Question(ship, trials, settings or Settings(), warm, captive, per_run, held), progress))
+    question = _Question(ship, trials, settings or Settings(), warm, captive, per_run, held)
+    return finished(_estimated(question, progress, certify=True), progress)
 
 
 @with_one_thread
@@ -143,29 +147,38 @@ def first_estimate(
     captive: Captive | None = None,
 ) -> Calibration:
     """The calibration that ``estimate_coefficients`` gives for the same arguments, before it is ``finished``: for a fit
-    that another one may replace.
+    that another one may replace. IPOPT has not certified it where the leading method came to its end.
 
     ship, trials, settings, progress, captive: as there; warm: as there, "p" (P,) at least. Raises UserError as there.
     """
-    return _estimated(_Question(ship, trials, settings, warm, captive), progress)
+    certify = settings.starts > 1  # other starts are compared with what is certified
+    return _estimated(_Question(ship, trials, settings, warm, captive), progress, certify)
 
 
 @with_one_thread
 @np.errstate(all="ignore")
-def finished(found: Calibration) -> Calibration:
-    """The calibration ``found`` with what is only done for one that is handed out: its runs are judged. As it is where
-    that is done."""
-    if not found.unfinished:
+def finished(found: Calibration, progress: OnProgress | None = None) -> Calibration:
+    """The calibration ``found`` with what is only done for one that is handed out: IPOPT certifies it, its runs are
+    judged, and what is wrong with it is said. As it is where that is done.
+
+    progress: called at each iteration of the solver.
+    """
+    if found.unfinished is None:
         return found
-    began = time.perf_counter()
-    condition = condition_number(found.covariance)
+    began, before, early = time.perf_counter(), found.timings, found.unfinished
+    if found.solution.guess is not None:
+        with finishing():
+            found = _certified(found, progress)
+    certified, problem, x = time.perf_counter() - began, found.problem.with_changes(), found.solution.x
+    p = np.clip(problem.split(x)[1], *problem.p_bounds())
     warnings = (
-        *found.warnings,
-        *outlying_runs(found.problem.with_changes(), found.solution.x, found.spread.moves),
-        *_unsure(found.solution, len(found.starts), found.settings, condition),
+        *estimate_warnings(problem, found.solution, p, list(found.starts)),
+        *early,
+        *outlying_runs(problem, x, found.spread.moves),
+        *_unsure(found.solution, len(found.starts), found.settings, condition_number(found.covariance)),
     )
-    timings = found.timings | {"total": found.timings["total"] + time.perf_counter() - began}
-    return replace(found, warnings=warnings, timings=timings, unfinished=False)
+    timings = before | {"solve": before["solve"] + certified, "total": before["total"] + time.perf_counter() - began}
+    return replace(found, warnings=warnings, timings=timings, unfinished=None)
 
 
 @dataclass(frozen=True)
@@ -181,84 +194,88 @@ class _Question:
     held: Sequence[str] = ()
 
 
-def _estimated(question: _Question, progress: OnProgress | None) -> Calibration:
-    """The calibration that the ``question`` is for, before it is ``finished``."""
-    began, warm, per_run = time.perf_counter(), question.warm, question.per_run
+def _estimated(question: _Question, progress: OnProgress | None, certify: bool) -> Calibration:
+    """The calibration that the ``question`` is for, before it is ``finished``; certify: whether by IPOPT at once."""
+    began, warm = time.perf_counter(), question.warm
     first, x, settings, warnings, notices = prepared(
-        question.ship, question.trials, question.settings, warm, question.captive, per_run
+        question.ship, question.trials, question.settings, warm, question.captive, question.per_run
     )
     free = first.prior
     first = holding(first, x, question.held)
-    prior, timings = free, {"prepare": time.perf_counter() - began}
+    timings = {"prepare": time.perf_counter() - began}
+    deciding = OpenWeighting(question.trials, settings)
     resumed = Resumption.of_arrays(warm or {}, first)
-    deciding = _Deciding(question.trials, settings)
     near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
-    solved = solve_with_noise_estimation(first, x, settings, began, progress, resumed, deciding.choose, near)
-    problem, solution, noise, passes, last = solved
-    weighting = deciding.weighting(solution)
+    course = Course(resumed, deciding.choose, near, certify)
+    solves = solve_with_noise_estimation(first, x, settings, began, progress, course)
+    weighting = deciding.weighting(solves.solution)
     if weighting:
         settings = replace(settings, loss=weighting.loss, weight=weighting.weight)
         notices = [*notices, Message(weighting.sentence, "weighting_chosen")]
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
-    best, starts = solve_starts(problem, solution, settings, began, progress)
-    problem = problem.with_changes(prior=free)
+    best, starts = solve_starts(solves.problem, solves.solution, settings, began, progress)
+    statistics = _statistics(solves.problem.with_changes(prior=free), best, question.per_run)
+    timings["total"] = time.perf_counter() - began
+    return Calibration(
+        **statistics,
+        noise=solves.noise,
+        solution=best,
+        settings=settings,
+        passes=solves.passes,
+        starts=tuple(starts),
+        warnings=(),
+        notices=tuple(dict.fromkeys(notices)),
+        timings=timings,
+        resumption=solves.resumption,
+        weighting=weighting,
+        unfinished=tuple(warnings),
+    )
+
+
+def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any]:
+    """What the ``best`` solution of the ``problem`` says of the coefficients, by attribute of ``Calibration``.
+
+    per_run: as of ``estimate_coefficients``.
+    """
+    prior = problem.prior
+    shared, common = slice(prior.shared), prior.common
     p = np.clip(problem.split(best.x)[1], *problem.p_bounds())
     found = information(problem, best.x)
     spread = robust(found)
-    shared, common = slice(prior.shared), prior.common
     covariance = spread.covariance[shared, shared]
-    timings["total"] = time.perf_counter() - began
     findings = analyse(common, p[shared], covariance, found.of_data())
     names = per_run.names if isinstance(per_run, ByCampaign) else problem.segments.trials
     constants = RunConstants.of(problem.ship, prior, p, spread.covariance, names)
     own_ship = ship_of_all(problem.ship, per_run, constants)
-    return Calibration(
-        ship=calibrated_ship(own_ship, common, p[shared], covariance, findings, best.converged),
-        prior=common,
-        p=p[shared],
-        covariance=covariance,
-        noise=noise,
-        identifiability=findings,
+    return {
+        "ship": calibrated_ship(own_ship, common, p[shared], covariance, findings, best.converged),
+        "prior": common,
+        "p": p[shared],
+        "covariance": covariance,
+        "identifiability": findings,
+        "information": found,
+        "spread": spread,
+        "problem": problem.with_changes(),  # without what it has cached
+        "constants": constants,
+    }
+
+
+def _certified(found: Calibration, progress: OnProgress | None) -> Calibration:
+    """The ``first_estimate`` found, ended by IPOPT."""
+    problem, settings = found.problem.with_changes(), found.settings
+    solves = NoiseSolves(problem, found.solution, found.noise, found.passes, found.resumption)
+    used = found.timings["total"]
+    solves = solves.certified(settings, used, progress)
+    best, starts = solve_starts(problem, solves.solution, settings, time.perf_counter() - used, progress)
+    return replace(
+        found,
+        **_statistics(problem, best, ()),
+        noise=solves.noise,
         solution=best,
-        settings=settings,
-        passes=tuple(passes),
+        passes=solves.passes,
         starts=tuple(starts),
-        warnings=(*estimate_warnings(problem, best, p, starts), *warnings),
-        notices=tuple(dict.fromkeys(notices)),
-        timings=timings,
-        information=found,
-        spread=spread,
-        problem=problem.with_changes(),  # without what it has cached
-        resumption=last,
-        constants=constants,
-        weighting=weighting,
-        unfinished=True,
+        resumption=solves.resumption,
     )
-
-
-class _Deciding:
-    """The choice of what the ``settings`` leave open of loss and weight of the runs, of ``trials``."""
-
-    def __init__(self, trials: Sequence[Trial], settings: Settings) -> None:
-        self.trials, self.settings = trials, settings
-        self.made: Weighting | None = None
-        self.open = settings.loss is None or settings.weight is None
-
-    @property
-    def choose(self) -> Choose | None:
-        return self._choose if self.open else None
-
-    def _choose(self, problem: Problem, x: np.ndarray) -> tuple[str, float]:
-        self.made = choose_weighting(problem, x, self.trials, self.settings.loss, self.settings.weight)
-        return self.made.loss, self.made.weight
-
-    def weighting(self, solution: Solution) -> Weighting | None:
-        """What was chosen; None where nothing was open, and for a solver that was stopped before the choice."""
-        if self.made or not self.open or not solution.converged:
-            return self.made
-        s, why = self.settings, "a single pass has no rough solution to choose from"
-        weight = 1.0 if s.weight is None else s.weight
-        return Weighting(s.loss or LOSSES[0], weight, why="sigma is given" if s.sigma else why)
 
 
 def moved_by(

@@ -222,16 +222,18 @@ def _estimated(
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
     found = first_estimate(model, train, settings, progress, warm, options.captive)
+    if settings.horizon or options.try_disturbance:  # which are for what has converged
+        found = finished(found, progress)
     if settings.horizon and not (settings.window or options.resume):
-        ask = partial(choose_window, finished(found), model, train, options.captive, progress)
+        ask = partial(choose_window, found, model, train, options.captive, progress)
         found = later.made("windows", ask, found)
     if options.try_disturbance:
-        choose = partial(choose_disturbance, finished(found), model, train, options.captive, progress)
+        choose = partial(choose_disturbance, found, model, train, options.captive, progress)
         found, model = later.made("random forces", choose, (found, model))
     question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     as_it_is = CampaignFit(found, model)
     by_day = later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
-    return replace(by_day, calibration=finished(by_day.calibration))
+    return replace(by_day, calibration=finished(by_day.calibration, progress))
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:

@@ -35,7 +35,9 @@ from fitting.selection.left_out_runs import (
     jackknifed,
     scores_of_folds,
 )
-from fitting.solvers.residual_noise import reweighed
+from fitting.settings import Settings
+from fitting.solvers.ipopt import Solution
+from fitting.solvers.noise_iteration import Choose, reweighed
 from mmg.errors import UserError
 
 WEIGHTS = (0.3, 0.1)
@@ -199,3 +201,29 @@ def choose_weighting(
     if weight is None:
         choice.offer([(choice.loss, share) for share in WEIGHTS])
     return Weighting(choice.loss, choice.weight, tuple(choice.rows), runs=len(trials))
+
+
+class OpenWeighting:
+    """The choice of what the ``settings`` leave open of loss and weight of the runs, of ``trials``."""
+
+    def __init__(self, trials: Sequence[Trial], settings: Settings) -> None:
+        self.trials, self.settings = trials, settings
+        self.made: Weighting | None = None
+        self.open = settings.loss is None or settings.weight is None
+
+    @property
+    def choose(self) -> Choose | None:
+        """What chooses; None where nothing is open."""
+        return self._choose if self.open else None
+
+    def _choose(self, problem: Problem, x: np.ndarray) -> tuple[str, float]:
+        self.made = choose_weighting(problem, x, self.trials, self.settings.loss, self.settings.weight)
+        return self.made.loss, self.made.weight
+
+    def weighting(self, solution: Solution) -> Weighting | None:
+        """What was chosen; None where nothing was open, and for a solver that was stopped before the choice."""
+        if self.made or not self.open or not solution.at_end:
+            return self.made
+        s, why = self.settings, "a single pass has no rough solution to choose from"
+        weight = 1.0 if s.weight is None else s.weight
+        return Weighting(s.loss or LOSSES[0], weight, why="sigma is given" if s.sigma else why)

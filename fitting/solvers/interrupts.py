@@ -16,8 +16,9 @@ LEFT_OUT = "parts_left_out"
 """Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it."""
 Value = TypeVar("Value")
 
-INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
-"""Whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same (breaks)."""
+INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False, finishing=False)
+"""Whether Ctrl-C is being held (active), has been pressed since (requested), is raised all the same (breaks), and does
+not stop a solver because it came before the last step began (finishing)."""
 
 OBSERVER = SimpleNamespace(told=lambda word: None)
 """told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
@@ -95,6 +96,17 @@ def unbroken() -> Iterator[None]:
         INTERRUPTED.breaks = breaks
     if breaks and INTERRUPTED.requested:
         raise KeyboardInterrupt
+
+
+@contextmanager
+def finishing() -> Iterator[None]:
+    """While it lasts, a solver is not stopped by a Ctrl-C that was noted before: for the short end of what is already
+    there. The next one ends all, as usual."""
+    before, INTERRUPTED.finishing = INTERRUPTED.finishing, INTERRUPTED.requested
+    try:
+        yield
+    finally:
+        INTERRUPTED.finishing = before
 
 
 class Later:

@@ -15,12 +15,23 @@ from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted, unbroken
 from mmg.progress import OnProgress, Progress
 
 
+@dataclass(frozen=True)
+class Guess:
+    """Where another method ended: x (n,), multipliers of the defects (m,), and bound (P,) of the coefficients' bounds,
+    positive at upper ones."""
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    bound: np.ndarray
+
+
 @dataclass
 class Solution:
-    """Where IPOPT ended.
+    """Where IPOPT ended, or another method that leads it.
 
     converged: ``Solve_Succeeded``. x: the optimum, or the best iterate when it stopped early. status: IPOPT's own
-    word; advice: a sentence for a user. history: objective and constraint violation per iteration.
+    word; advice: a sentence for a user. history: objective and constraint violation per iteration. guess: where another
+    method came to its end and IPOPT has still to certify it, else None.
     """
 
     x: np.ndarray
@@ -32,6 +43,12 @@ class Solution:
     seconds: float
     advice: str = ""
     history: list[tuple[float, float]] = field(default_factory=list)
+    guess: Guess | None = None
+
+    @property
+    def at_end(self) -> bool:
+        """Whether it is an optimum, certified or not yet."""
+        return self.converged or self.guess is not None
 
 
 ADVICE = {
@@ -70,16 +87,6 @@ CERTIFY = {
     "ipopt.warm_start_mult_bound_push": 1e-9,
 }
 """IPOPT options for a start that is nearly optimal, with its multipliers."""
-
-
-@dataclass(frozen=True)
-class Guess:
-    """Where another method ended: x (n,), multipliers of the defects (m,), and bound (P,) of the coefficients' bounds,
-    positive at upper ones."""
-
-    x: np.ndarray
-    multipliers: np.ndarray
-    bound: np.ndarray
 
 
 class _Buffered(ca.Callback):
@@ -132,7 +139,7 @@ class _Watch:
         if self.progress:
             values = {"objective": f, "violation": violation}
             self.progress(Progress(self.task, len(self.history) - 1, values=values))
-        return [float(INTERRUPTED.requested)]
+        return [float(INTERRUPTED.requested and not INTERRUPTED.finishing)]
 
 
 def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ FEASIBLE = 1e-2
 """Largest violation with which a rough solve may end."""
 NEAR = 1e-7
 """Predicted relative change at which IPOPT takes over."""
+UNCERTIFIED: Mapping[str, Any] = MappingProxyType({})
+"""Options of a solve whose end by the leading method is enough, until ``certified``."""
 
 
 def solve_led(
@@ -40,8 +43,9 @@ def solve_led(
     tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``; options are of a solve
     that is not led.
 
-    A rough solve (options are ROUGH) ends with that method. Where it does not come to its end, IPOPT begins at x as if
-    it had not been; after Ctrl-C, where it came to.
+    A rough solve (options are ROUGH) ends with that method; so does one that is not to be certified yet (options are
+    UNCERTIFIED), whose solution has a ``guess``. Where it does not come to its end, IPOPT begins at x as if it had not
+    been; after Ctrl-C, where it came to.
     """
     began, rough = time.perf_counter(), options is ROUGH
     history: list[tuple[float, float]] = []
@@ -57,23 +61,46 @@ def solve_led(
     with interrupts_noted():
         found = lead(problem, x, ROUGH_CHANGE if rough else NEAR, min(STEPS, max_iterations), at_iterate)
         if found.reached and rough and float(np.abs(problem.defects(found.x)).max()) < FEASIBLE:
-            return _rough(problem, found, time.perf_counter() - began)
-        start: np.ndarray | Guess = x
+            return _ended(problem, found, time.perf_counter() - began)
         if found.reached and not rough:
-            start = Guess(found.x, found.multipliers, found.bound)
-        elif INTERRUPTED.requested and len(found.history) > 1:
-            start = found.x
+            guess = Guess(found.x, found.multipliers, found.bound)
+            led = replace(_ended(problem, found, time.perf_counter() - began), status="Near_Optimum", guess=guess)
+            if options is UNCERTIFIED:
+                return led
+            return certified(problem, led, tolerance, max_iterations, time_limit, progress, task)
+        start = found.x if INTERRUPTED.requested and len(found.history) > 1 else x
         left = None if time_limit is None else time_limit - (time.perf_counter() - began)
-        more = None if isinstance(start, Guess) else options
-        last = solve(problem, start, tolerance, max_iterations, left, progress, task, more)
-    steps = len(found.history) if found.reached else 0
-    whole = [*found.history, *last.history] if found.reached else last.history
-    seconds = time.perf_counter() - began
-    return replace(last, iterations=last.iterations + steps, seconds=seconds, history=whole)
+        last = solve(problem, start, tolerance, max_iterations, left, progress, task, options)
+    return _joined(found.history if found.reached else [], last, time.perf_counter() - began)
 
 
-def _rough(problem: Problem, found: Lead, seconds: float) -> Solution:
-    """What a rough solve hands on."""
+def certified(
+    problem: Problem,
+    led: Solution,
+    tolerance: float,
+    max_iterations: int,
+    time_limit: float | None,
+    progress: OnProgress | None,
+    task: str,
+) -> Solution:
+    """Where IPOPT ends for ``problem`` from the ``led`` solution, which has a ``guess``; iterations, seconds and
+    history are of both.
+
+    tolerance, max_iterations, progress, task: as of ``ipopt.solve``; time_limit [s]: of both.
+    """
+    start = led.x if led.guess is None else led.guess
+    left = None if time_limit is None else time_limit - led.seconds
+    last = solve(problem, start, tolerance, max_iterations, left, progress, task)
+    return _joined(led.history, last, led.seconds + last.seconds)
+
+
+def _joined(before: list[tuple[float, float]], last: Solution, seconds: float) -> Solution:
+    """The ``last`` solution with the iterates of the leading method ``before`` it, which took ``seconds`` together."""
+    return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
+
+
+def _ended(problem: Problem, found: Lead, seconds: float) -> Solution:
+    """What the leading method hands on."""
     return Solution(
         x=found.x,
         objective=problem.objective(found.x),

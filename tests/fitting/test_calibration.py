@@ -8,10 +8,13 @@ import pytest
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.demo_trials import demo_trials, hidden_ship
 from cases.trial import Trial
-from fitting.calibration import Calibration, Settings, estimate_coefficients
+from fitting.calibration import Calibration, Settings, estimate_coefficients, finished, first_estimate
 from fitting.prediction.score import score
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from mmg.errors import UserError
+from mmg.progress import Progress
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 from tests.support.synthetic_runs import runs
 from tests.support.trial_files import make_trial
 
@@ -75,6 +78,46 @@ def test_a_calibrated_ship_is_again_a_ship(fitted: Calibration) -> None:
     c = again.coefficients["Y_v"]
     assert c.prior_value == load_ship("esso_osaka_3m").coefficients["Y_v"].value
     assert c.verdict and c.std == fitted.ship.coefficients["Y_v"].std < c.prior_std
+
+
+def few_free() -> Ship:
+    ship = load_ship("esso_osaka_3m")
+    return ship.fixing([s for s in ship.free if s not in ("N_r", "Y_v", "k_0")])
+
+
+@pytest.mark.parametrize("pressed", [False, True])
+def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bool) -> None:
+    """Also where Ctrl-C came before: what is nearly done goes on."""
+    ship, trials, settings = few_free(), runs()[0][:3], Settings(loss=None, weight=None)
+    whole, first = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings)
+    assert first.solution.at_end and not first.converged and first.warnings == () and first.weighting
+    with interrupts_noted():
+        INTERRUPTED.requested = pressed
+        found = finished(first)
+    assert found.converged and found.solution.status == "Solve_Succeeded" and finished(found) is found
+    assert found.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
+    assert (found.warnings, found.notices, found.starts[0].converged) == (whole.warnings, whole.notices, True)
+    assert found.ship.coefficients["N_r"].verdict == whole.ship.coefficients["N_r"].verdict
+    for name, value in whole.iterate.items():
+        np.testing.assert_allclose(found.iterate[name], value, rtol=1e-9, atol=1e-9)
+    rows = [[{k: v for k, v in row.items() if k != "seconds"} for row in c.passes] for c in (found, whole)]
+    assert rows[0] == rows[1]
+
+
+def test_a_first_estimate_that_is_stopped_before_it_is_certified_goes_on_when_it_is_resumed() -> None:
+    ship, trials, settings = few_free(), runs()[0][:3], Settings(passes=2)
+
+    def press(event: Progress) -> None:
+        INTERRUPTED.requested = True
+
+    first = first_estimate(ship, trials, settings, warm={"p": np.zeros(3)})
+    assert first.solution.guess is not None
+    with interrupts_noted():
+        stopped = finished(first, press)
+    assert stopped.solution.status == "User_Requested_Stop" and not stopped.converged
+    again = estimate_coefficients(ship, trials, settings, warm=stopped.iterate)
+    whole = estimate_coefficients(ship, trials, settings)
+    assert again.converged and again.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
 
 
 def test_fixed_coefficients_stay_as_they_are() -> None:

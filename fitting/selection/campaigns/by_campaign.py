@@ -82,7 +82,7 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     chosen = candidates(found.problem.ship, question.trials, question.wanted)
     reason = why_not(campaigns, bool(question.wanted))
     alone = len(campaigns.comparable) < 2
-    if alone or not chosen or not found.converged or found.constants is not None:
+    if alone or not chosen or not found.solution.at_end or found.constants is not None:
         told = (*campaigns.messages, *([reason] if reason else []))
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)

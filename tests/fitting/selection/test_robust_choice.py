@@ -16,7 +16,7 @@ from fitting.nlp.fisher_information import information
 from fitting.selection.left_out_runs import RunScores
 from fitting.selection.robust_choice import choose_weighting, kinds_worse, weighed
 from fitting.settings import Settings
-from fitting.solvers.residual_noise import reweighed
+from fitting.solvers.noise_iteration import reweighed
 from mmg.ship import Ship
 
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "Y_A1")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from fitting.selection.campaigns.choice import better, gains
 from fitting.selection.campaigns.sentences import differences, not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
 from fitting.settings import Settings
+from fitting.solvers import leading
+from fitting.solvers.ipopt import Guess, Solution
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
@@ -86,22 +89,31 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
 
 
 @pytest.mark.parametrize("differ", [True, False])
-def test_runs_are_judged_once_and_in_the_calibration_that_is_handed_out(
+def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_else_is(
     differ: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judged: list[int] = []
+    certified: list[int] = []
+    solve = leading.solve
+
+    def watched(problem: Problem, start: Any, *rest: Any) -> Solution:
+        certified.extend([problem.P] if isinstance(start, Guess) else [])
+        return solve(problem, start, *rest)
 
     def counted(problem: Problem, *_: np.ndarray) -> list[Message]:
         judged.append(problem.P)
         return [Message(f"{problem.P} coefficients", "outlying_run")]
 
     monkeypatch.setattr(calibration, "outlying_runs", counted)
+    monkeypatch.setattr(leading, "solve", watched)
     lags = LAGS if differ else (0.0, 0.0)
     trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
     result = calibrate(ship, trials, options=FitOptions(per_campaign=("gyro",), next_trial=False, instruments=()))
     number = len(FREE) + (len(LAGS) if differ else 0)
     assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
+    assert certified == [number] and result.converged and result.status == "Solve_Succeeded"
+    assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
 
 
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
