@@ -19,7 +19,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate, moved_by
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
-from fitting.parallel import width, with_one_thread
+from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
@@ -31,7 +31,8 @@ from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
+from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
+from fitting.selection.campaigns.chance import kinematics_of
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.disturbance_choice import choose_disturbance
@@ -63,8 +64,9 @@ class FitOptions:
     which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume:
     an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command
     that made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that
-    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; figures: the
-    process that draws them while the rest is computed, None: they are drawn when the result is saved.
+    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; beside:
+    the process that does meanwhile what can wait, and draws figures; None: this one does all, and they are drawn when
+    the result is saved.
     """
 
     bootstrap: int = 0
@@ -83,7 +85,7 @@ class FitOptions:
     command: str = ""
     name: str = ""
     prior_mean: UncertainMean | None = None
-    figures: FigureProcess | None = None
+    beside: ProcessBeside | None = None
 
 
 @with_one_thread
@@ -121,6 +123,7 @@ def calibrate(
     by_day = _estimated(model, constants, train, settings, options, progress, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
     content = _first_rows(found, options, scores, train, validation)
@@ -146,7 +149,7 @@ def calibrate(
         "weighting": weighting,
         "bands": bands,
         "adaptation": adaptation,
-        "envelope": trial_envelope(found.ship, train),
+        "envelope": envelope.value,
         "left_out": left_out,
         "campaigns": by_day.content,
         **uncertainty,
@@ -185,12 +188,13 @@ def _first_rows(
 
 def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: FitOptions, later: Later) -> FitObjects:
     """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
-    found, beside = objects.calibration, options.figures if not options.profile else None
-    if beside:
-        unless_interrupted(partial(ask_figures, beside, content, objects))
+    found, figures = objects.calibration, None
+    if options.beside and not options.profile:
+        figures = FigureProcess(options.beside)
+        unless_interrupted(partial(ask_figures, figures, content, objects))
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    drawn = unless_interrupted(partial(ask_the_rest, beside, content, objects)) if beside else None
+    drawn = unless_interrupted(partial(ask_the_rest, figures, content, objects)) if figures else None
     return drawn or objects  # what Ctrl-C leaves out here is said when the result is saved
 
 
@@ -221,6 +225,9 @@ def _estimated(
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
+    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
+    if options.beside and asks_kinematics(question):
+        question = replace(question, kinematics=begun_beside(options.beside, partial(kinematics_of, train, model)))
     found = first_estimate(model, train, settings, progress, warm, options.captive)
     if settings.horizon or options.try_disturbance:  # which are for what has converged
         found = finished(found, progress)
@@ -230,8 +237,7 @@ def _estimated(
     if options.try_disturbance:
         choose = partial(choose_disturbance, found, model, train, options.captive, progress)
         found, model = later.made("random forces", choose, (found, model))
-    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    as_it_is = CampaignFit(found, model)
+    question, as_it_is = replace(question, ship=model), CampaignFit(found, model)
     by_day = later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
     return replace(by_day, calibration=finished(by_day.calibration, progress))
 

@@ -6,14 +6,18 @@ are done. Every list of independent tasks of the product goes through it.
 
 from __future__ import annotations
 
+from fitting.parallel.beside import Awaited, ProcessBeside, begun_beside, process_beside
 from fitting.parallel.executors import Executor, executing, kept_workers, listening, run_all, width
 from fitting.parallel.processes import cores, end_with_parent, held_back, helper
 from fitting.parallel.shared import Shared
 from fitting.parallel.threads import with_one_thread
 
 __all__ = [
+    "Awaited",
     "Executor",
+    "ProcessBeside",
     "Shared",
+    "begun_beside",
     "cores",
     "end_with_parent",
     "executing",
@@ -21,6 +25,7 @@ __all__ = [
     "helper",
     "kept_workers",
     "listening",
+    "process_beside",
     "run_all",
     "width",
     "with_one_thread",

@@ -135,8 +135,9 @@ def fit(
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
+    from fitting.parallel import process_beside
     from fitting.pipeline import FitOptions
-    from fitting.report.beside import figures_beside
+    from fitting.report.beside import prepare_figures
     from fitting.report.run_folder import check_target, reserved
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
@@ -171,7 +172,7 @@ def fit(
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    with figures_beside() as figures:  # begun now, so that it is ready when there is something to draw
+    with process_beside(prepare_figures) as beside:  # begun now, so that it is ready when there is something to do
         train, held_out = read_trials(trials), read_trials(validate) if validate else []
         train, held_out = ready(train, held_out, unchecked=unchecked)
         options = FitOptions(
@@ -188,7 +189,7 @@ def fit(
             resume=earlier,
             command=command_line(),
             name=name or _own_name(earlier),
-            figures=figures,
+            beside=beside,
         )
         reading = time.perf_counter() - began
         for line in start.notices:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from cases.evidence.kinematics import Kinematics
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.run_constants import ByCampaign, prior_with
+from fitting.parallel import Awaited
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
-from fitting.selection.campaigns.chance import chances
+from fitting.selection.campaigns.chance import chances, kinematics_of, seen_by_kinematics
 from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose, gains
 from fitting.selection.campaigns.readings import RunReadings, readings_as_rows
 from fitting.selection.campaigns.sentences import differences, why_not
@@ -56,7 +59,7 @@ class CampaignQuestion:
     """What a calibration with campaigns needs to know.
 
     ship: as of ``estimate_coefficients``; trials: calibrated on; settings, captive, progress: of it; wanted: names of
-    instruments, () for the usual ones, ("none",) for none.
+    instruments, () for the usual ones, ("none",) for none; kinematics: of the logs, where they were begun before.
     """
 
     ship: Ship
@@ -65,6 +68,14 @@ class CampaignQuestion:
     captive: Captive | None = None
     wanted: tuple[str, ...] = ()
     progress: OnProgress | None = field(default=None)
+    kinematics: Awaited[Kinematics | None] | None = None
+
+
+def asks_kinematics(question: CampaignQuestion) -> bool:
+    """Whether the ``question`` will need what the logs of its trials say of one another. Raises as ``by_campaign``."""
+    if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
+        return False
+    return seen_by_kinematics(candidates(question.ship, question.trials, question.wanted))
 
 
 def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
@@ -87,7 +98,8 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)
     started = [i for i, c in enumerate(chosen) if c.symbols[0] in found.prior.symbols]
-    differing = chances(beside, question.trials, campaigns.number, started, found.spread.dispersion)
+    logs = question.kinematics or Awaited(partial(kinematics_of, question.trials, found.problem.ship))
+    differing = chances(beside, logs, campaigns.number, started, found.spread.dispersion)
     kept = choose(found, beside, question.trials, started, differing)
     content = _content(campaigns, kept.table)
     same = replace(same, content=content, messages=campaigns.messages)

@@ -18,11 +18,13 @@ import numpy as np
 from cases.evidence.kinematic_words import TRACK, TURN, Quantity
 from cases.evidence.kinematics import Kinematics, consistency
 from cases.trial import Trial
+from fitting.parallel import Awaited
 from fitting.selection.campaigns.candidates import Beside, Instrument
 from fitting.selection.campaigns.readings import RunReadings
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
+from mmg.ship import Ship
 
 LEVEL = 0.05
 """Probability by chance, corrected for the number of instruments, below which an instrument differs."""
@@ -50,31 +52,40 @@ class ByChance:
 
 
 def chances(
-    beside: Beside, trials: Sequence[Trial], number: Sequence[int], started: Sequence[int], dispersion: float
+    beside: Beside,
+    logs: Awaited[Kinematics | None],
+    number: Sequence[int],
+    started: Sequence[int],
+    dispersion: float,
 ) -> list[ByChance]:
-    """Of each candidate of ``beside`` a calibration on ``trials``, whether it differs between campaigns.
+    """Of each candidate of ``beside`` a calibration, whether it differs between campaigns.
 
-    number: of the campaign of each trial; started: numbers of the candidates that the calibration has already, with one
-    value for all; dispersion: how much more the scores of windows vary than their information says.
+    logs: of the trials, as ``kinematics_of`` gives them, made where a candidate is seen by them; number: of the
+    campaign of each trial; started: numbers of the candidates that the calibration has already, with one value for all;
+    dispersion: how much more the scores of windows vary than their information says.
     """
     group = np.array(number)
-    logs = _kinematics(beside, trials)
+    known = logs.value if seen_by_kinematics(beside.candidates) else None
     p: list[float] = []
     readings: list[RunReadings | None] = []
     for i, candidate in enumerate(beside.candidates):
-        quantity = _quantity(candidate) if logs else None
-        measured = _measured_test(logs, quantity, beside, group) if logs and quantity else None
+        quantity = _quantity(candidate) if known else None
+        measured = _measured_test(known, quantity, beside, group) if known and quantity else None
         test = measured[0] if measured else _model_test(beside, i, group, started, dispersion)
         readings.append(measured[1] if measured else None)
         p.append(test.p_single if test else 1.0)
     return [ByChance(float(q), r) for q, r in zip(holm(p), readings, strict=True)]
 
 
-def _kinematics(beside: Beside, trials: Sequence[Trial]) -> Kinematics | None:
-    if not any(_quantity(c) for c in beside.candidates):
-        return None
+def seen_by_kinematics(candidates: Sequence[Instrument]) -> bool:
+    """Whether heading and turn rate, position and velocities show one of the ``candidates``."""
+    return any(_quantity(c) for c in candidates)
+
+
+def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:
+    """What the logs of ``trials`` of a ``ship`` say of one another, None where they cannot be compared."""
     try:
-        return consistency(trials, beside.problem.ship)
+        return consistency(trials, ship)
     except (UserError, np.linalg.LinAlgError):
         return None
 

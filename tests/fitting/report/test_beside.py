@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from fitting.parallel import helper
+from fitting.parallel import ProcessBeside, helper
 from fitting.record import FitRecord
 from fitting.report.beside import FigureProcess
 from fitting.report.drawn_ahead import ask_figures, ask_the_rest
@@ -46,7 +46,7 @@ def ended() -> Figure:
 @pytest.fixture
 def process() -> Iterator[FigureProcess]:
     with helper(nothing) as executor:
-        yield FigureProcess(executor)
+        yield FigureProcess(ProcessBeside(executor))
 
 
 def test_figures_are_those_drawn_here_and_in_order(process: FigureProcess, tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_where_the_process_has_ended_the_figures_are_left_to_the_saving(process:
     result = small_result()
     assert result.objects
     content = {k: v for k, v in vars(result).items() if k in {field.name for field in fields(FitRecord)}}
-    assert process.executor.submit(os._exit, 1).exception()
+    assert process.process.executor.submit(os._exit, 1).exception()
     ask_figures(process, content, result.objects)
     objects = ask_the_rest(process, content, result.objects)
     assert not objects.drawn

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import RunConstants
+from fitting.parallel import ProcessBeside, helper
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
-from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
-from fitting.selection.campaigns.chance import LEVEL
+from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
+from fitting.selection.campaigns.chance import LEVEL, kinematics_of
 from fitting.selection.campaigns.choice import better, gains
 from fitting.selection.campaigns.sentences import differences, not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
@@ -114,6 +116,21 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
     assert certified == [number] and result.converged and result.status == "Solve_Succeeded"
     assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
+
+
+def test_kinematics_that_another_process_made_give_the_same_instruments() -> None:
+    trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}, RUNS, 5, 10.0, 100.0)
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    question = CampaignQuestion(ship, trials, settings, wanted=("gyro", "log_scale"))
+    assert asks_kinematics(question) and not asks_kinematics(replace(question, wanted=("none",)))
+    assert not asks_kinematics(replace(question, wanted=("antenna_offset",)))
+    found, fit = calibrated(True)
+    with helper(bool) as executor:
+        kinematics = ProcessBeside(executor).begin(partial(kinematics_of, trials, ship))
+        assert kinematics.future and kinematics.future.result() is not None and kinematics.value
+    again = by_campaign(found, replace(question, kinematics=kinematics))
+    assert repr(again.content) == repr(fit.content)
+    np.testing.assert_array_equal(again.calibration.p, fit.calibration.p)
 
 
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
