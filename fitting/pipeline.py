@@ -26,7 +26,7 @@ from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
-from fitting.report.beside import FigureProcess
+from fitting.report.beside import FigureProcess, prepare_figures
 from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
@@ -228,6 +228,8 @@ def _estimated(
     question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     if options.beside and asks_kinematics(question):
         question = replace(question, kinematics=begun_beside(options.beside, partial(kinematics_of, train, model)))
+    if options.beside:
+        begun_beside(options.beside, prepare_figures)
     found = first_estimate(model, train, settings, progress, warm, options.captive)
     if settings.horizon or options.try_disturbance:  # which are for what has converged
         found = finished(found, progress)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import Any
 
 from cases.checks.duplicates import duplicates
@@ -16,10 +17,11 @@ from cases.checks.kinematics import kinematics
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
-from cases.checks.stretches import stretch_findings
+from cases.checks.stretches import known_stretches, stretch_findings
 from cases.checks.trusted import as_they_are, with_doubt, without_broken
 from cases.checks.wind import wind
 from cases.io.sentinels import CODE, without_sentinels
+from cases.io.spread import Spread, one_by_one
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message, message_rows
@@ -38,42 +40,49 @@ LOOKS = {
 """Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
 
 
-def check(trials: Sequence[Trial]) -> list[CheckReport]:
+def check(trials: Sequence[Trial], spread: Spread = one_by_one) -> list[CheckReport]:
     """One report for each of ``trials``, in their order; duplicates are looked for among all of them.
 
-    Notices of the reading come first.
+    Notices of the reading come first. spread: does lists of independent tasks.
     """
     reports = []
     trials = [_known(trial) for trial in trials]
-    for trial, (copies, shared) in zip(trials, duplicates(trials), strict=True):
-        numbers: dict[str, Any] = {"duplicates": copies}
+    looks = spread(_looks, trials)
+    for trial, (copies, shared), look in zip(trials, duplicates(trials), looks, strict=True):
+        numbers: dict[str, Any] = {"duplicates": copies, **{topic: row[0] for topic, row in look.items()}}
         found: dict[str, list[Found]] = {
             "reading": [
                 (DOUBTFUL if row["code"] == CODE else INFO, row["code"], _sentence(row["text"]))
                 for row in message_rows(trial.notices)
             ],
             "duplicates": shared,
+            **{topic: row[1] for topic, row in look.items()},
         }
-        for topic, look in LOOKS.items():
-            numbers[topic], found[topic] = look(trial)
         findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
-    return decided(trials, reports)
+    return decided(trials, reports, spread)
 
 
-def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial], ...]:
+def _looks(trial: Trial) -> dict[str, tuple[dict[str, Any], list[Found]]]:
+    """Topic -> numbers and findings of what is looked at in one ``trial``."""
+    return {topic: look(trial) for topic, look in LOOKS.items()}
+
+
+def ready(*sets: Sequence[Trial], unchecked: bool = False, spread: Spread = one_by_one) -> tuple[list[Trial], ...]:
     """The ``sets`` of trials as they may be fitted and judged: without broken stretches, doubts among their notices.
 
-    unchecked: leave them as they are. Raises UserError where the data of one of them refute what its file says.
+    unchecked: leave them as they are; spread: does lists of independent tasks. Raises UserError where the data of one
+    of them refute what its file says.
     """
     sets = tuple([_known(trial) for trial in some] for some in sets)
     if unchecked:
         return tuple(as_they_are(some) for some in sets)
-    reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
+    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some], spread), "add --unchecked"))
     out = []
     for some in sets:
-        kept = without_broken(some)
-        for i, report in zip(range(len(kept)), reports, strict=False):
+        reports = list(islice(all_reports, len(some)))
+        kept = without_broken(some, [known_stretches(report.numbers["stretches"]) for report in reports])
+        for i, report in enumerate(reports):
             for finding in report.findings:
                 if finding.level == DOUBTFUL and finding.topic not in ("stretches", "duplicates"):
                     kept[i] = with_doubt(kept[i], finding.text)

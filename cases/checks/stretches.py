@@ -178,6 +178,11 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     return {"broken": rows, "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 
+def known_stretches(numbers: Mapping[str, Any]) -> list[BrokenStretch]:
+    """The broken stretches in the ``numbers`` of ``stretch_findings``."""
+    return [BrokenStretch(**{**row, "channels": tuple(row["channels"])}) for row in numbers["broken"]]
+
+
 def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     """Channel -> (its steps (N,), their usual size): what a step of the record adds to what the rest of it says.
 

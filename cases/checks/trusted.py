@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cases.checks.stretches import broken_stretches
+from cases.checks.stretches import BrokenStretch, broken_stretches
 from cases.io.leave_out import CODE, left_out, looked_at
 from cases.io.sidecar import line_for
 from cases.trial import Trial
@@ -15,12 +15,14 @@ DOUBT = "doubtful"
 """Code of the notice on what mmg check doubts of a trial."""
 
 
-def without_broken(trials: Sequence[Trial]) -> list[Trial]:
+def without_broken(trials: Sequence[Trial], known: Sequence[Sequence[BrokenStretch]] | None = None) -> list[Trial]:
     """``trials`` without their broken stretches, each with a notice on what was left out and why.
 
-    A trial whose sidecar says what to exclude, or that was looked at before, stays as it is.
+    known: the broken stretches of each, where they are. A trial whose sidecar says what to exclude, or that was looked
+    at before, stays as it is.
     """
-    return [trial if looked_at(trial) else _without(trial) for trial in trials]
+    rows: Sequence[Sequence[BrokenStretch] | None] = [None] * len(trials) if known is None else known
+    return [trial if looked_at(trial) else _without(trial, row) for trial, row in zip(trials, rows, strict=True)]
 
 
 def as_they_are(trials: Sequence[Trial]) -> list[Trial]:
@@ -44,8 +46,8 @@ def keeping_line(trial: Trial) -> str:
     return f"add to {line_for(trial.path, trial.name, 'exclude = []')}"
 
 
-def _without(trial: Trial) -> Trial:
-    found = broken_stretches(trial)
+def _without(trial: Trial, known: Sequence[BrokenStretch] | None) -> Trial:
+    found = broken_stretches(trial) if known is None else known
     spans = [(s.begin_s, s.end_s) for s in found]
     why = "; ".join(dict.fromkeys(part for s in found for part in s.what.split("; ")))
     words = f"{why}; to keep all, {keeping_line(trial)}"

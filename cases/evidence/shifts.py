@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from cases.evidence.signals import STEPS, Signals, Stats, evidence, relative
+from cases.io.spread import Spread, one_by_one
 
 COST = 8.0
 """Nats by which a lag, an arm, a gain or an offset has to be better than none."""
@@ -61,10 +62,10 @@ class Shift:
     rivals: tuple[str, ...] = ()
 
 
-def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
+def shifts(found: Sequence[Signals], longest: float, spread: Spread = one_by_one) -> list[Shift | None]:
     """The best explanation of each of the trials of a folder, None where there is none.
 
-    found: their signals; longest: lag [s] up to which is searched.
+    found: their signals; longest: lag [s] up to which is searched; spread: does lists of independent tasks.
     """
     usable = list(range(len(found)))
     tracks = all(s.has_track for s in found)
@@ -72,8 +73,8 @@ def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
     if not usable:
         return out
     some = [found[k] for k in usable]
-    candidates = {name: _lag(some, name, longest) for name in (LAGS if tracks else ("r",))}
-    candidates |= {name: _fitted(some, name) for name in (LINEAR if tracks else ("gain r",))}
+    names = (*LAGS, *LINEAR) if tracks else ("r", "gain r")
+    candidates = dict(zip(names, spread(partial(_candidate, some, longest), names), strict=True))
     gains = {name: float(-total) - _rare(name, values) for name, (values, total) in candidates.items()}
     best = max(gains, key=lambda name: gains[name])
     if gains[best] <= 0:
@@ -140,6 +141,11 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
         picks = {0: lambda k: value, 1: lambda k: int(np.argmin(costs[k])), 2: lambda k: None}
         return [picks[int(way)](k) for k, way in enumerate(best)], float(shared[value])
     return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
+
+
+def _candidate(some: Sequence[Signals], longest: float, name: str) -> tuple[list[Value | None], float]:
+    """Value of each trial or None where ``name`` explains what is left over, and what they gain together (negative)."""
+    return _lag(some, name, longest) if name in LAGS else _fitted(some, name)
 
 
 def _lag(some: Sequence[Signals], name: str, longest: float) -> tuple[list[Value | None], float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from cases.io.files import check_file
 from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
+from cases.io.spread import Spread, one_by_one
 from cases.io.toml_file import validated
 from cases.io.trial_table import trial_table
 from cases.io.unit_sanity import implausible
@@ -33,23 +35,30 @@ LEAST_STEP = 1e-6
 """No clock is finer [s]."""
 
 
-def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
+def read_trials(
+    paths: Iterable[str | Path] | str | Path, refuse: bool = True, spread: Spread = one_by_one
+) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name).
 
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
+    none itself; refuse: files whose units the numbers refute; spread: does the list of files. Raises UserError for all
+    that cannot be read.
     """
-    trials, problems = [], []
     files = trial_files(paths)
-    for file in files:
-        try:
-            trials.append(read_trial(file, refuse=refuse))
-        except UserError as error:
-            problems.append(str(error))
+    found = spread(partial(_read_or_why_not, refuse=refuse), files)
+    problems = [one for one in found if isinstance(one, str)]
     if problems:
         several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
         raise UserError(several + "; ".join(dict.fromkeys(problems)))
-    return trials
+    return [one for one in found if isinstance(one, Trial)]
+
+
+def _read_or_why_not(file: Path, refuse: bool) -> Trial | str:
+    """The trial in a ``file``, or why it cannot be read."""
+    try:
+        return read_trial(file, refuse=refuse)
+    except UserError as error:
+        return str(error)
 
 
 def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:

@@ -6,7 +6,7 @@ are done. Every list of independent tasks of the product goes through it.
 
 from __future__ import annotations
 
-from fitting.parallel.beside import Awaited, ProcessBeside, begun_beside, process_beside
+from fitting.parallel.beside import Awaited, ProcessBeside, begun_beside, process_beside, spread_beside
 from fitting.parallel.executors import Executor, executing, kept_workers, listening, run_all, width
 from fitting.parallel.processes import cores, end_with_parent, held_back, helper
 from fitting.parallel.shared import Shared
@@ -27,6 +27,7 @@ __all__ = [
     "listening",
     "process_beside",
     "run_all",
+    "spread_beside",
     "width",
     "with_one_thread",
 ]

@@ -6,21 +6,26 @@ the work raises. The values are the same, bit for bit, wherever they come from.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import contextmanager
-from typing import Generic, TypeVar
+from functools import partial
+from typing import Any, Generic, TypeVar
 
 from fitting.parallel.processes import cores, helper
 
 Value = TypeVar("Value")
+Item = TypeVar("Item")
 
 
 class Awaited(Generic[Value]):
-    """The value of ``work``: begun beside this process (``future``), or still to be done here (None)."""
+    """The value of ``work``: begun by the ``process`` beside this one, or still to be done here (None)."""
 
-    def __init__(self, work: Callable[[], Value], future: Future[Value] | None = None) -> None:
-        self.work, self.future = work, future
+    def __init__(self, work: Callable[[], Value], process: ProcessBeside | None = None) -> None:
+        self.work, self.process = work, process
+        self.there: Future[Value] = Future()
         self._made: tuple[Value] | None = None
 
     @property
@@ -31,24 +36,77 @@ class Awaited(Generic[Value]):
         return self._made[0]
 
     def _from_there(self) -> Value:
-        if self.future is None or self.future.cancel():
+        if self.process is None or self.process.taken_back(self):
             return self.work()
         try:
-            return self.future.result()
+            return self.there.result()
         except Exception:
             return self.work()
 
 
 class ProcessBeside:
-    """The process beside this one; executor: its queue, in whose order it works."""
+    """The process beside this one, which does one work after the other; executor: of that process.
+
+    It is given the next work when it has done the one before, so that what it has not begun can be taken back.
+    """
 
     def __init__(self, executor: Executor) -> None:
         self.executor = executor
+        self._waiting: deque[Awaited[Any]] = deque()
+        self._busy = self._ended = False
+        self._lock = threading.Lock()
 
     def begin(self, work: Callable[[], Value]) -> Awaited[Value]:
-        """What ``work`` gives, which must be picklable like it, done beside this process. Raises RuntimeError where the
-        process has ended."""
-        return Awaited(work, self.executor.submit(work))
+        """What ``work`` gives, which must be picklable like it, done beside this process in its turn. Raises
+        RuntimeError where the process has ended."""
+        one = Awaited(work, self)
+        with self._lock:
+            self._waiting.append(one)
+        self._go_on()
+        if self._ended:
+            raise RuntimeError("the process beside has ended")
+        return one
+
+    def taken_back(self, one: Awaited[Any]) -> bool:
+        """Whether ``one`` had not been begun, and now never will be."""
+        with self._lock:
+            if one in self._waiting:
+                self._waiting.remove(one)
+                return True
+            return False
+
+    def _go_on(self) -> None:
+        with self._lock:
+            if self._busy or not self._waiting:
+                return
+            one, self._busy = self._waiting.popleft(), True
+        try:
+            future = self.executor.submit(one.work)
+        except RuntimeError as error:
+            self._end(one, error)
+        else:
+            future.add_done_callback(partial(self._done, one))
+
+    def _done(self, one: Awaited[Any], future: Future[Any]) -> None:
+        error = CancelledError() if future.cancelled() else future.exception()
+        if isinstance(error, CancelledError | BrokenExecutor):
+            self._end(one, error)  # nothing is submitted from here: the executor holds its locks
+            return
+        if error is None:
+            one.there.set_result(future.result())
+        else:
+            one.there.set_exception(error)
+        with self._lock:
+            self._busy = False
+        self._go_on()
+
+    def _end(self, one: Awaited[Any], error: BaseException) -> None:
+        """From now on all is done in this process."""
+        with self._lock:
+            left, self._ended = [one, *self._waiting], True
+            self._waiting.clear()
+        for each in left:
+            each.there.set_exception(error)
 
 
 def begun_beside(process: ProcessBeside | None, work: Callable[[], Value]) -> Awaited[Value]:
@@ -61,8 +119,17 @@ def begun_beside(process: ProcessBeside | None, work: Callable[[], Value]) -> Aw
     return Awaited(work)
 
 
+def spread_beside(
+    process: ProcessBeside | None, function: Callable[[Item], Value], items: Sequence[Item]
+) -> list[Value]:
+    """Outcomes of ``function``, which must be picklable, for each of ``items``, in order: the ``process`` begins at the
+    last one and this one at the first, until they meet. Raises what one raises."""
+    begun = [begun_beside(process, partial(function, item)) for item in reversed(items)]
+    return [one.value for one in reversed(begun)]
+
+
 @contextmanager
-def process_beside(prepare: Callable[[], None]) -> Iterator[ProcessBeside | None]:
+def process_beside(prepare: Callable[[], object]) -> Iterator[ProcessBeside | None]:
     """A process that ends with this context; None where there is but one core. prepare: what it does first."""
     if cores() < 2:
         yield None

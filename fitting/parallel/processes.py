@@ -80,7 +80,7 @@ def process_crew(count: int) -> Iterator[ProcessCrew]:
 
 
 @contextmanager
-def helper(prepare: Callable[[], None]) -> Iterator[Executor]:
+def helper(prepare: Callable[[], object]) -> Iterator[Executor]:
     """A process beside this one that does what is submitted to it, in order, and ends with this context.
 
     prepare: done there first, at once.

@@ -130,14 +130,15 @@ def fit(
     """
     import time
     from dataclasses import replace
+    from functools import partial
+    from importlib import import_module
 
     from cases.checks import ready
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
-    from fitting.parallel import process_beside
+    from fitting.parallel import process_beside, spread_beside
     from fitting.pipeline import FitOptions
-    from fitting.report.beside import prepare_figures
     from fitting.report.run_folder import check_target, reserved
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
@@ -172,9 +173,10 @@ def fit(
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    with process_beside(prepare_figures) as beside:  # begun now, so that it is ready when there is something to do
-        train, held_out = read_trials(trials), read_trials(validate) if validate else []
-        train, held_out = ready(train, held_out, unchecked=unchecked)
+    with process_beside(partial(import_module, "cases.checks")) as beside:
+        spread = partial(spread_beside, beside)
+        train, held_out = read_trials(trials, spread=spread), read_trials(validate, spread=spread) if validate else []
+        train, held_out = ready(train, held_out, unchecked=unchecked, spread=spread)
         options = FitOptions(
             bootstrap=bootstrap,
             profile=tuple(names_of(profile)),

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import pytest
 
+from cases.checks import check, ready
+from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from fitting.parallel import Awaited, ProcessBeside, begun_beside, helper, process_beside
+from cases.simulation.simulate import write_trial
+from fitting.parallel import Awaited, ProcessBeside, begun_beside, helper, process_beside, spread_beside
 from fitting.prediction.envelope import trial_envelope
+from mmg.errors import UserError
 
 
 def nothing() -> None:
@@ -44,8 +50,7 @@ def process() -> Iterator[ProcessBeside]:
 
 def test_what_is_begun_is_done_there_and_what_is_not_is_done_here(process: ProcessBeside) -> None:
     there, here = begun_beside(process, where), begun_beside(None, where)
-    assert there.future is not None and here.future is None
-    there.future.result()
+    assert there.there.result() == there.value
     assert there.value != os.getpid() and here.value == os.getpid()
 
 
@@ -74,4 +79,51 @@ def test_with_one_core_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_arrays_come_back_bit_for_bit(process: ProcessBeside) -> None:
     work = partial(trial_envelope, load_ship("esso_osaka_3m"), demo_trials(3, dt=0.5)[0][:2])
     made = begun_beside(process, work)
-    assert made.future is not None and made.future.result() == made.value == work()
+    assert made.there.result() == made.value == work()
+
+
+def test_what_has_not_begun_is_taken_back_and_the_rest_is_not_lost_with_the_process(process: ProcessBeside) -> None:
+    slow = begun_beside(process, partial(time.sleep, 0.5))
+    last, more = begun_beside(process, where), begun_beside(process, ended)
+    assert last.value == os.getpid() and slow.value is None and more.value == 3
+
+
+def test_tasks_are_shared_and_their_outcomes_stay_in_order(process: ProcessBeside) -> None:
+    items = list(range(40))
+    assert spread_beside(process, square, items) == spread_beside(None, square, items) == [i * i for i in items]
+    with pytest.raises(ValueError, match="no square of 7"):
+        spread_beside(process, no_seven, items)
+
+
+def square(number: int) -> int:
+    """Its square."""
+    return number * number
+
+
+def no_seven(number: int) -> int:
+    """Its square, but of 7."""
+    if number == 7:
+        raise ValueError("no square of 7")
+    return square(number)
+
+
+def test_files_are_read_and_checked_alike(process: ProcessBeside, tmp_path: Path) -> None:
+    files = [tmp_path / f"run_{k}.csv" for k in range(6)]
+    for file, trial in zip(files, [*demo_trials(3, dt=0.5)[0]] * 2, strict=False):
+        write_trial(trial, file)
+    spread = partial(spread_beside, process)
+    here, shared = read_trials(files), read_trials(files, spread=spread)
+    assert [repr(t) for t in here] == [repr(t) for t in shared]
+    for one, other in zip(here, shared, strict=True):
+        assert one.notices == other.notices and one.columns.keys() == other.columns.keys()
+        assert all(one[name].tobytes() == other[name].tobytes() for name in one.columns)
+    assert repr(check(here)) == repr(check(shared, spread))
+    assert [t.notices for t in ready(here)[0]] == [t.notices for t in ready(shared, spread=spread)[0]]
+    for k in (1, 4):
+        files[k].write_text("nothing\n1\n")
+    said = []
+    for way in (partial(spread_beside, None), spread):
+        with pytest.raises(UserError) as error:
+            read_trials(files, spread=way)
+        said.append(str(error.value))
+    assert said[0] == said[1] and "2 of 6 files" in said[0] and said[0].index("run_1") < said[0].index("run_4")

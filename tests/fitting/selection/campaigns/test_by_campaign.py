@@ -127,7 +127,7 @@ def test_kinematics_that_another_process_made_give_the_same_instruments() -> Non
     found, fit = calibrated(True)
     with helper(bool) as executor:
         kinematics = ProcessBeside(executor).begin(partial(kinematics_of, trials, ship))
-        assert kinematics.future and kinematics.future.result() is not None and kinematics.value
+        assert kinematics.there.result() is not None and kinematics.value
     again = by_campaign(found, replace(question, kinematics=kinematics))
     assert repr(again.content) == repr(fit.content)
     np.testing.assert_array_equal(again.calibration.p, fit.calibration.p)
