@@ -123,6 +123,7 @@ def calibrate(
     by_day = _estimated(model, constants, train, settings, options, progress, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
@@ -130,7 +131,7 @@ def calibrate(
     objects = FitObjects(found, before, after, tuple(train), tuple(validation))
     objects = _with_next_trial(objects, content, options, later)
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
-    adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
+    adaptation = later.made("worth of adaptation", lambda: past.value, None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)

@@ -134,5 +134,7 @@ def process_beside(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
     if cores() < 2:
         yield None
         return
-    with helper(prepare) as executor:
-        yield ProcessBeside(executor)
+    with helper(int) as executor:
+        process = ProcessBeside(executor)
+        begun_beside(process, prepare)  # until it has loaded that, it has begun nothing
+        yield process

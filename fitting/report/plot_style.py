@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -91,7 +91,12 @@ class FigureFolder:
             self.put(name, png_of(draw), title, caption)
 
     def take(self, figures: Iterable[Drawn]) -> None:
-        """Write ``figures`` that another process draws, in order."""
+        """Write ``figures`` that another process draws, in order; the last ones, which it has not begun, are drawn here
+        meanwhile."""
+        figures = list(figures)
+        for figure in reversed(figures):
+            with suppress(Exception):  # said below
+                figure.png()
         for figure in figures:
             with self.making(f"figure {figure.name}"):
                 self.put(figure.name, figure.png(), figure.title, figure.caption)

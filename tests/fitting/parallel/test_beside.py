@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from fitting.parallel import Awaited, ProcessBeside, begun_beside, helper, process_beside, spread_beside
+from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.envelope import trial_envelope
+from fitting.settings import Settings
 from mmg.errors import UserError
 
 
@@ -127,3 +130,17 @@ def test_files_are_read_and_checked_alike(process: ProcessBeside, tmp_path: Path
             read_trials(files, spread=way)
         said.append(str(error.value))
     assert said[0] == said[1] and "2 of 6 files" in said[0] and said[0].index("run_1") < said[0].index("run_4")
+
+
+def test_a_calibration_is_the_same_with_the_process_beside_and_without() -> None:
+    start, (train, held_out) = load_ship("esso_osaka_3m"), demo_trials(3, dt=0.5)
+    start = start.fixing([s for s in start.symbols if s not in ("Y_v", "N_r", "k_0")])
+    settings, options = Settings(passes=2, compiled=False), FitOptions(next_trial=False, instruments=())
+    alone = calibrate(start, train[:2], held_out[-1:], settings, options)
+    with helper(int) as executor:
+        beside = replace(options, beside=ProcessBeside(executor))
+        shared = calibrate(start, train[:2], held_out[-1:], settings, beside)
+    assert shared.objects and shared.objects.drawn
+    left = {"created", "timings_s", "passes"}
+    one, other = ({k: v for k, v in c.to_dict().items() if k not in left} for c in (alone, shared))
+    assert one == other and one["adaptation"] is not None and one["envelope"]

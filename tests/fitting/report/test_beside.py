@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import time
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from functools import partial
@@ -43,6 +44,12 @@ def ended() -> Figure:
     return line(3.0)
 
 
+def slow() -> Figure:
+    """A figure that takes a while."""
+    time.sleep(0.5)
+    return line(1.0)
+
+
 @pytest.fixture
 def process() -> Iterator[FigureProcess]:
     with helper(nothing) as executor:
@@ -61,6 +68,18 @@ def test_figures_are_those_drawn_here_and_in_order(process: FigureProcess, tmp_p
 def test_what_cannot_be_handed_over_is_drawn_here(process: FigureProcess) -> None:
     process.write("local", lambda: line(1.5), "", "")
     assert process.asked[0].png() == png_of(partial(line, 1.5))
+
+
+def test_the_last_figures_are_drawn_here_while_the_first_are_drawn_there(
+    process: FigureProcess, tmp_path: Path
+) -> None:
+    process.write("slow", slow, "", "")
+    for slope in (1.0, 2.0):
+        process.write(f"slope_{slope:g}", partial(line, slope), "", "")
+    folder = FigureFolder(tmp_path / "figures")
+    folder.take(process.asked)
+    assert [row["file"] for row in folder.rows] == ["slow.png", "slope_1.png", "slope_2.png"]
+    assert not process.asked[2].awaited.there.done() and process.asked[0].awaited.there.done()
 
 
 def test_a_process_that_ends_loses_no_figure(process: FigureProcess) -> None:
