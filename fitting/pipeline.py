@@ -13,6 +13,7 @@ import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.checks.propulsion import doubtful_revolutions
+from cases.evidence.kinematics import kinematics_of
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
@@ -32,7 +33,6 @@ from fitting.report.result_rows import coefficient_rows, correlation_of, marked,
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
-from fitting.selection.campaigns.chance import kinematics_of
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.disturbance_choice import choose_disturbance
@@ -123,7 +123,6 @@ def calibrate(
     by_day = _estimated(model, constants, train, settings, options, progress, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
     scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
@@ -131,7 +130,7 @@ def calibrate(
     objects = FitObjects(found, before, after, tuple(train), tuple(validation))
     objects = _with_next_trial(objects, content, options, later)
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
-    adaptation = later.made("worth of adaptation", lambda: past.value, None)
+    adaptation = later.made("worth of adaptation", lambda: worth_of_past(found, after, train, validation), None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)

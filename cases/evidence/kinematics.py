@@ -24,6 +24,7 @@ from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
 from cases.evidence.kinematic_fit import Fit, Rows, fit
 from cases.evidence.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from cases.trial import Trial
+from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
@@ -227,3 +228,11 @@ def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading
         rivals = [(of[j], of[j].as_logged(size)) for j, size in found.rivals.get(i, [])]
         out.append(reading(q, value, std, verdict, rivals))
     return out
+
+
+def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:
+    """What the logs of ``trials`` of a ``ship`` say of one another, None where they cannot be compared."""
+    try:
+        return consistency(trials, ship)
+    except (UserError, np.linalg.LinAlgError):
+        return None

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics
+from cases.evidence.kinematics import Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
@@ -19,7 +19,7 @@ from fitting.nlp.run_constants import ByCampaign, prior_with
 from fitting.parallel import Awaited
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
-from fitting.selection.campaigns.chance import chances, kinematics_of, seen_by_kinematics
+from fitting.selection.campaigns.chance import chances, seen_by_kinematics
 from fitting.selection.campaigns.choice import InstrumentTried, KeptInstruments, better, choose, gains
 from fitting.selection.campaigns.readings import RunReadings, readings_as_rows
 from fitting.selection.campaigns.sentences import differences, why_not

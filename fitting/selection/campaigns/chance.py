@@ -16,15 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.evidence.kinematic_words import TRACK, TURN, Quantity
-from cases.evidence.kinematics import Kinematics, consistency
-from cases.trial import Trial
+from cases.evidence.kinematics import Kinematics
 from fitting.parallel import Awaited
 from fitting.selection.campaigns.candidates import Beside, Instrument
 from fitting.selection.campaigns.readings import RunReadings
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
-from mmg.errors import UserError
 from mmg.motion.froude import time_scale
-from mmg.ship import Ship
 
 LEVEL = 0.05
 """Probability by chance, corrected for the number of instruments, below which an instrument differs."""
@@ -60,9 +57,9 @@ def chances(
 ) -> list[ByChance]:
     """Of each candidate of ``beside`` a calibration, whether it differs between campaigns.
 
-    logs: of the trials, as ``kinematics_of`` gives them, made where a candidate is seen by them; number: of the
-    campaign of each trial; started: numbers of the candidates that the calibration has already, with one value for all;
-    dispersion: how much more the scores of windows vary than their information says.
+    logs: of the trials, as ``kinematics_of`` (cases/evidence/kinematics) gives them, made where a candidate is seen by
+    them; number: of the campaign of each trial; started: numbers of the candidates that the calibration has already,
+    with one value for all; dispersion: how much more the scores of windows vary than their information says.
     """
     group = np.array(number)
     known = logs.value if seen_by_kinematics(beside.candidates) else None
@@ -80,14 +77,6 @@ def chances(
 def seen_by_kinematics(candidates: Sequence[Instrument]) -> bool:
     """Whether heading and turn rate, position and velocities show one of the ``candidates``."""
     return any(_quantity(c) for c in candidates)
-
-
-def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:
-    """What the logs of ``trials`` of a ``ship`` say of one another, None where they cannot be compared."""
-    try:
-        return consistency(trials, ship)
-    except (UserError, np.linalg.LinAlgError):
-        return None
 
 
 def _quantity(candidate: Instrument) -> Quantity | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cases.evidence.kinematics import kinematics_of
 from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
@@ -22,7 +23,7 @@ from fitting.parallel import ProcessBeside, helper
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
-from fitting.selection.campaigns.chance import LEVEL, kinematics_of
+from fitting.selection.campaigns.chance import LEVEL
 from fitting.selection.campaigns.choice import better, gains
 from fitting.selection.campaigns.sentences import differences, not_asked
 from fitting.selection.campaigns.spread import Reduced, Widths
