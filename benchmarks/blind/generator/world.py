@@ -34,24 +34,6 @@ VECTWIN = (
     "k_x", "k_N", "k_gamma", "e_0", "f_1", "g_0", "g_1", "K_TP_BT", "K_TN_BT", "a_Y1_BT", "a_N1_BT",
 )  # fmt: skip
 
-KVLCC2_SIZES = {
-    "thrust_loss_at_high_n": 0.45,
-    "roll_coupling": 0.65,
-    "rudder_rate_limit": 0.26,
-    "jammed_bearing": 0.35,
-    "asymmetric_rudder": 0.3,
-    "wavy_engine_map": 0.6,
-    "thrust_deduction_at_low_advance": 0.7,
-    "separation_at_large_drift": 0.45,
-    "fish_tailing": 0.6,
-    "towed_boat": 0.5,
-    "one_sided_fouling": 0.55,
-    "weed_patch": 0.6,
-    "reversing_stream": 0.6,
-    "irregular_swell": 0.6,
-}
-"""Factors on the sizes of causes without a name, for this ship."""
-
 
 @dataclass(frozen=True)
 class World:
@@ -114,28 +96,45 @@ class World:
         return replace(self, name=f"{self.name}_wide", wide=True)
 
 
+TANKER = World(
+    "kvlcc2",
+    ship="kvlcc2_l7",
+    length=7.0,
+    forces=forces_standard,
+    drawn=KVLCC2,
+    force=(0.03, 0.08, 0.06),
+    memory=(1.5, 12.0),
+    noise=(0.004, 0.004, 0.002, 0.002, 0.003, 0.0004),
+    colour=(0.05, 0.4),
+    gyro=0.002,
+    sample=0.4,
+    without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
+    runge_kutta=True,
+    sets={"mixed": "ahead"},
+    sizes={
+        "thrust_loss_at_high_n": 0.45,
+        "roll_coupling": 0.65,
+        "rudder_rate_limit": 0.26,
+        "jammed_bearing": 0.35,
+        "asymmetric_rudder": 0.3,
+        "wavy_engine_map": 0.6,
+        "thrust_deduction_at_low_advance": 0.7,
+        "separation_at_large_drift": 0.45,
+        "fish_tailing": 0.6,
+        "towed_boat": 0.5,
+        "one_sided_fouling": 0.55,
+        "weed_patch": 0.6,
+        "reversing_stream": 0.6,
+        "irregular_swell": 0.6,
+    },
+)
+"""KVLCC2 of 7 m, ahead only."""
 NARROW = {
     world.name: world
     for world in (
         World("pond"),
         World("basin", memory=(3.5, 7.0), colour=(0.3, 0.8), gyro=0.005, gust=0.15, sample=0.2, runge_kutta=True),
-        World(
-            "kvlcc2",
-            ship="kvlcc2_l7",
-            length=7.0,
-            forces=forces_standard,
-            drawn=KVLCC2,
-            force=(0.03, 0.08, 0.06),
-            memory=(1.5, 12.0),
-            noise=(0.004, 0.004, 0.002, 0.002, 0.003, 0.0004),
-            colour=(0.05, 0.4),
-            gyro=0.002,
-            sample=0.4,
-            without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
-            runge_kutta=True,
-            sets={"mixed": "ahead"},
-            sizes=KVLCC2_SIZES,
-        ),
+        TANKER,
         World(
             "vectwin",
             ship="vectwin_3m",
@@ -177,22 +176,17 @@ NARROW = {
                 "thrust_drop_in_turn": 0.25,
             },
         ),
-        World(
-            "sea",
+        replace(
+            TANKER,
+            name="sea",
             ship="kvlcc2_full",
             length=320.0,
-            forces=forces_standard,
-            drawn=KVLCC2,
             force=(0.06, 0.12, 0.05),
             memory=(1.0, 9.0),
             noise=(0.008, 0.008, 0.0012, 0.005, 0.003, 0.0005),
             colour=(0.1, 0.5),
             gyro=0.003,
             sample=0.2,
-            without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
-            runge_kutta=True,
-            sets={"mixed": "ahead"},
-            sizes=KVLCC2_SIZES,
         ),
     )
 }

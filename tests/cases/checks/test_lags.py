@@ -7,7 +7,6 @@ import pytest
 
 from cases.checks.lags import compare
 from cases.checks.motion import smooth, smoothed
-from cases.evidence.tails import normal_tail
 
 DT, ROWS = 2.0, 300
 
@@ -33,7 +32,3 @@ def test_noise_makes_no_lag() -> None:
 def test_a_lag_beyond_noise_is_found(lag: float) -> None:
     found = channel(lag, 0.1, 1)["lag_s"]
     assert found == pytest.approx(lag, abs=2.0)
-
-
-def test_the_tail_is_that_of_the_standard_normal() -> None:
-    assert 2 * normal_tail(1.959964) == pytest.approx(0.05, rel=1e-5)
