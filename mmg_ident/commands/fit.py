@@ -197,8 +197,8 @@ def fit(
         for line in start.notices:
             say(line)
         with (
-            reserved(out),
             interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
+            reserved(out),
         ):
             result = calibrate(start, train, held_out, settings, options, progress())
             timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}

@@ -69,12 +69,16 @@ _usual = signal.getsignal(signal.SIGINT)
 
 
 def answer_signals() -> None:
-    """From now on Ctrl-C and SIGTERM are answered with one line, and within two seconds (``watcher``)."""
+    """From now on Ctrl-C and SIGTERM are answered with one line, and within two seconds (``watcher``).
+
+    Not in a process of ``fitting.parallel``, which reads this module as well: SIGTERM ends it at once, without a word.
+    """
+    if multiprocessing.current_process().name != "MainProcess":  # parent_process() is None until all is read
+        return
     signal.signal(signal.SIGINT, _stopped)
     sys.unraisablehook = _raised_again
-    if multiprocessing.parent_process() is None:  # workers are ended by it at once
-        signal.signal(signal.SIGTERM, terminated)
-        watch()
+    signal.signal(signal.SIGTERM, terminated)
+    watch()
 
 
 if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):

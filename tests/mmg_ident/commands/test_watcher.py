@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -92,3 +93,22 @@ def test_sigterm_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     finally:
         signal.signal(signal.SIGINT, before)
     assert called == [signal.SIGINT]
+
+
+CHILD = """
+from mmg_ident.commands.main import run
+
+if __name__ == "__main__":
+    from fitting.parallel import helper
+
+    with helper(int) as executor:
+        print(executor.submit(int).result())
+"""
+
+
+def test_a_process_of_the_command_ends_without_a_word(tmp_path: Path) -> None:
+    """It reads the script again, whose name is that of the command."""
+    script = tmp_path / "mmg"
+    script.write_text(CHILD)
+    made = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert (made.stdout, made.stderr, made.returncode) == ("0\n", "", 0)
