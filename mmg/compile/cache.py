@@ -22,8 +22,10 @@ from types import ModuleType
 
 import casadi as ca
 
-NATIVE = "-march=native"
-"""Tried first; compilers that do not know it compile for the generic processor."""
+NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ())
+"""Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
+Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which costs
+more than all the arithmetic."""
 
 
 def cache_folder() -> Path:
@@ -118,7 +120,7 @@ def compile_library(text: Text, flags: Sequence[str], check: Check | None = None
             return None, f"no C compiler, because MMG_CC is {os.environ['MMG_CC']!r}"
         return None, "no C compiler found (gcc or clang)"
     made_from = text.made_from if isinstance(text, LateSource) else text
-    all_of_it = "\n".join([made_from, cc, *flags, _processor(), platform.platform()])
+    all_of_it = "\n".join([made_from, cc, *flags, *NATIVE[0], _processor(), platform.platform()])
     key = hashlib.sha256(all_of_it.encode()).hexdigest()[:24]
     suffix = ".dll" if platform.system() == "Windows" else ".so"
     try:
@@ -146,7 +148,7 @@ def _built(
         units = [Path(scratch) / f"code_{i}.c" for i in range(text.count(UNIT) + 1)]
         for path, part in zip(units, text.split(UNIT), strict=True):
             path.write_text(part, encoding="utf-8")
-        for extra in ((NATIVE,), ()):
+        for extra in NATIVE:
             run = _compiled([*command, *extra], units, built)
             if run.returncode == 0 and built.is_file():
                 break
