@@ -236,9 +236,12 @@ class TransitionModel:
         """Rates (M, S), and their Jacobian (M, S, S + 3) by states and latent force, at z (S, M), inputs c (C, M),
         theta (all, M)."""
         rate, nonzeros = _at(self._jacobian, z, c, theta)
-        J = np.zeros((z.shape[1], self.S, self.S + self.P))
-        J[:, self._rows, self._columns] = nonzeros.T
-        return rate.T, J[..., np.concatenate([np.arange(self.S), self.S + self._force_columns])]
+        place = np.full(self.S + self.P, -1)
+        place[: self.S], place[self.S + self._force_columns] = np.arange(self.S), self.S + np.arange(3)
+        own = np.flatnonzero(place[self._columns] >= 0)
+        J = np.zeros((z.shape[1], self.S, self.S + 3))
+        J[:, self._rows[own], place[self._columns[own]]] = nonzeros[own].T
+        return rate.T, J
 
     def logdet_gradient(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -12,6 +13,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
 from diagnosis.hypotheses.found_again import other_trials
+from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
@@ -152,22 +154,30 @@ def search(
     p = problem
     known = {c.effect for c in named}
     rest = [c for c in p.candidates if c.effect not in known]
-    scores = score_tests(slopes(p.steps, p.data, before, rest), rest, seed)
+    scores = score_tests(p.known.slopes(before, rest, partial(slopes, p.steps, p.data, before)), rest, seed)
     excited = [s for s in scores if s.excited]
     by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:SHORT]
     by_p = [s for s in excited if not s.candidate.by_run]
     local = [s for s in by_bic if s.candidate.by_run]
     chosen = by_p[:SHORT] + local + [s for s in by_p[SHORT:] if s.candidate.effect in CURVED]
+    found = {s.candidate: p.known.refit(before, named, s.candidate) for s in chosen}
     done: list[RefittedEffect] = []
 
     def note(one: RefittedEffect) -> None:
         done.append(one)
+        p.known.keep(before, named, one.candidate, one.fit)
         if progress:
             task = f"refits of search {len(named) + 1}"
             progress(Progress(task, len(done), len(chosen), {"gain in BIC": one.delta_bic}))
 
-    alone = replace(p, tests=None)  # processes need no other trials
-    refitted = run_all(refit_task, [(alone, before, tuple(named), s, len(excited)) for s in chosen], workers, note)
+    for s in chosen:
+        if (fit := found[s.candidate]) is not None:
+            note(refitted_effect(p, before, named, s, len(excited), fit))
+    alone = replace(p, tests=None, known=KnownResults())  # processes need no other trials
+    new = [s for s in chosen if found[s.candidate] is None]
+    run_all(refit_task, [(alone, before, tuple(named), s, len(excited)) for s in new], workers, note)
+    place = {s.candidate: i for i, s in enumerate(chosen)}
+    refitted = sorted(done, key=lambda one: place[one.candidate])
     ordered = in_order(refitted, {s.candidate: s for s in scores})
     if ordered:
         ordered[0] = replace(ordered[0], again=_found_again(p, before, ordered[0]))
@@ -224,6 +234,14 @@ def refit_candidate(
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
+    return refitted_effect(problem, before, named, score, count, fit)
+
+
+def refitted_effect(
+    problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int, fit: Estimate
+) -> RefittedEffect:
+    """What the ``fit`` of a candidate says of it; the others: as of ``refit_candidate``."""
+    c = score.candidate
     kept = sum(len(e.columns) for e in named)
     gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))

@@ -49,6 +49,12 @@ class Slopes:
     own: np.ndarray
     dispersion: Mapping[Candidate, float] = field(default_factory=dict)
 
+    def only(self, candidates: Sequence[Candidate]) -> Slopes:
+        """Those of some ``candidates``, in their order."""
+        columns = tuple(x for c in candidates for x in c.columns)
+        at = np.array([self.columns.index(x) for x in columns], dtype=int)
+        return replace(self, columns=columns, g=self.g[at], S=self.S[np.ix_(at, at)], own=self.own[at])
+
 
 @dataclass(frozen=True)
 class ScoreTest:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.prior_width import TOLD, Width, likely_width, refitted_at
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import likelihood
 
 
@@ -35,7 +36,7 @@ class SearchProblem:
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
     expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
     in any fit, or None; factor: by which ``base`` is narrower than stated (``prior_width``), None where these are no
-    stated priors but another calibration.
+    stated priors but another calibration; known: what searches have found, with whatever candidates.
     """
 
     steps: TransitionModel
@@ -46,6 +47,7 @@ class SearchProblem:
     expected_unnamed_null: float = 0.0
     tests: GriddedTrials | None = None
     factor: float | None = None
+    known: KnownResults = field(default_factory=KnownResults, compare=False, repr=False)
 
     def gained(self, fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
         """``gained`` by the fit ``more`` with ``every`` columns of effects over ``fewer`` with those ``kept``."""

@@ -64,18 +64,24 @@ def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float
     return x - 2 * T / tau * (x - memory.low_pass(name, x, 0.5 * tau, size))
 
 
-SHARP, SHARPER = 16, 32
-"""Powers q of the clip x b / (|x|^q + b^q)^(1/q): of a play, and of what draws the remembered position along.
+SHARP, SHARPER = 4, 5
+"""Doublings of the power q = 2^k of the clip x b / (|x|^q + b^q)^(1/q), 16 and 32: of a play, and of what draws the
+remembered position along.
 
 The second must be sharper, or the remembered position would creep back inside the play.
 """
 
 
-def clip(x: Any, b: Any, softest: float, sharpness: int = SHARP) -> Any:
+def clip(x: Any, b: Any, softest: float, doublings: int = SHARP) -> Any:
     """x limited to +-b, smooth, exactly zero for b = 0; ``softest`` is the size of x that keeps it smooth there.
-    sharpness: the power q."""
-    x2, b2 = (x / softest) ** 2, (b / softest) ** 2
-    return b * x / softest / (x2 ** (sharpness // 2) + b2 ** (sharpness // 2) + 1.0) ** (1 / sharpness)
+    doublings: k of the power 2^k, which squares and square roots make faster than a library's power."""
+    power, of_b = (x / softest) ** 2, (b / softest) ** 2
+    for _ in range(doublings - 1):
+        power, of_b = power * power, of_b * of_b
+    root = power + of_b + 1.0
+    for _ in range(doublings):
+        root = ca.sqrt(root)
+    return b * x / softest / root
 
 
 def played(memory: Memory, name: str, x: Any, b: Any, time: float, softest: float, size: float) -> Any:
