@@ -26,6 +26,7 @@ from benchmarks.blind.solve import blind_ship
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.io.site import read_site
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.parameters import active_states
@@ -85,7 +86,7 @@ def worth(case: Case, ready: Prepared) -> tuple[float, float]:
     steps, data, null = ready.problem.steps, ready.problem.data, ready.null
     active = active_states(steps, null.free.symbols, null.theta)
     columns = on_grid(case, data, active)
-    at = linearise_and_filter(steps, data, null, active, lambda _: columns)
+    at = linearise_and_filter(steps, data, null, active, lambda _: [DrivenColumns.dense(*columns)])
     flat, P = at.white.reshape(-1, at.white.shape[3]), len(null.p)
     gram = flat.T @ flat
     rest = projected(gram, np.append(at.logdet_gradient.sum(axis=0)[:P], 0.0), null.p)

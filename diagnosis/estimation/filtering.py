@@ -38,6 +38,18 @@ class DrivenColumns:
         """DrivenColumns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
         return cls(forcing, observed, np.arange(observed.shape[3]), None, start)
 
+    @classmethod
+    def pushing(cls, forcing: np.ndarray) -> DrivenColumns:
+        """DrivenColumns that act on the states alone. forcing: as of the class."""
+        K, R = forcing.shape[:2]
+        return cls(forcing, np.zeros((K + 1, R, 6, 0)), np.zeros(0, dtype=int))
+
+    @classmethod
+    def misread(cls, observed: np.ndarray) -> DrivenColumns:
+        """DrivenColumns that act on what is logged alone. observed: as of the class, with d = c."""
+        K1, R, _, c = observed.shape
+        return cls(np.zeros((K1 - 1, R, 0, c)), observed, np.arange(c))
+
     @property
     def dense_observed(self) -> np.ndarray:
         """What every column adds to the logged columns, (K + 1, R, 6, c)."""

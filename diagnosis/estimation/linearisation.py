@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -46,9 +46,8 @@ class Point:
         return Point(self.theta, NO_PRIORS, np.zeros(0), self.path, self.noise)
 
 
-ExtraColumns = Callable[[LinearModel], tuple[np.ndarray, np.ndarray]]
-"""More columns of a linearisation: what they add to the active states over a step (K, R, A, c), and to the logged
-columns (K + 1, R, 6, c)."""
+ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns]]
+"""More columns of a linearisation, in parts, side by side."""
 
 
 @dataclass(frozen=True)
@@ -186,9 +185,8 @@ def linearise_and_filter(
     system = linear_system(linear, noise, start, data.good, data.inside, data.h)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
-    more = extra(linear) if extra is not None else None
     parts = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
-    parts += [DrivenColumns.dense(*more)] if more is not None else []
+    parts += extra(linear) if extra is not None else []
     ends = np.cumsum([0, *(part.forcing.shape[3] for part in parts)])
     white = np.empty((*data.good.shape, ends[-1] + 1))
     for part, (begin, end) in zip(parts, pairwise(ends), strict=True):

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
@@ -107,24 +108,28 @@ class Dictionary:
         )
         self.kinds = tuple(kind for kind, _ in self.labels)
 
-    def columns(self, linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-        """The columns for ``linearise_and_filter``: what each adds to the active states over a step (K, R, A, C) and to
-        the logged columns (K + 1, R, 6, C), of the ``linear`` model."""
-        forms, sizes = self.forces, self.noise.force
-        pushed = [linear.force[..., c] * sizes[c] * v[..., None] for v in forms.values for c in range(3)]
+    def columns(self, linear: LinearModel) -> list[DrivenColumns]:
+        """The columns for ``linearise_and_filter``, of the ``linear`` model: what acts on the ship, then the errors of
+        the sensors."""
+        forms, push = self.forces, linear.force * self.noise.force
+        acting_on = [(push, forms.values)]
         for action, size in self.scaled(linear, self.actions):
-            shapes = [forms.values[forms.at(name)] for name in SHAPES]
-            pushed += [action.step * size * value[..., None] for value in (*shapes, *action.delayed)]
-        pushed += [linear.force[..., c] * sizes[c] * v[..., None] for v in self.swings.values for c in (1, 2)]
-        for action, size in self.scaled(linear, self.by_place):
-            pushed += [action.step * size * value[..., None] for value in self.place.values]
-        count, total = len(pushed), len(self.kinds)
+            shapes = forms.values[[forms.at(name) for name in SHAPES]]
+            acting_on.append((size * action.step[..., None], np.concatenate([shapes, action.delayed])))
+        acting_on.append((push[..., 1:], self.swings.values))
+        scaled = self.scaled(linear, self.by_place)
+        acting_on += [(size * action.step[..., None], self.place.values) for action, size in scaled]
+        errors = self._errors(linear)
         K, R, A = linear.F.shape[:3]
-        forcing, observed = np.zeros((K, R, A, total)), np.zeros((K + 1, R, 6, total))
-        forcing[..., :count] = np.stack(pushed, axis=-1)
-        for i, (channel, values, _) in enumerate(self._errors(linear), start=count):
+        forcing, end = np.empty((K, R, A, len(self.kinds) - len(errors))), 0
+        for pushes, values in acting_on:  # (K, R, A, f) times (m, K, R), written side by side
+            begin, end = end, end + len(values) * pushes.shape[3]
+            place = forcing[..., begin:end].reshape(K, R, A, len(values), pushes.shape[3])
+            np.multiply(pushes[:, :, :, None], np.moveaxis(values, 0, -1)[:, :, None, :, None], out=place)
+        observed = np.zeros((K + 1, R, 6, len(errors)))
+        for i, (channel, values, _) in enumerate(errors):
             observed[:, :, channel, i] = values
-        return forcing, observed
+        return [DrivenColumns.pushing(forcing), DrivenColumns.misread(observed)]
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (C,) of 1/2 log det F along each column, of the linearisation ``at`` with these columns."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
@@ -42,14 +43,12 @@ POSITION = (0, 1)
 class Events:
     """Columns of all runs, those with the same number side by side.
 
-    kinds: what each of E columns is of; forcing: (K, R, A, E) of the active states over a step; observed: (K + 1, R, 6,
-    E) of the logged columns; forms: the dictionary; stretches: (K, W) which steps are in each stretch; waves: (K, w),
-    those of a stream that turns.
+    kinds: what each of E columns is of; columns: these, in parts; forms: the dictionary; stretches: (K, W) which steps
+    are in each stretch; waves: (K, w), those of a stream that turns.
     """
 
     kinds: tuple[str, ...]
-    forcing: np.ndarray
-    observed: np.ndarray
+    columns: tuple[DrivenColumns, ...]
     forms: Dictionary
     stretches: np.ndarray
     waves: np.ndarray
@@ -61,30 +60,25 @@ class Events:
         steps = max(1, round(STRETCH * time_scale(length) / data.h), -(-int(data.steps.sum()) // MOST))
         own = np.arange(K)[:, None] // steps == np.arange(-(-K // steps))
         W = own.shape[1]
-        kinds, forcing, observed = [], [], []
+        kinds, columns = [], []
         for name, (action, size) in zip(forms.actions, forms.scaled(linear, forms.actions), strict=True):
             late = action.step * (size * action.delayed[DELAYS.index(LATE)])[..., None]
-            forcing.append(late[..., None] * own[:, None, None, :])
+            columns.append(DrivenColumns.pushing(late[..., None] * own[:, None, None, :]))
             kinds += [f"delay of {name}{AT_TIMES}"] * W
-            observed.append(np.zeros((K + 1, R, 6, W)))
         seen = np.concatenate([own[:1], own])
         for channel in POSITION:
             off = np.zeros((K + 1, R, 6, W))
             off[:, :, channel] = forms.noise.white[channel] * seen[:, None, :]
-            observed.append(off)
-            forcing.append(np.zeros((K, R, len(forms.active), W)))
+            columns.append(DrivenColumns.misread(off))
             kinds += [f"sensor of position{AT_TIMES}"] * W
-        swinging = _swinging(data, forms, linear, length)
-        forcing.append(swinging)
-        observed.append(np.zeros((K + 1, R, 6, swinging.shape[3])))
+        columns.append(DrivenColumns.pushing(_swinging(data, forms, linear, length)))
         kinds += [f"force that swings {rate:g} times a length" for rate in SWINGS for _ in range(4)]
         k = time_scale(length)
         waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
         for action, size in forms.scaled(linear, _streams(forms)):
-            forcing.append((action.step * size)[..., None] * waves[:, None, None, :])
-            observed.append(np.zeros((K + 1, R, 6, waves.shape[1])))
+            columns.append(DrivenColumns.pushing((action.step * size)[..., None] * waves[:, None, None, :]))
             kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
-        return cls(tuple(kinds), np.concatenate(forcing, axis=3), np.concatenate(observed, axis=3), forms, own, waves)
+        return cls(tuple(kinds), tuple(columns), forms, own, waves)
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (R, E) of 1/2 log det along each column, of the linearisation ``at``."""

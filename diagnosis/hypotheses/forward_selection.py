@@ -160,7 +160,7 @@ def search(
     by_p = [s for s in excited if not s.candidate.by_run]
     local = [s for s in by_bic if s.candidate.by_run]
     chosen = by_p[:SHORT] + local + [s for s in by_p[SHORT:] if s.candidate.effect in CURVED]
-    found = {s.candidate: p.known.refit(before, named, s.candidate) for s in chosen}
+    fits = {s.candidate: p.known.refit(before, named, s.candidate) for s in chosen}
     done: list[RefittedEffect] = []
 
     def note(one: RefittedEffect) -> None:
@@ -170,14 +170,13 @@ def search(
             task = f"refits of search {len(named) + 1}"
             progress(Progress(task, len(done), len(chosen), {"gain in BIC": one.delta_bic}))
 
-    for s in chosen:
-        if (fit := found[s.candidate]) is not None:
-            note(refitted_effect(p, before, named, s, len(excited), fit))
+    kept_ones = [refitted_effect(p, before, named, s, len(excited), fit) for s in chosen if (fit := fits[s.candidate])]
+    for one in kept_ones:
+        note(one)
     alone = replace(p, tests=None, known=KnownResults())  # processes need no other trials
-    new = [s for s in chosen if found[s.candidate] is None]
-    run_all(refit_task, [(alone, before, tuple(named), s, len(excited)) for s in new], workers, note)
+    tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen if not fits[s.candidate]]
     place = {s.candidate: i for i, s in enumerate(chosen)}
-    refitted = sorted(done, key=lambda one: place[one.candidate])
+    refitted = sorted([*kept_ones, *run_all(refit_task, tasks, workers, note)], key=lambda one: place[one.candidate])
     ordered = in_order(refitted, {s.candidate: s for s in scores})
     if ordered:
         ordered[0] = replace(ordered[0], again=_found_again(p, before, ordered[0]))
@@ -240,7 +239,7 @@ def refit_candidate(
 def refitted_effect(
     problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int, fit: Estimate
 ) -> RefittedEffect:
-    """What the ``fit`` of a candidate says of it; the others: as of ``refit_candidate``."""
+    """What the ``fit`` of a candidate says of it. problem, before, named, score, count: as of ``refit_candidate``."""
     c = score.candidate
     kept = sum(len(e.columns) for e in named)
     gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion

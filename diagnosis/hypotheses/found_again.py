@@ -18,6 +18,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
@@ -71,11 +72,9 @@ class OtherTrials:
         theta = set_values(steps.ship, data, at.theta, at.free.columns, moved)
         there = linearised(steps, data, theta, z, at.path.force[:-1], columns, active)
 
-        def columns_of(_: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+        def columns_of(_: LinearModel) -> list[DrivenColumns]:
             size = (free.std * along)[:, None]
-            late = np.zeros((*data.good.shape, timing.shape[3]))
-            forcing, observed = np.concatenate([timing, there.G @ size], axis=3), there.D @ size
-            return forcing, np.concatenate([late, observed], axis=3)
+            return [DrivenColumns.pushing(timing), DrivenColumns.dense(there.G @ size, there.D @ size)]
 
         here = linearise_and_filter(steps, data, point, active, columns_of)
         logdet = here.logdet_gradient.sum(axis=0)
@@ -93,12 +92,11 @@ class OtherTrials:
         middle = 0.5 * (at.path.z[:-1] + at.path.z[1:])
         force, gradient = found.on(data, middle), found.gradient_on(data, middle)
 
-        def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+        def columns_of(linear: LinearModel) -> list[DrivenColumns]:
             size = at.free.std * (found.taken @ found.mean.ravel())
             pushed = np.einsum("krac,krc->kra", linear.force, force) - linear.G @ size
-            late = np.zeros((*data.good.shape, timing.shape[3]))
-            forcing = np.concatenate([timing, pushed[..., None]], axis=3)
-            return forcing, np.concatenate([late, -(linear.D @ size)[..., None]], axis=3)
+            both = DrivenColumns.dense(pushed[..., None], -(linear.D @ size)[..., None])
+            return [DrivenColumns.pushing(timing), both]
 
         here = linearise_and_filter(steps, data, at, active, columns_of)
         K, R = data.inputs.shape[:2]

@@ -17,6 +17,7 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
@@ -109,9 +110,8 @@ def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trials: 
     free = fit.free.only(kept)
     point = Point(fit.theta, free, np.zeros(len(free.columns)), path, fit.noise)
 
-    def pushed(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-        response = np.einsum("krac,krc->kra", linear.force, force)[..., None]
-        return response, np.zeros((*data.good.shape, 1))
+    def pushed(linear: LinearModel) -> list[DrivenColumns]:
+        return [DrivenColumns.pushing(np.einsum("krac,krc->kra", linear.force, force)[..., None])]
 
     linearised = linearise_and_filter(problem.steps, data, point, extra=pushed)
     known = np.linalg.inv(fit.covariance[np.ix_(kept, kept)])

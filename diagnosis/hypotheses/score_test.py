@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
@@ -93,8 +94,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     )
     point = Point(found.theta, both, np.zeros(len(both.columns)), Trajectory(z, found.path.force), found.noise)
     timing = timing_columns(steps, data, point, active)
-    late = timing, np.zeros((*data.good.shape, timing.shape[3]))
-    linearised = linearise_and_filter(steps, data, point, active, lambda _: late)
+    linearised = linearise_and_filter(steps, data, point, active, lambda _: [DrivenColumns.pushing(timing)])
     P, c = len(free.symbols), timing.shape[3]
     every, broken = linearised.white, ~np.isfinite(linearised.white).all(axis=(0, 1, 2))
     broken[[*range(P), -1]] = False  # the fit itself is finite, or there is none

@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 from scipy.stats import norm
 
 from diagnosis.estimation.dispersion import dispersion, memory_steps
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
@@ -191,12 +192,9 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     timing = timing_columns(steps, data, found, active)
     length, events = float(steps.ship.particulars["L"]), []
 
-    def columns_of(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-        forcing, observed = forms.columns(linear)
+    def columns_of(linear: LinearModel) -> list[DrivenColumns]:
         events.append(Events.of(data, forms, linear, length))
-        late = np.zeros((*observed.shape[:3], timing.shape[3]))
-        each = (timing, forcing, events[0].forcing), (late, observed, events[0].observed)
-        return np.concatenate(each[0], axis=3), np.concatenate(each[1], axis=3)
+        return [DrivenColumns.pushing(timing), *forms.columns(linear), *events[0].columns]
 
     linearised = linearise_and_filter(steps, data, found, active, columns_of)
     p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
@@ -204,8 +202,9 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     by_free = linearised.logdet_gradient.sum(axis=0)[:P]
     white = linearised.white
     flat = white.reshape(-1, white.shape[3])
-    first = np.append(np.arange(C), len(flat.T) - 1)
-    gram = (flat.T @ flat)[np.ix_(first, first)]
+    own, gram = flat[:, :C], np.empty((C + 1, C + 1))
+    gram[:C, :C], gram[C, :C] = own.T @ own, flat[:, -1] @ own
+    gram[:, C] = np.append(gram[C, :C], flat[:, -1] @ flat[:, -1])
     rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
     lags = memory_steps(length, data.h)
     ratios = {}

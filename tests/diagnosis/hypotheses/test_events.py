@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
+from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
@@ -31,11 +32,9 @@ def test_all_stretches_together_are_the_delay_of_the_dictionary(calm: tuple[Sear
     active = active_states(steps, null.free.symbols, null.theta)
     forms, made = Dictionary(steps, data, null, active), []
 
-    def columns(linear: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+    def columns(linear: LinearModel) -> list[DrivenColumns]:
         made.append(Events.of(data, forms, linear, 3.0))
-        forcing, observed = forms.columns(linear)
-        both = [forcing, made[0].forcing], [observed, made[0].observed]
-        return np.concatenate(both[0], axis=3), np.concatenate(both[1], axis=3)
+        return [*forms.columns(linear), *made[0].columns]
 
     at = linearise_and_filter(steps, data, null, active, columns)
     place, first = forms.labels.index(("delay of delta", "4 s")), len(null.p)

@@ -61,7 +61,7 @@ def test_the_most_probable_are_refitted_and_by_run_only_what_pays_by_bic(monkeyp
     scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]  # three parameters each: none pays by BIC
     cheap = row("e0", 1e-12, 8, T=90.0, by_run=True)
     dear = row("e1", 1e-11, 8, T=20.0, by_run=True)
-    monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), *3 * [np.zeros(0)]))
+    monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), np.zeros(0), np.zeros((0, 0)), np.zeros(0)))
     monkeypatch.setattr(hypotheses, "score_tests", lambda *args: [cheap, dear, *scores, row(CURVED[0], 0.9, T=0.1)])
     monkeypatch.setattr(hypotheses, "refit_task", lambda task: RefittedEffect(task[3].candidate, None, 5.0, 0.0, 0.01))
     monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, *more: [f(t) for t in tasks])

@@ -120,7 +120,9 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     small = 1e-4
     ends = [half_log_det(steps, data, path, symbol, sign * small) for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / (2 * small)
-    forcing, observed = words.columns(linearised.linear)
+    pushing, misread = words.columns(linearised.linear)
+    forcing = np.concatenate([pushing.forcing, np.zeros((*data.inside.shape, 6, len(misread.observing)))], axis=3)
+    observed = np.concatenate([np.zeros((*data.good.shape, pushing.forcing.shape[3])), misread.observed], axis=3)
     theta = steps.ship.values.copy()
     theta[steps.ship.symbols.index(f"probe.{symbol}")] = small
     moved = steps.linearise(path.z, data.controls, theta, path.force[:-1], np.zeros(0, dtype=int), np.arange(6))
