@@ -72,7 +72,7 @@ class Dictionary:
         K, R = data.inputs.shape[:2]
         middle = 0.5 * (z[:-1] + z[1:])
         self.force_forms = ForceForms(steps, data, middle)
-        self.forces = self.force_forms.on(data, middle)
+        self.forces = self.force_forms.own
         every = steps.coefficients(found.theta, found.path.force[:-1].reshape(-1, 3).T)
         points = middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every
         wanted = np.concatenate([active, steps.S + np.arange(3)])

@@ -61,13 +61,14 @@ class ForceForms:
     """The forms, their units taken from trials.
 
     steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. products: names
-    of those forms that are products; the others are smooth functions, of several variables or of one alone.
+    of those forms that are products; the others are smooth functions, of several variables or of one alone; own: all of
+    them on these trials.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
         self.steps = steps
         raw = self._products(data, middle)
-        _, self._middle, self._factor = of_unit_size(raw, data.inside)
+        products, self._middle, self._factor = of_unit_size(raw, data.inside)
         self.products = frozenset(raw.names)
         known = self._variables(data, middle)
         inside = known.values[:, data.inside]
@@ -80,11 +81,15 @@ class ForceForms:
             for i, name in enumerate(known.names)
             if spread[i] and not name.startswith("air") and " over " not in name
         }
+        self.own = self._with_smooth(products, known)
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
         products = _scaled(self._products(data, middle), self._middle, self._factor)
-        known = self._variables(data, middle)
+        return self._with_smooth(products, self._variables(data, middle))
+
+    def _with_smooth(self, products: Forms, known: Forms) -> Forms:
+        """The ``products``, and the smooth functions of the ``known`` variables."""
         alone = (basis.on(known.only((name,)), f"{name} alone") for name, basis in self._alone.items())
         return sum(alone, products + self._smooth.on(known, "smooth"))
 

@@ -6,7 +6,14 @@ are done. Every list of independent tasks of the product goes through it.
 
 from __future__ import annotations
 
-from fitting.parallel.beside import Awaited, ProcessBeside, begun_beside, process_beside, spread_beside
+from fitting.parallel.beside import (
+    Awaited,
+    ProcessBeside,
+    begun_beside,
+    both_processes,
+    process_beside,
+    spread_beside,
+)
 from fitting.parallel.executors import Executor, executing, kept_workers, listening, run_all, width
 from fitting.parallel.processes import cores, end_with_parent, held_back, helper
 from fitting.parallel.shared import Shared
@@ -18,6 +25,7 @@ __all__ = [
     "ProcessBeside",
     "Shared",
     "begun_beside",
+    "both_processes",
     "cores",
     "end_with_parent",
     "executing",

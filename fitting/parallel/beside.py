@@ -10,10 +10,12 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from fitting.parallel.executors import executing
+from fitting.parallel.memory import affordable
 from fitting.parallel.processes import cores, helper
 
 Value = TypeVar("Value")
@@ -138,3 +140,37 @@ def process_beside(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
         process = ProcessBeside(executor)
         begun_beside(process, prepare)  # until it has loaded that, it has begun nothing
         yield process
+
+
+class BothProcesses:
+    """An executor: this process and the one beside it. The one begins at the first task, the other at the last."""
+
+    width = 2
+
+    def __init__(self, process: ProcessBeside) -> None:
+        self.process = process
+
+    def outcomes(
+        self, function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None] = lambda: None
+    ) -> Iterator[Any]:
+        """As of ``Executor``; ``finished`` is called in the order of the ``tasks`` of the ``function``."""
+        begun = [begun_beside(self.process, partial(function, task)) for task in reversed(tasks)]
+        try:
+            while begun:
+                yield begun.pop().value
+                finished()
+        finally:
+            for one in begun:  # those that an error left behind
+                self.process.taken_back(one)
+
+
+@contextmanager
+def both_processes(prepare: Callable[[], object]) -> Iterator[ProcessBeside | None]:
+    """Within this, ``run_all`` shares its tasks between this process and one beside it, whatever ``workers`` are asked
+    for: where there is a second core, and memory for two. prepare: what the other does first. Yields that, or None."""
+    with process_beside(prepare) if affordable(2) > 1 else nullcontext() as process:
+        if process is None:
+            yield None
+            return
+        with executing(BothProcesses(process)):
+            yield process

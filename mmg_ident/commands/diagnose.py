@@ -82,7 +82,10 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
+    from contextlib import nullcontext
     from dataclasses import replace
+    from functools import partial
+    from importlib import import_module
 
     from cases.checks import ready
     from cases.io.campaigns import said_campaign
@@ -90,6 +93,7 @@ def diagnose(
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
     from diagnosis.result import is_complete
+    from fitting.parallel import both_processes, spread_beside
     from fitting.report.run_folder import RESULT, check_target, reserved
 
     if not (resume and out.exists()):
@@ -101,25 +105,28 @@ def diagnose(
     options = pipeline.DiagnosisOptions(
         step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
     )
-    train, tests = read_trials(trials), read_trials(test) if test else []
-    train, tests = ready(train, tests, unchecked=unchecked)
-    train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
-    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
-    if store.resume and not store.folder.is_dir() and any(out.iterdir()):
-        raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
-    try:
-        with reserved(out):
-            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
-            end_progress()
-            found.save(out, replace=resume or store.folder.is_dir())
-    except (KeyboardInterrupt, UserError) as stop:
-        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
-            if not store.has_parts:
-                store.discard()
-            raise
-        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
-        return 130
+    alone = workers > 1 or scheduler is not None  # these do the tasks
+    with nullcontext() if alone else both_processes(partial(import_module, "diagnosis.diagnose")) as beside:
+        spread = partial(spread_beside, beside)
+        train, tests = read_trials(trials, spread=spread), read_trials(test, spread=spread) if test else []
+        train, tests = ready(train, tests, unchecked=unchecked, spread=spread)
+        train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
+        begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+        store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+        if store.resume and not store.folder.is_dir() and any(out.iterdir()):
+            raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
+        try:
+            with reserved(out):
+                found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
+                end_progress()
+                found.save(out, replace=resume or store.folder.is_dir())
+        except (KeyboardInterrupt, UserError) as stop:
+            if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
+                if not store.has_parts:
+                    store.discard()
+                raise
+            say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+            return 130
     if json:
         print_json(found.to_dict())
     else:
