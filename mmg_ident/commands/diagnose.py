@@ -42,7 +42,9 @@ def diagnose(
         str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
     ] = None,
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
-    workers: Annotated[int, Option(help="Processes that refit candidates side by side.")] = 1,
+    workers: Annotated[
+        int, Option(help="Processes that do the tasks; 1: this one, and one beside it on a second core.")
+    ] = 1,
     scheduler: Annotated[
         str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
     ] = None,
