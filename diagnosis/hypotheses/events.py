@@ -8,6 +8,7 @@ and products of different runs are zero.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,10 @@ SEEN = 1e-9
 """Information from which a column is seen at all."""
 AT_TIMES = " at times"
 """End of the kinds of what is wrong for a while."""
+SWINGING = "force that swings"
+"""Begin of the kinds of forces that swing with the way made."""
+NEAR = range(2, 6)
+"""Places among SWINGS by which swings are neighbours that do not show each other."""
 POSITION = (0, 1)
 """Logged columns of the position."""
 
@@ -72,7 +77,7 @@ class Events:
             columns.append(DrivenColumns.misread(off))
             kinds += [f"sensor of position{AT_TIMES}"] * W
         columns.append(DrivenColumns.pushing(_swinging(data, forms, linear, length)))
-        kinds += [f"force that swings {rate:g} times a length" for rate in SWINGS for _ in range(4)]
+        kinds += [f"{SWINGING} {rate:g} times a length" for rate in SWINGS for _ in range(4)]
         k = time_scale(length)
         waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
         for action, size in forms.scaled(linear, _streams(forms)):
@@ -130,6 +135,19 @@ class EventSlopes:
         """How much more the slopes vary than the information says, at least 1: by the median of their squares, so that
         what is wrong in few stretches does not count."""
         return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / chi2.median(1)))
+
+
+def swing_backgrounds(found: Mapping[str, EventSlopes]) -> dict[str, float]:
+    """Ratio of the slopes' variance to their information for each kind of force that swings, at least 1, by its
+    neighbours' median: random forces may have more at all swings near than their model says (gusts that are not
+    logged, for instance), as a line of a spectrum is judged beside its surroundings (Thomson 1982).
+
+    found: the slopes by kind, as of ``event_slopes``.
+    """
+    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in found.items() if k.startswith(SWINGING)}
+    each = list(sizes.values())
+    near = [[each[j] for j in range(len(each)) if abs(i - j) in NEAR] for i in range(len(each))]
+    return {k: max(1.0, float(np.median(some))) if some else 1.0 for k, some in zip(sizes, near, strict=True)}
 
 
 def event_slopes(

@@ -22,7 +22,7 @@ from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
-from diagnosis.hypotheses.events import Events, event_slopes
+from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
@@ -49,11 +49,11 @@ of a large one is not linear in its size."""
 @dataclass(frozen=True)
 class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
-    their information S (C, C), and by kind of sensor error, and for the share of the wind, the ratio of the slopes'
-    variance to that information, at least 1: it is larger where residuals are correlated in time, as of sensors with a
-    memory or in gusts. The memory of forces is in the model. taken: (P, c) multiples of the free parameters that were
-    projected out, by those of the dictionary. Its columns are the first; those of ``events`` follow, kind by kind, as
-    if independent of all others."""
+    their information S (C, C), and by kind of sensor error, for the share of the wind and for forces that swing,
+    the ratio of the slopes' variance to that information, at least 1: it is larger where residuals are correlated
+    in time, as of sensors with a memory or in gusts, and where random forces are not as fast or as slow as in the
+    model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary. Its
+    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others."""
 
     g: np.ndarray
     S: np.ndarray
@@ -215,6 +215,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds)
     ratios |= {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
+    ratios |= swing_backgrounds(there)
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))
     kinds = tuple(kind for kind, each in there.items() for _ in each.g)

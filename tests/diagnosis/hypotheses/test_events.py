@@ -12,7 +12,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import AFTER_RUDDER, Dictionary
-from diagnosis.hypotheses.events import MOST, TURNS, Events, event_slopes
+from diagnosis.hypotheses.events import MOST, SWINGING, TURNS, Events, EventSlopes, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
@@ -119,3 +119,25 @@ def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
         late.append(t.with_columns(delta=np.interp(t.t + way, t.t, t["delta"])))
     found = of(late)
     assert found.p_value < 0.01 and found.by_kind[DELTA] > 5
+
+
+def swings(level: float, line: float = 1.0) -> dict[str, EventSlopes]:
+    """Forces that swing at twelve rates, of unit information: slopes of this variance, of ``line`` times it at one."""
+    rng, found = np.random.default_rng(3), {}
+    for i in range(12):
+        g = np.sqrt(level * (line if i == 6 else 1.0)) * rng.standard_normal(400)
+        found[f"{SWINGING} {i} times a length"] = EventSlopes(g, np.eye(400))
+    return found | {"sensor of position at times": EventSlopes(9.0 * np.ones(4), np.eye(4))}
+
+
+@pytest.mark.parametrize(("level", "expected"), [(0.7, 1.0), (1.0, 1.0), (1.5, 1.5)])
+def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself(level: float, expected: float) -> None:
+    for line in (1.0, 5.0):
+        ratios = swing_backgrounds(swings(level, line))
+        assert len(ratios) == 12 and all(name.startswith(SWINGING) for name in ratios)
+        np.testing.assert_allclose(list(ratios.values()), expected, rtol=0.1)
+
+
+def test_a_single_rate_has_no_neighbours() -> None:
+    only = {k: one for k, one in swings(2.0).items() if " 3 " in k}
+    assert list(swing_backgrounds(only).values()) == [1.0]
