@@ -34,6 +34,10 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
+WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
+"""Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
+of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
+20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s."""
 SEEN = 0.01
 """Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
 DRAWS, LEVEL = 2000, 0.02
@@ -53,7 +57,8 @@ class UnnamedSlopes:
     the ratio of the slopes' variance to that information, at least 1: it is larger where residuals are correlated
     in time, as of sensors with a memory or in gusts, and where random forces are not as fast or as slow as in the
     model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary. Its
-    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others."""
+    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others. wind: share of the
+    logged wind whose force is as strong as what is random, the unit of its columns."""
 
     g: np.ndarray
     S: np.ndarray
@@ -61,6 +66,7 @@ class UnnamedSlopes:
     dispersion: dict[str, float]
     taken: np.ndarray
     events: tuple[str, ...] = ()
+    wind: float = 1.0
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -70,7 +76,12 @@ class UnnamedSlopes:
     @property
     def allowed(self) -> np.ndarray:
         """What each column (C,) may be off where nothing is wrong."""
-        return np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in self.kinds])
+        of_wind = WIND_TOLERANCE / self.wind
+        return np.array([TOLERANCE if k.startswith(SENSOR) else of_wind * (k == UNLOGGED) for k in self.kinds])
+
+    def _sizes(self, kind: str) -> tuple[float, ...]:
+        """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
+        return tuple(share / self.wind for share in WIND_SIZES) if kind == UNLOGGED else SIZES
 
     def by_chance(self, seed: int) -> np.ndarray:
         """Slopes (DRAWS, C) by the law of the model: normal to first order, sensors off by what is tolerated."""
@@ -92,7 +103,7 @@ class UnnamedSlopes:
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
         g, S = g / ratio, self.S / ratio
         own = {name: kinds == name for name in sorted(set(self.kinds))}
-        logs = {name: log_bayes(g, S, at, allowed[at].max()) for name, at in own.items()}
+        logs = {name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name)) for name, at in own.items()}
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         single = np.isin(kinds, FORCES)
         each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None])
@@ -219,7 +230,10 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))
     kinds = tuple(kind for kind, each in there.items() for _ in each.g)
-    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)], kinds)
+    units = dict(
+        zip(forms.by_place, (size for _, size in forms.scaled(linearised.linear, forms.by_place)), strict=True)
+    )
+    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)], kinds, units.get("wind", 1.0))
 
 
 def log_bayes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -187,6 +188,21 @@ def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[S
     logs = [log_bayes(g / np.sqrt(ratio), slopes.S / ratio, own, allowed[own].max()) for own in groups]
     share = float((np.logaddexp.reduce(logs, axis=0) - np.log(len(names)) > found.limit).mean())
     assert 0.2 * LEVEL < share < 3 * LEVEL
+
+
+def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tuple[SearchProblem, Estimate]) -> None:
+    """However surely it is seen: anemometers, and gusts between the samples, are no better. A lee is something."""
+    slopes = unnamed_slopes(*_parts(*without_effects))
+    own = np.array([kind == UNLOGGED for kind in slopes.kinds])
+    assert own.sum() >= 4 and 0 < slopes.wind < 10
+    for sure in (1.0, 1e4):  # the information of calmer and calmer trials
+        unit = 0.05
+        found = replace(slopes, S=sure * slopes.S, wind=unit, dispersion={})
+        more, lee = (np.where(own, share / unit / 3, 0.0) * (-1.0) ** np.arange(len(own)) for share in (0.05, 0.9))
+        assert found.statistics(found.S @ more)[2][UNLOGGED] < 0.5
+        assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
+        beyond = found.statistics(found.by_chance(0))[2][UNLOGGED]
+        assert (beyond > 3).mean() < 0.03
 
 
 def test_either_of_both_tests_is_beyond_chance_as_often_as_the_level_says(
