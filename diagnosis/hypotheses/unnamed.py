@@ -94,7 +94,7 @@ class UnnamedSlopes:
             drawn[:, part] = normal[:, part] * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         same = np.equal.outer(np.array(self.kinds), np.array(self.kinds))
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
-        return (drawn + (off * self.allowed) @ (self.S * same)) * np.sqrt(ratio)
+        return drawn * np.sqrt(ratio) + (off * self.allowed) @ (self.S * same)
 
     def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
