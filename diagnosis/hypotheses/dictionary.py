@@ -50,12 +50,13 @@ Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 class Action:
     """How an input acts: change of the A active states over a step per unit of it (K, R, A), of their rates (K, R, A),
     and of the Jacobian of the rates by states and latent force (K, R, A, A + 3); delayed: the input some time ago less
-    now, (K, R) each."""
+    now, (K, R) each, in units of its own; per_second: (D,) how much of each a delay of 1 s is."""
 
     step: np.ndarray
     rates: np.ndarray
     jacobian: np.ndarray
     delayed: np.ndarray
+    per_second: np.ndarray
 
 
 class Dictionary:
@@ -228,19 +229,22 @@ def _action(
 
     x = data.inputs[..., i]
     k = time_scale(steps.ship.particulars["L"])
-    delayed = []
+    delayed, per_second = [], []
     for delay in DELAYS:
-        rows = np.maximum(np.arange(len(x)) - max(1, round(delay * k / data.h)), 0)
-        values = x[rows] - x
-        delayed.append(unit(values, data.inside) * values)
-    return _by_difference(steps, data, moved, small, (points, begin), active, wanted, np.stack(delayed))
+        late = max(1, round(delay * k / data.h))
+        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x
+        factor = unit(values, data.inside)
+        delayed.append(factor * values)
+        per_second.append(1 / (factor * late * data.h) if factor else 0.0)
+    both = np.stack(delayed), np.array(per_second)
+    return _by_difference(steps, data, moved, small, (points, begin), active, wanted, both)
 
 
 def _of_places(
     steps: TransitionModel, data: GriddedTrials, points: Points, begin: Points, active: np.ndarray, wanted: np.ndarray
 ) -> dict[str, Action]:
     """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
-    none = np.zeros((0, *data.inputs.shape[:2]))
+    none = np.zeros((0, *data.inputs.shape[:2])), np.zeros(0)
     found = {}
     for name, symbol in WATER.items():
         if symbol in steps.ship.symbols:
@@ -272,10 +276,10 @@ def _by_difference(
     at: tuple[Points, Points],
     active: np.ndarray,
     wanted: np.ndarray,
-    delayed: np.ndarray,
+    delayed: tuple[np.ndarray, np.ndarray],
 ) -> Action:
     """The action of what ``moved`` moves by ``small`` to either side, by central differences; at: middles and starts of
-    the steps."""
+    the steps; delayed: columns and their parts of a second."""
     K, R = data.inputs.shape[:2]
     ends = [steps.advance(*moved(at[1], sign)) for sign in (1, -1)]
     rates, jacobians = zip(*(steps.rates(*moved(at[0], sign)) for sign in (1, -1)), strict=True)
@@ -283,5 +287,6 @@ def _by_difference(
         step=((ends[0] - ends[1]) / (2 * small))[active].T.reshape(K, R, -1),
         rates=((rates[0] - rates[1]) / (2 * small))[:, active].reshape(K, R, -1),
         jacobian=((jacobians[0] - jacobians[1]) / (2 * small))[:, active][:, :, wanted].reshape(K, R, len(active), -1),
-        delayed=delayed,
+        delayed=delayed[0],
+        per_second=delayed[1],
     )

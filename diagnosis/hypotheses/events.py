@@ -28,6 +28,8 @@ MOST = 150
 """Stretches of all runs together."""
 LATE = 4.0
 """Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
+UNKNOWN = 12**-0.5
+"""Standard deviation of the time at which an actuator moves between two samples, in their interval: any is alike."""
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
 TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)
@@ -49,7 +51,7 @@ class Events:
     """Columns of all runs, those with the same number side by side.
 
     kinds: what each of E columns is of; columns: these, in parts; forms: the dictionary; stretches: (K, W) which steps
-    are in each stretch; waves: (K, w), those of a stream that turns.
+    are in each stretch; waves: (K, w), those of a stream that turns; allowed: size, by kind, that is nothing.
     """
 
     kinds: tuple[str, ...]
@@ -57,6 +59,7 @@ class Events:
     forms: Dictionary
     stretches: np.ndarray
     waves: np.ndarray
+    allowed: Mapping[str, float]
 
     @classmethod
     def of(cls, data: GriddedTrials, forms: Dictionary, linear: LinearModel, length: float) -> Events:
@@ -65,11 +68,13 @@ class Events:
         steps = max(1, round(STRETCH * time_scale(length) / data.h), -(-int(data.steps.sum()) // MOST))
         own = np.arange(K)[:, None] // steps == np.arange(-(-K // steps))
         W = own.shape[1]
-        kinds, columns = [], []
+        kinds, columns, allowed = [], [], {}
         for name, (action, size) in zip(forms.actions, forms.scaled(linear, forms.actions), strict=True):
             late = action.step * (size * action.delayed[DELAYS.index(LATE)])[..., None]
             columns.append(DrivenColumns.pushing(late[..., None] * own[:, None, None, :]))
             kinds += [f"delay of {name}{AT_TIMES}"] * W
+            part = action.per_second[DELAYS.index(LATE)] / size if size else 0.0
+            allowed[kinds[-1]] = UNKNOWN * data.sample * float(part)
         seen = np.concatenate([own[:1], own])
         for channel in POSITION:
             off = np.zeros((K + 1, R, 6, W))
@@ -83,7 +88,7 @@ class Events:
         for action, size in forms.scaled(linear, _streams(forms)):
             columns.append(DrivenColumns.pushing((action.step * size)[..., None] * waves[:, None, None, :]))
             kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
-        return cls(tuple(kinds), tuple(columns), forms, own, waves)
+        return cls(tuple(kinds), tuple(columns), forms, own, waves, allowed)
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (R, E) of 1/2 log det along each column, of the linearisation ``at``."""

@@ -6,8 +6,8 @@ prior on their sizes, averaged over SIZES: it grows only if there is something, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -57,8 +57,9 @@ class UnnamedSlopes:
     the ratio of the slopes' variance to that information, at least 1: it is larger where residuals are correlated
     in time, as of sensors with a memory or in gusts, and where random forces are not as fast or as slow as in the
     model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary. Its
-    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others. wind: share of the
-    logged wind whose force is as strong as what is random, the unit of its columns."""
+    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others. wind: share of
+    the logged wind whose force is as strong as what is random, the unit of its columns; of_events: size of events,
+    by kind, that is nothing."""
 
     g: np.ndarray
     S: np.ndarray
@@ -67,6 +68,7 @@ class UnnamedSlopes:
     taken: np.ndarray
     events: tuple[str, ...] = ()
     wind: float = 1.0
+    of_events: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -76,8 +78,8 @@ class UnnamedSlopes:
     @property
     def allowed(self) -> np.ndarray:
         """What each column (C,) may be off where nothing is wrong."""
-        of_wind = WIND_TOLERANCE / self.wind
-        return np.array([TOLERANCE if k.startswith(SENSOR) else of_wind * (k == UNLOGGED) for k in self.kinds])
+        known = {UNLOGGED: WIND_TOLERANCE / self.wind, **self.of_events}
+        return np.array([TOLERANCE if k.startswith(SENSOR) else known.get(k, 0.0) for k in self.kinds])
 
     def _sizes(self, kind: str) -> tuple[float, ...]:
         """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
@@ -233,7 +235,9 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     units = dict(
         zip(forms.by_place, (size for _, size in forms.scaled(linearised.linear, forms.by_place)), strict=True)
     )
-    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(found.p)], kinds, units.get("wind", 1.0))
+    return UnnamedSlopes(
+        g, S, forms, ratios, rest.taken[: len(found.p)], kinds, units.get("wind", 1.0), events[0].allowed
+    )
 
 
 def log_bayes(
@@ -255,7 +259,7 @@ def _log_bayes_of(
     """The same of slopes ``along`` (..., c) independent directions with information ``values`` (..., c)."""
     null = 1 + tolerance**2 * values
     logs = []
-    for a in (a for a in sizes if a > tolerance):
+    for a in [a for a in sizes if a > tolerance] or [3.0 * tolerance]:
         other = 1 + a**2 * values
         gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)
         logs.append(0.5 * gain.sum(axis=-1))

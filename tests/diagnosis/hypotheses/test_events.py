@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,18 @@ from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER, Dictionary
-from diagnosis.hypotheses.events import MOST, SWINGING, TURNS, Events, EventSlopes, event_slopes, swing_backgrounds
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DELAYS, Dictionary
+from diagnosis.hypotheses.events import (
+    AT_TIMES,
+    LATE,
+    MOST,
+    SWINGING,
+    TURNS,
+    Events,
+    EventSlopes,
+    event_slopes,
+    swing_backgrounds,
+)
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
@@ -141,3 +153,26 @@ def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself
 def test_a_single_rate_has_no_neighbours() -> None:
     only = {k: one for k, one in swings(2.0).items() if " 3 " in k}
     assert list(swing_backgrounds(only).values()) == [1.0]
+
+
+def test_the_time_of_a_movement_between_two_samples_is_not_known(calm: tuple[SearchProblem, Estimate]) -> None:
+    """A delay of one second, over a whole run, as each of the dictionary's delays has it; and what of it is nothing."""
+    problem, null = calm
+    steps, data = problem.steps, replace(problem.data, sample=0.4)
+    forms, made = Dictionary(steps, data, null, active_states(steps, null.free.symbols, null.theta)), []
+
+    def columns(linear: LinearModel) -> list[DrivenColumns]:
+        scaled = zip(forms.actions, forms.scaled(linear, forms.actions), strict=True)
+        made.append((Events.of(data, forms, linear, 3.0), dict(scaled)))
+        return []
+
+    linearise_and_filter(steps, data, null, forms.active, columns)
+    events, actions = made[0]
+    x = data.inputs[..., steps.model.controls.index("delta")]
+    action, size = actions["delta"]
+    for late, delayed, part in zip(DELAYS, action.delayed, action.per_second, strict=True):
+        m = max(1, round(late / data.h))
+        np.testing.assert_allclose((part * delayed * data.h).sum(axis=0), x[0] - x[-m:].mean(axis=0), atol=1e-9)
+    of_a_second = action.per_second[DELAYS.index(LATE)] / size
+    assert events.allowed[DELTA] == pytest.approx(0.4 / 12**0.5 * of_a_second)
+    assert set(events.allowed) == {f"delay of {name}{AT_TIMES}" for name in forms.actions}
