@@ -17,7 +17,17 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
-from fitting.parallel import Awaited, ProcessBeside, begun_beside, helper, process_beside, spread_beside
+from fitting.parallel import (
+    Awaited,
+    ProcessBeside,
+    begun_beside,
+    both_processes,
+    helper,
+    process_beside,
+    run_all,
+    spread_beside,
+    width,
+)
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.envelope import trial_envelope
 from fitting.settings import Settings
@@ -108,6 +118,35 @@ def no_seven(number: int) -> int:
     if number == 7:
         raise ValueError("no square of 7")
     return square(number)
+
+
+def slow_where(seconds: float) -> int:
+    """Of the process that does this, after some seconds."""
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def test_lists_of_tasks_are_shared_by_both_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.parallel.beside.cores", lambda: 2)
+    finished: list[int] = []
+    with both_processes(nothing) as process:
+        assert process is not None and width(1) == 2
+        assert begun_beside(process, where).there.result() != os.getpid()  # it is there
+        assert run_all(square, range(20), each=finished.append) == [i * i for i in range(20)] == finished
+        done_by = run_all(slow_where, [0.2] * 6)
+        assert done_by[0] == os.getpid() != done_by[-1] and len(set(done_by)) == 2
+        with pytest.raises(ValueError, match="no square of 7"):
+            run_all(no_seven, range(9))
+        assert run_all(square, [3]) == [9]
+    assert width(1) == 1
+
+
+@pytest.mark.parametrize("scarce", ["cores", "memory"])
+def test_without_a_second_core_or_memory_this_process_does_all(scarce: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.parallel.beside.cores", lambda: 1 if scarce == "cores" else 2)
+    monkeypatch.setattr("fitting.parallel.beside.affordable", lambda count: 1 if scarce == "memory" else count)
+    with both_processes(nothing) as process:
+        assert process is None and run_all(slow_where, [0.0] * 3) == [os.getpid()] * 3
 
 
 def test_files_are_read_and_checked_alike(process: ProcessBeside, tmp_path: Path) -> None:
