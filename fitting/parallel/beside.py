@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 from fitting.parallel.executors import executing
-from fitting.parallel.memory import affordable
+from fitting.parallel.memory import room_for
 from fitting.parallel.processes import cores, helper
 
 Value = TypeVar("Value")
@@ -168,7 +168,7 @@ class BothProcesses:
 def both_processes(prepare: Callable[[], object]) -> Iterator[ProcessBeside | None]:
     """Within this, ``run_all`` shares its tasks between this process and one beside it, whatever ``workers`` are asked
     for: where there is a second core, and memory for two. prepare: what the other does first. Yields that, or None."""
-    with process_beside(prepare) if affordable(2) > 1 else nullcontext() as process:
+    with process_beside(prepare) if room_for(2) > 1 else nullcontext() as process:
         if process is None:
             yield None
             return

@@ -36,14 +36,19 @@ def own_memory() -> float:
     return 0.0
 
 
-def affordable(count: int) -> int:
-    """How many of ``count`` processes there is memory for, one at least; says where they are fewer.
+def room_for(count: int) -> int:
+    """How many of ``count`` processes there is memory for, one at least.
 
     A process is taken to need what this one holds, which has the same libraries and the trials, and PROCESS at least.
     """
-    each, free = max(own_memory(), PROCESS), free_memory()
-    fits = max(1, min(count, int(min(free / each, count))))
+    return max(1, min(count, int(min(free_memory() / max(own_memory(), PROCESS), count))))
+
+
+def affordable(count: int) -> int:
+    """``room_for`` so many processes that were asked for (``count``); says where they are fewer."""
+    fits = room_for(count)
     if fits < count:
+        each, free = max(own_memory(), PROCESS), free_memory()
         words = f"{free / 1e6:.0f} MB of memory are free, and each takes about {each / 1e6:.0f} MB"
         LOGGER.warning("%d process(es) instead of %d: %s", fits, count, words)
     return fits

@@ -144,7 +144,7 @@ def test_lists_of_tasks_are_shared_by_both_processes(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("scarce", ["cores", "memory"])
 def test_without_a_second_core_or_memory_this_process_does_all(scarce: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fitting.parallel.beside.cores", lambda: 1 if scarce == "cores" else 2)
-    monkeypatch.setattr("fitting.parallel.beside.affordable", lambda count: 1 if scarce == "memory" else count)
+    monkeypatch.setattr("fitting.parallel.beside.room_for", lambda count: 1 if scarce == "memory" else count)
     with both_processes(nothing) as process:
         assert process is None and run_all(slow_where, [0.0] * 3) == [os.getpid()] * 3
 
