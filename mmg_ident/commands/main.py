@@ -287,6 +287,14 @@ def main(arguments: list[str] | None = None) -> int:
         raise
 
 
+def taken_back() -> None:
+    """Semaphores of pools that are still held, on a busy machine say, as an end of the interpreter takes them back."""
+    util = sys.modules.get("multiprocessing.util")
+    if util is not None:
+        with contextlib.suppress(Exception):
+            util._run_finalizers(0)
+
+
 def run() -> None:
     """Entry point of the console script."""
     code = main()
@@ -299,6 +307,7 @@ def run() -> None:
             if thread is not threading.current_thread():
                 thread.join(max(patience - time.monotonic(), 0.0))
         gc.collect()  # semaphores go with their queues, or their tracker warns of them
+        taken_back()
         os._exit(code)
     sys.exit(code)
 

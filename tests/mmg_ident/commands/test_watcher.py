@@ -112,3 +112,27 @@ def test_a_process_of_the_command_ends_without_a_word(tmp_path: Path) -> None:
     script.write_text(CHILD)
     made = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
     assert (made.stdout, made.stderr, made.returncode) == ("0\n", "", 0)
+
+
+HELD = """
+import os
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from mmg_ident.commands import main
+
+if __name__ == "__main__":
+    pool = ProcessPoolExecutor(1, get_context("spawn"))
+    if {call}:
+        main.taken_back()
+    os._exit(130)
+"""
+
+
+@pytest.mark.parametrize(("call", "warned"), [(True, False), (False, True)])
+def test_semaphores_of_a_pool_that_is_still_held_at_the_end_are_taken_back(
+    call: bool, warned: bool, tmp_path: Path
+) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(HELD.format(call=call))
+    made = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert made.returncode == 130 and ("resource_tracker" in made.stderr) == warned
