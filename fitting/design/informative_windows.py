@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.nlp.group_sums import group_sums
 from fitting.prediction.innovations import Innovations, scatter
 
 UNEXPLAINED = 8.0
@@ -35,8 +36,7 @@ def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
     g = found.gains / size[None, :, None] * found.typical
     each = np.swapaxes(g, 1, 2) @ inverse @ g
     windows, position = np.unique(found.window, return_inverse=True)
-    total, worst = np.zeros((len(windows), *each.shape[1:])), np.zeros(len(windows))
-    np.add.at(total, position, each)
+    total, worst = group_sums(position, each, len(windows)), np.zeros(len(windows))
     np.maximum.at(worst, position, distance)
     sound = worst < UNEXPLAINED * np.median(distance)
     return windows[sound], total[sound]

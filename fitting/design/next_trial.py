@@ -20,6 +20,7 @@ from fitting.design.candidates import Option, features, library, missing
 from fitting.identifiability.analysis import DETERMINED, CoefficientFinding, Identifiability, information_discount
 from fitting.identifiability.verdicts import cause, verdict
 from fitting.nlp.fisher_information import information
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import cut
 from mmg.errors import UserError
@@ -173,8 +174,7 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
     problem = Problem.of(ship, prior, parts, calibration.sigma, compiled=settings.compiled)
     per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
-    F = np.zeros((len(trials), problem.P, problem.P))
-    np.add.at(F, parts.run, np.nan_to_num(per_window))
+    F = group_sums(parts.run, np.nan_to_num(per_window), len(trials))
     repeats = np.array([repetitions(t, seconds, ship) for t in trials])
     found = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
     return F * repeats[:, None, None], found

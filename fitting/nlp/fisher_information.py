@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments
 
@@ -46,9 +47,7 @@ class Information:
     def by_run(self) -> Information:
         """The windows of each run added up: one row per run."""
         runs, position = np.unique(self.run, return_inverse=True)
-        fisher, score = np.zeros((len(runs), *self.fisher.shape[1:])), np.zeros((len(runs), len(self.p)))
-        np.add.at(fisher, position, self.fisher)
-        np.add.at(score, position, self.score)
+        fisher, score = (group_sums(position, values, len(runs)) for values in (self.fisher, self.score))
         return replace(self, fisher=fisher, score=score, run=runs)
 
     def of_data(self) -> np.ndarray:
@@ -243,9 +242,7 @@ def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         H = np.swapaxes(J, 1, 2) @ weighted
         rows[:, :, at] = H[:, :S]
         slope[:, at] = (error[:, None, :] @ weighted)[:, 0]
-        both = np.zeros((len(shared), len(own), len(own)))
-        np.add.at(both, problem.segments.node_window, H[:, S:, S:])
-        shared[:, own[:, None], own] = both
+        shared[:, own[:, None], own] = group_sums(problem.segments.node_window, H[:, S:, S:], len(shared))
     memory, remembered = problem.memory_weight * problem.scale[6:], np.arange(6, S)
     rows[:, remembered, remembered] += memory * problem.scale[6:]
     slope[:, 6:S] += memory * (nodes[:, 6:] - problem.measured_nodes[:, 6:])

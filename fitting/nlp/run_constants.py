@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.prior import Prior
 from fitting.nlp.windows import Segments
 from mmg.ship import Ship
@@ -72,9 +73,7 @@ class Columns:
         """Sums by group (G, ...) of values of points (m, ...); one row stands for each point."""
         if self.groups == 1:
             return values.sum(axis=0)[None]
-        sums = np.zeros((self.groups, *values.shape[1:]))
-        np.add.at(sums, group, values)
-        return sums
+        return group_sums(group, values, self.groups)
 
     def vector(self, parts: np.ndarray, size: int) -> np.ndarray:
         """Sum (P,) of parts (G, L) of the groups."""

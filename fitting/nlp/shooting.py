@@ -121,23 +121,9 @@ class Shooting:
         theta = np.atleast_2d(theta)
         if not self.kernel:
             return self.blocks.hessian(start, theta, cost, weight, len(theta))
-        found = self._curved(start, theta, cost, weight)
-        shared = np.zeros((len(theta), *found.shared.shape[1:]))
-        np.add.at(shared, self._of_window, found.shared)
-        return Curved(found.ends, found.slope, found.rows, shared)
-
-    @cached_property
-    def _of_window(self) -> np.ndarray:
-        """Group of each window."""
-        group = np.zeros(self.windows, dtype=int)
-        group[self.window] = self.group
-        return group
+        return self._curved(start, theta, cost, weight)
 
     def _curved(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray | None) -> Curved:
         assert self.kernel
-        triangles = cost.triangles()
-        return Curved(
-            *self.kernel.curve(
-                self.lanes, start, np.atleast_2d(theta), cost.pull, (triangles, cost.own), weight, self.windows
-            )
-        )
+        both = cost.triangles(), cost.own
+        return Curved(*self.kernel.curve(self.lanes, start, np.atleast_2d(theta), cost.pull, both, weight))

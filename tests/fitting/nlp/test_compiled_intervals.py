@@ -91,8 +91,9 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
     found = []
     for threads in ("1", "2", "256"):
         monkeypatch.setenv("MMG_THREADS", threads)
-        arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own), weight, 5)
-        found.append(kernels.interval.curve(*arguments))
+        arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own))
+        curve = kernels.interval.curve
+        found.append((*curve(*arguments, weight), *curve(*arguments, None)))
     for one, two, many in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(one, many)
