@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 from fitting.parallel.executors import executing
 from fitting.parallel.memory import room_for
 from fitting.parallel.processes import cores, helper
+from mmg.compile.kernel_threads import idle_processors
 
 Value = TypeVar("Value")
 Item = TypeVar("Item")
@@ -68,6 +69,12 @@ class ProcessBeside:
         if self._ended:
             raise RuntimeError("the process beside has ended")
         return one
+
+    @property
+    def idle(self) -> bool:
+        """Whether it has nothing to do."""
+        with self._lock:
+            return not self._busy and not self._waiting
 
     def taken_back(self, one: Awaited[Any]) -> bool:
         """Whether ``one`` had not been begun, and now never will be."""
@@ -139,7 +146,8 @@ def process_beside(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
     with helper(int) as executor:
         process = ProcessBeside(executor)
         begun_beside(process, prepare)  # until it has loaded that, it has begun nothing
-        yield process
+        with idle_processors(lambda: int(process.idle)):
+            yield process
 
 
 class BothProcesses:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,21 +16,10 @@ from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, 
 from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
-from mmg.errors import UserError
+from mmg.compile.kernel_threads import kernel_threads
 
 SHARE = 16
 """Blocks of LANES intervals that one thread takes at least."""
-
-
-def kernel_threads() -> int:
-    """Threads that calculate intervals: MMG_THREADS, but not more than there are processors; 1 where it is not set.
-
-    Raises UserError where it is no positive number.
-    """
-    asked = os.environ.get("MMG_THREADS") or "1"
-    if not asked.isdecimal() or int(asked) < 1:
-        raise UserError(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
-    return min(int(asked), os.cpu_count() or 1)
 
 
 class _IntervalRun(ctypes.Structure):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from fitting.nlp.shooting import Kernels, Shooting
 from mmg.compile import intervals
 from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes
-from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
 
@@ -97,20 +95,6 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
     for one, two, many in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(one, many)
-
-
-@pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5"])
-def test_threads_that_are_no_number_are_refused(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MMG_THREADS", asked)
-    with pytest.raises(UserError, match=f"MMG_THREADS={asked}: not a number of threads"):
-        intervals.kernel_threads()
-
-
-def test_threads_are_no_more_than_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MMG_THREADS", "256")
-    assert intervals.kernel_threads() == (os.cpu_count() or 1)
-    monkeypatch.delenv("MMG_THREADS")
-    assert intervals.kernel_threads() == 1
 
 
 def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:
