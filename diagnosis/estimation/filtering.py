@@ -15,6 +15,7 @@ from diagnosis.estimation import kalman
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
 from mmg.compile.cache import load_library
+from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.progress import LOGGER
 
 
@@ -119,7 +120,7 @@ def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
 class _System(ctypes.Structure):
     """The struct System of the C code."""
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n")] + [
+    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "begin", "end")] + [
         (name, ctypes.c_void_p)
         for name in ("T", "Z", "Q", "white", "first", "good", "inside", "L", "gain", "P", "inverse", "root", "log_det")
     ]
@@ -149,8 +150,12 @@ class Kernel:
         arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
         arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
         arrays += [_real(a) for a in (f.L, f.gain, f.P, f.inverse, f.root, f.log_det)]
-        system = _System(K, R, n, *(a.ctypes.data for a in arrays))
-        failed = getattr(self._library, name)(ctypes.byref(system), *rest)
+        places, work = [a.ctypes.data for a in arrays], getattr(self._library, name)
+
+        def part(begin: int, end: int) -> int:
+            return int(work(ctypes.byref(_System(K, R, n, begin, end, *places)), *rest))
+
+        failed = in_threads(part, even_shares(R))
         if failed == 1:
             raise np.linalg.LinAlgError("Matrix is not positive definite")
         if failed == 2:
@@ -223,9 +228,13 @@ class Kernel:
         K, R, n = s.T.shape[:3]
         out, by_T = np.empty((K, R, A, A + 3)), _real(found.by_T)
         T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
-        system = _System(K=K, R=R, n=n, T=T.ctypes.data, inside=inside.ctypes.data)
         rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
-        if self._library.by_rates(ctypes.byref(system), *rest):
+
+        def part(begin: int, end: int) -> int:
+            system = _System(K, R, n, begin, end, T=T.ctypes.data, inside=inside.ctypes.data)
+            return int(self._library.by_rates(ctypes.byref(system), *rest))
+
+        if in_threads(part, even_shares(R)):
             raise MemoryError(f"no memory for the filter of {R} windows")
         return out
 

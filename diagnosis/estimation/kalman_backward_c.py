@@ -7,7 +7,7 @@ EXPORT int smoothed(const System* s, const double* white, const double* states, 
   const long long K = s->K, R = s->R, n = s->n;
   double *q = malloc(2 * n * sizeof(double)), *next = q + n;
   if (!q) return 2;
-  for (long long r = 0; r < R; r++) {
+  for (long long r = s->begin; r < s->end; r++) {
     memset(q, 0, n * sizeof(double));
     for (long long k = K; k >= 0; k--) {
       const long long i = k * R + r;
@@ -44,7 +44,7 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
   V *IZ = Z + 6 * nv, *bZ = IZ + 6 * nv, *NG = bZ + 6 * nv;
   memset(N, 0, (5 * n * nv + 24 * nv) * sizeof(V));
   double *nn = (double*)N, *bz = (double*)bZ, *ng = (double*)NG;
-  for (long long r = 0; r < R; r++) {
+  for (long long r = s->begin; r < s->end; r++) {
     memset(N, 0, n * nv * sizeof(V));
     for (long long k = K; k >= 0; k--) {
       const long long i = k * R + r;
@@ -89,7 +89,8 @@ EXPORT int by_rates(const System* s, long long A, double h, const double* by_T, 
   double *w = (double*)weight, *f = (double*)ahead;
   memset(weight, 0, (2 * B + A) * nv * sizeof(V));
   for (long long a = A; a < B; a++) f[a * np + a] = 1.0;
-  for (long long i = 0; i < s->K * s->R; i++) {
+  for (long long k = 0; k < s->K; k++) for (long long r = s->begin; r < s->end; r++) {
+    const long long i = k * s->R + r;
     double* own = out + i * A * B;
     if (!s->inside[i]) { memset(own, 0, A * B * sizeof(double)); continue; }
     const double *T = s->T + i * n * n, *by = by_T + i * n * n;

@@ -1,7 +1,7 @@
 """C source of the functions of ``diagnosis.estimation.kalman``, for any sizes; those that go forwards in time.
 
-A window is gone through alone, rows of its matrices in vectors of eight numbers; which window is with which does not
-change a bit. Arrays are those of the functions in numpy, row by row.
+A window is gone through alone, rows of its matrices in vectors of eight numbers; each function goes through those from
+begin to end, and which are together does not change a bit. Arrays are those of the functions in numpy, row by row.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ static int nothing(const unsigned char* good) {
   return !(good[0] | good[1] | good[2] | good[3] | good[4] | good[5]);
 }
 typedef struct {
-  long long K, R, n;
+  long long K, R, n, begin, end;
   const double *T, *Z, *Q, *white, *first;
   const unsigned char *good, *inside;
   double *L, *gain, *P, *inverse, *root, *log_det;
@@ -87,7 +87,7 @@ EXPORT int filter(const System* s) {
   V *ZP = Z + 6 * nv, *B = ZP + 6 * nv, *G = B + 6 * nv, *Zt = G + 6 * nv, *F = Zt + n;
   memset(at, 0, (5 * n * nv + 24 * nv + n + 8) * sizeof(V));
   double *g = (double*)G, *p = (double*)now, *zt = (double*)Zt;
-  for (long long r = 0; r < R; r++) {
+  for (long long r = s->begin; r < s->end; r++) {
     double log_det = 0;
     spread(n, n, np, s->first + r * n * n, p);
     for (long long k = 0; k <= K; k++) {
@@ -147,7 +147,7 @@ EXPORT int responses(const System* s, const Columns* f) {
   V* X = room(&whole, (2 * n + 13) * CHUNK);
   if (!X) return 2;
   V *next = X + n * CHUNK, *W = next + n * CHUNK, *U = W + 6 * CHUNK, *size = U + 6 * CHUNK;
-  for (long long r = 0; r < R; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
+  for (long long r = s->begin; r < s->end; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
     const long long own = c - from < CHUNK * LANES ? c - from : CHUNK * LANES, nv = (own + LANES - 1) / LANES;
     const long long np = nv * LANES;
     double *x = (double*)X, *w = (double*)W, *u = (double*)U, *scale = (double*)size;
@@ -200,7 +200,7 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
   if (!X) return 2;
   V *next = X + n * nv, *W = next + n * nv, *Y = W + 6 * nv;
   memset(W, 0, 6 * nv * sizeof(V));
-  for (long long r = 0; r < R; r++) {
+  for (long long r = s->begin; r < s->end; r++) {
     memset(X, 0, n * nv * sizeof(V));
     for (long long k = 0; k <= K; k++) {
       const long long i = k * R + r;

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,7 +14,7 @@ from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, 
 from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
-from mmg.compile.kernel_threads import kernel_threads
+from mmg.compile.kernel_threads import in_threads
 
 SHARE = 16
 """Blocks of LANES intervals that one thread takes at least."""
@@ -222,17 +220,8 @@ class IntervalKernel:
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
 
-        def part(share: tuple[int, int]) -> int:
-            return int(call(ctypes.byref(run), ctypes.c_longlong(share[0]), ctypes.c_longlong(share[1])))
+        def part(begin: int, end: int) -> int:
+            return int(call(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end)))
 
-        if any(_each(part, lanes.shares)):
+        if in_threads(part, lanes.shares):
             raise MemoryError("no memory for the sensitivities of a block of intervals")
-
-
-def _each(work: Callable[[Any], int], shares: tuple[tuple[int, int], ...]) -> list[int]:
-    """What ``work`` returns for all ``shares``, in as many threads as are allowed and there is work for."""
-    threads = kernel_threads()
-    if threads <= 1 or len(shares) == 1:
-        return [work((shares[0][0], shares[-1][1]))]
-    with ThreadPoolExecutor(min(threads, len(shares))) as pool:
-        return list(pool.map(work, shares))

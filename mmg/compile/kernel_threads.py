@@ -1,10 +1,16 @@
-"""How many threads calculate shooting intervals: one, unless more are asked for or processors are idle."""
+"""Threads of compiled loops over intervals or windows: one, unless more are asked for or processors are idle.
+
+Compiled code lets the interpreter go on meanwhile. What each interval or window gives does not depend on their number.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
+from itertools import pairwise
 
 from mmg.errors import UserError
 
@@ -13,8 +19,8 @@ _IDLE: list[Callable[[], int]] = []
 
 @contextmanager
 def idle_processors(count: Callable[[], int]) -> Iterator[None]:
-    """Within this, intervals are calculated by a thread more for each processor that, by ``count``, is idle then:
-    another process of the same command, say, that has nothing to do. It does not change a bit of the numbers."""
+    """Within this, intervals and windows are calculated by a thread more for each processor that, by ``count``, is idle
+    then: another process of the same command, say, that has nothing to do. It does not change a bit of the numbers."""
     _IDLE.append(count)
     try:
         yield
@@ -23,8 +29,8 @@ def idle_processors(count: Callable[[], int]) -> Iterator[None]:
 
 
 def kernel_threads() -> int:
-    """Threads that calculate intervals: MMG_THREADS, but not more than there are processors; where it is not set, 1
-    and those of ``idle_processors``.
+    """Threads that calculate intervals or windows: MMG_THREADS, but not more than there are processors; where it is not
+    set, 1 and those of ``idle_processors``.
 
     Raises UserError where it is no positive number.
     """
@@ -32,3 +38,29 @@ def kernel_threads() -> int:
     if not asked.isdecimal() or int(asked) < 1:
         raise UserError(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
     return min(int(asked), os.cpu_count() or 1)
+
+
+def in_threads(work: Callable[[int, int], int], shares: Sequence[tuple[int, int]]) -> int:
+    """The largest of what ``work`` returns for each of the ``shares``, which follow each other, by their first and last
+    number: in as many threads as are allowed, this one among them."""
+    threads = min(kernel_threads(), len(shares))
+    if threads <= 1:
+        return work(shares[0][0], shares[-1][1])
+    begun = [_pool(threads - 1).submit(work, *share) for share in shares[1:]]
+    try:
+        return max([work(*shares[0]), *(one.result() for one in begun)])
+    finally:
+        for one in begun:
+            one.cancel()
+
+
+def even_shares(count: int) -> list[tuple[int, int]]:
+    """Shares of about the same size of ``count`` things, one for each thread."""
+    parts = max(1, min(kernel_threads(), count))
+    borders = [count * i // parts for i in range(parts + 1)]
+    return list(pairwise(borders))
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="kernel")

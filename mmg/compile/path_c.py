@@ -2,7 +2,8 @@
 second derivatives, rollouts.
 
 The kernels of ``mmg.compile.codegen`` are called through pointers, LANES points at a time, so that this file is
-compiled once for all ships. A window's points are LANES neighbouring steps; in a rollout they are LANES windows.
+compiled once for all ships. A window's points are LANES neighbouring steps; in a rollout they are LANES windows. Each
+function goes along the windows from begin to end.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _BEGIN = """
 typedef void (*Kernel)(long long, const double* const*, const long long*, double* const*);
 static const long long LD[8] = {LANES, LANES, LANES, LANES, LANES, LANES, LANES, LANES};
 typedef struct {
-  long long K, R, S, C, all, changes, by_window;
+  long long K, R, S, C, all, changes, by_window, begin, end;
   const double *z, *inputs, *theta, *force;
   const long long* force_at;
   double h;
@@ -77,7 +78,7 @@ EXPORT int steps(const Path* p, Kernel jacobian, const Steps* q) {
   V *own = theta + p->all, *J = own + p->all, *slope = J + q->nonzeros, *work = slope + A * W, *sum = work + A * W;
   const double* arg[3] = {(double*)at, (double*)now, (double*)own};
   double* res[2] = {(double*)rate, (double*)J};
-  for (long long r = 0; r < R; r++) {
+  for (long long r = p->begin; r < p->end; r++) {
     coefficients(p, r, theta);
     memcpy(own, theta, p->all * sizeof(V));
     for (long long k = 0; k < p->K; k += LANES) {
@@ -129,7 +130,7 @@ EXPORT int logged(const Path* p, Kernel jacobian, const Logged* q) {
   V *theta = z + S, *y = theta + p->all, *J = y + 6;
   const double* arg[2] = {(double*)z, (double*)theta};
   double* res[2] = {(double*)y, (double*)J};
-  for (long long r = 0; r < R; r++) {
+  for (long long r = p->begin; r < p->end; r++) {
     coefficients(p, r, theta);
     for (long long k = 0; k <= p->K; k += LANES) {
       const int here = least(LANES, p->K + 1 - k);
@@ -160,7 +161,7 @@ EXPORT int weighted(const Path* p, Kernel hessian, long long rates, long long co
   const double* of_rates[4] = {(double*)z, (double*)now, (double*)own, (double*)chosen};
   const double* of_logged[3] = {(double*)z, (double*)own, (double*)chosen};
   double* res[1] = {(double*)found};
-  for (long long r = 0; r < R; r++) {
+  for (long long r = p->begin; r < p->end; r++) {
     coefficients(p, r, theta);
     memcpy(own, theta, p->all * sizeof(V));
     memset(sum, 0, P * sizeof(V));
@@ -198,7 +199,7 @@ EXPORT int follow(const Path* p, Kernel rates, const unsigned char* carried, con
   V *at = z + S, *k1 = at + S, *k2 = k1 + S, *k3 = k2 + S, *k4 = k3 + S, *c = k4 + S, *now = c + 2 * C;
   V *theta = now + C, *own = theta + p->all, *k[4] = {k1, k2, k3, k4};
   const double* arg[3] = {(double*)at, (double*)now, (double*)own};
-  for (long long first = 0; first < R; first += LANES) {
+  for (long long first = p->begin; first < p->end; first += LANES) {
     long long window[LANES];
     for (int l = 0; l < LANES; l++) window[l] = least(first + l, R - 1);
     for (long long a = 0; a < p->all; a++) for (int l = 0; l < LANES; l++)

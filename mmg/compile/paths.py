@@ -11,6 +11,7 @@ import numpy as np
 
 from mmg.compile.batch import BatchFunction
 from mmg.compile.cache import load_library
+from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.compile.path_c import FLAGS, source
 
 
@@ -54,7 +55,7 @@ class _Path(ctypes.Structure):
     """The struct Path of the C code."""
 
     _fields_ = [
-        *((name, ctypes.c_longlong) for name in ("K", "R", "S", "C", "all", "changes", "by_window")),
+        *((name, ctypes.c_longlong) for name in ("K", "R", "S", "C", "all", "changes", "by_window", "begin", "end")),
         *((name, ctypes.c_void_p) for name in ("z", "inputs", "theta", "force", "force_at")),
         ("h", ctypes.c_double),
     ]
@@ -156,13 +157,16 @@ class PathCode:
         z, inputs, theta = (_real(a) for a in (paths.z, paths.inputs, paths.theta))
         force = None if paths.force is None else _real(paths.force)
         at = _whole(np.zeros(3) if paths.force_at is None else paths.force_at)
-        path = _Path(
-            K, R, S, paths.C, len(theta), inputs.shape[2] > paths.C, theta.ndim > 1,
-            z.ctypes.data, inputs.ctypes.data, theta.ctypes.data, None if force is None else force.ctypes.data,
-            at.ctypes.data, paths.h,
-        )  # fmt: skip
+        sizes = (K, R, S, paths.C, len(theta), inputs.shape[2] > paths.C, theta.ndim > 1)
+        places = (z.ctypes.data, inputs.ctypes.data, theta.ctypes.data, None if force is None else force.ctypes.data)
         function = ctypes.cast(getattr(kernel.library, kernel.function.name()), ctypes.c_void_p)
-        if getattr(self._library, name)(ctypes.byref(path), function, *rest):
+        work = getattr(self._library, name)
+
+        def part(begin: int, end: int) -> int:
+            path = _Path(*sizes, begin, end, *places, at.ctypes.data, paths.h)
+            return int(work(ctypes.byref(path), function, *rest))
+
+        if in_threads(part, even_shares(R) if name != "follow" else [(0, R)]):
             raise MemoryError(f"no memory for {R} windows of {K} steps")
 
 
