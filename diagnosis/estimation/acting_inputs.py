@@ -60,7 +60,7 @@ def linearised(
     path.
     """
     at = np.asarray(columns, dtype=int)
-    linear = steps.linearise(z, acting(steps, data, theta).controls, theta, force, at, active)
+    linear = steps.linearise(z, acting(steps, data, theta).controls, theta, force, at, active, data.steps)
     late = _late(steps, at)
     if not late:
         return linear

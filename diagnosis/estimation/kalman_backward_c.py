@@ -45,6 +45,7 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
   memset(N, 0, (5 * n * nv + 24 * nv) * sizeof(V));
   double *nn = (double*)N, *bz = (double*)bZ, *ng = (double*)NG;
   for (long long r = s->begin; r < s->end; r++) {
+    const long long own = steps_of(s, r);
     memset(N, 0, n * nv * sizeof(V));
     for (long long k = K; k >= 0; k--) {
       const long long i = k * R + r;
@@ -52,6 +53,14 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
       const double *inverse = s->inverse + 36 * i, *gain = s->gain + i * n * 6;
       double* D = Ds + 6 * i;
       for (int l = 0; l < 6; l++) D[l] = inverse[7 * l];
+      if (k >= own && k < K) {
+        memset(Ns + i * n, 0, n * sizeof(double));
+        memset(by_T + i * n * n, 0, n * n * sizeof(double));
+      }
+      if (k > own) {
+        memset(by_Z + i * 6 * n, 0, 6 * n * sizeof(double));
+        continue;
+      }
       spread(n, n, np, s->P + i * n * n, (double*)P);
       if (blind) memset(bZ, 0, 6 * nv * sizeof(V));
       else {
@@ -59,7 +68,7 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
         product(6, 6, nv, inverse, 6, 1, Z, IZ, 0);
         product(6, n, nv, (double*)IZ, np, 1, P, bZ, 0);
       }
-      if (k < K) {
+      if (k < own) {
         for (long long a = 0; a < n; a++) Ns[i * n + a] = nn[a * np + a];
         spread(n, n, np, s->L + i * n * n, (double*)L);
         product(n, n, nv, nn, np, 1, L, NL, 0);

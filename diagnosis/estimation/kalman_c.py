@@ -47,6 +47,12 @@ typedef struct {
   const unsigned char *good, *inside;
   double *L, *gain, *P, *inverse, *root, *log_det;
 } System;
+/* Steps of window r: after them nothing is measured and its state stays. */
+static long long steps_of(const System* s, long long r) {
+  long long k = s->K;
+  while (k > 0 && !s->inside[(k - 1) * s->R + r]) k--;
+  return k;
+}
 """
 _FILTER = """
 static int whitened(V* F, double* inverse, double* root, double* log_det) {
@@ -88,6 +94,7 @@ EXPORT int filter(const System* s) {
   memset(at, 0, (5 * n * nv + 24 * nv + n + 8) * sizeof(V));
   double *g = (double*)G, *p = (double*)now, *zt = (double*)Zt;
   for (long long r = s->begin; r < s->end; r++) {
+    const long long own = steps_of(s, r);
     double log_det = 0;
     spread(n, n, np, s->first + r * n * n, p);
     for (long long k = 0; k <= K; k++) {
@@ -108,6 +115,11 @@ EXPORT int filter(const System* s) {
       }
       if (k == K) break;
       const double* t = s->T + i * n * n;
+      if (k > own) {
+        memcpy(s->L + i * n * n, t, n * n * sizeof(double));
+        memset(s->gain + i * n * 6, 0, n * 6 * sizeof(double));
+        continue;
+      }
       spread(n, n, np, t, (double*)T);
       for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) ((double*)Tt)[b * np + a] = t[a * n + b];
       memcpy(L, T, n * nv * sizeof(V));
@@ -149,7 +161,7 @@ EXPORT int responses(const System* s, const Columns* f) {
   V *next = X + n * CHUNK, *W = next + n * CHUNK, *U = W + 6 * CHUNK, *size = U + 6 * CHUNK;
   for (long long r = s->begin; r < s->end; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
     const long long own = c - from < CHUNK * LANES ? c - from : CHUNK * LANES, nv = (own + LANES - 1) / LANES;
-    const long long np = nv * LANES;
+    const long long np = nv * LANES, last = steps_of(s, r);
     double *x = (double*)X, *w = (double*)W, *u = (double*)U, *scale = (double*)size;
     memset(X, 0, n * nv * sizeof(V));
     if (f->start) for (long long a = 0; a < n; a++) for (long long j = 0; j < own; j++)
@@ -174,6 +186,7 @@ EXPORT int responses(const System* s, const Columns* f) {
         for (int l = 0; l < 6; l++) memcpy(white + l * f->apart, u + l * np, own * sizeof(double));
       }
       if (k == K) break;
+      if (k > last) continue;
       product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
       if (!blind) {
         for (long long j = 0; j < 6 * nv; j++) W[j] = -W[j];
@@ -201,6 +214,7 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
   V *next = X + n * nv, *W = next + n * nv, *Y = W + 6 * nv;
   memset(W, 0, 6 * nv * sizeof(V));
   for (long long r = s->begin; r < s->end; r++) {
+    const long long last = steps_of(s, r);
     memset(X, 0, n * nv * sizeof(V));
     for (long long k = 0; k <= K; k++) {
       const long long i = k * R + r;
@@ -215,6 +229,7 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
       product(6, n, nv, s->Z + i * 6 * n, n, 1, X, Y, 1);
       narrow(6, c, np, (double*)Y, y + i * 6 * c);
       if (k == K) break;
+      if (k > last) continue;
       product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
       product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
       V* spare = X; X = next; next = spare;

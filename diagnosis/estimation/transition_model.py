@@ -211,12 +211,14 @@ class TransitionModel:
         force: np.ndarray,
         columns: np.ndarray,
         active: np.ndarray,
+        count: np.ndarray | None = None,
     ) -> LinearModel:
         """The model about a path z (K + 1, R, S) with ``inputs`` (K, R, C), or with their changes over each step behind
         them (K, R, 2 C), and latent ``force`` (K, R, 3).
 
         theta: coefficients (all,) or (all, R); columns: (P,) positions in ``symbols`` to differentiate by; active: (A,)
-        positions of states, which must not depend on the others.
+        positions of states, which must not depend on the others; count: (R,) steps of each window that are wanted, of
+        the others it says nothing (default: all).
         """
         each, where = np.unique(np.concatenate([columns, self._force_columns]), return_inverse=True)
         sensed = np.intersect1d(columns, self._logged_at[1] - self.S)
@@ -225,7 +227,7 @@ class TransitionModel:
         of_steps, of_logged = (_places(S, self.P, active, some) for some in (each, sensed))
         steps = Entries.chosen((self._rows, self._columns), *of_steps)
         logged = Entries.chosen(self._logged_at, np.arange(6), of_logged[1])
-        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
+        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force, count)
         go = self._paths
         end, F, G, by_force = go.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
         y, H, D = go.logged(paths, self._logged_jacobian, logged, A, len(sensed))

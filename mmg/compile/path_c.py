@@ -20,9 +20,11 @@ static const long long LD[8] = {LANES, LANES, LANES, LANES, LANES, LANES, LANES,
 typedef struct {
   long long K, R, S, C, all, changes, by_window, begin, end;
   const double *z, *inputs, *theta, *force;
-  const long long* force_at;
+  const long long *force_at, *count;
   double h;
 } Path;
+/* Steps of window r that are wanted. */
+static inline long long steps_of(const Path* p, long long r) { return p->count ? p->count[r] : p->K; }
 static V* room(void** whole, long long vectors) {
   char* p = *whole = malloc((vectors + 1) * sizeof(V));
   if (!p) return 0;
@@ -81,8 +83,9 @@ EXPORT int steps(const Path* p, Kernel jacobian, const Steps* q) {
   for (long long r = p->begin; r < p->end; r++) {
     coefficients(p, r, theta);
     memcpy(own, theta, p->all * sizeof(V));
-    for (long long k = 0; k < p->K; k += LANES) {
-      const int here = least(LANES, p->K - k);
+    const long long K = steps_of(p, r);
+    for (long long k = 0; k < K; k += LANES) {
+      const int here = least(LANES, K - k);
       states(p, r, k, p->K - 1, z);
       held(p, r, k, c);
       if (p->force) pushed(p, r, k, theta, own);
@@ -132,8 +135,9 @@ EXPORT int logged(const Path* p, Kernel jacobian, const Logged* q) {
   double* res[2] = {(double*)y, (double*)J};
   for (long long r = p->begin; r < p->end; r++) {
     coefficients(p, r, theta);
-    for (long long k = 0; k <= p->K; k += LANES) {
-      const int here = least(LANES, p->K + 1 - k);
+    const long long K = steps_of(p, r);
+    for (long long k = 0; k <= K; k += LANES) {
+      const int here = least(LANES, K + 1 - k);
       states(p, r, k, p->K, z);
       jacobian(LANES, arg, LD, res);
       for (int l = 0; l < here; l++) {
@@ -167,8 +171,13 @@ EXPORT int weighted(const Path* p, Kernel hessian, long long rates, long long co
     memset(sum, 0, P * sizeof(V));
     for (long long k = 0; k < rows; k += LANES) {
       states(p, r, k, rows - 1, z);
-      for (long long e = 0; e < count; e++) for (int l = 0; l < LANES; l++)
-        chosen[e][l] = from[e] < 0 || k + l >= rows ? 0.0 : weight[((k + l) * R + r) * wide + from[e]];
+      int some = 0;
+      for (long long e = 0; e < count; e++) for (int l = 0; l < LANES; l++) {
+        const double x = from[e] < 0 || k + l >= rows ? 0.0 : weight[((k + l) * R + r) * wide + from[e]];
+        chosen[e][l] = x;
+        some |= x != 0.0;
+      }
+      if (!some) continue;
       if (rates) {
         states(p, r, k + 1, p->K, after);
         for (long long s = 0; s < S; s++) z[s] = 0.5 * (z[s] + after[s]);

@@ -21,7 +21,7 @@ class WindowPaths:
 
     z: (K + 1, R, S) states; inputs: (K, R, C) means over each step, or with their changes over it behind them (K, R, 2
     C); theta: coefficients (all,) or by window (all, R); force: (K, R, 3) added over each step to the coefficients at
-    ``force_at`` (3,), or None.
+    ``force_at`` (3,), or None; count: (R,) steps of each window that exist, or None for all.
     """
 
     z: np.ndarray
@@ -31,6 +31,7 @@ class WindowPaths:
     C: int
     force: np.ndarray | None = None
     force_at: np.ndarray | None = None
+    count: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class _Path(ctypes.Structure):
 
     _fields_ = [
         *((name, ctypes.c_longlong) for name in ("K", "R", "S", "C", "all", "changes", "by_window", "begin", "end")),
-        *((name, ctypes.c_void_p) for name in ("z", "inputs", "theta", "force", "force_at")),
+        *((name, ctypes.c_void_p) for name in ("z", "inputs", "theta", "force", "force_at", "count")),
         ("h", ctypes.c_double),
     ]
 
@@ -94,14 +95,15 @@ class PathCode:
         of_force: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Ends (K, R, S) of a Runge-Kutta step from each state of the paths, and its Jacobian by the A chosen states
-        (K, R, A, A), by P coefficients (K, R, A, P) and by the force (K, R, A, 3).
+        (K, R, A, A), by P coefficients (K, R, A, P) and by the force (K, R, A, 3); of steps that do not exist, 0.
 
         jacobian: compiled (z, inputs, theta) -> (rates, their Jacobian); wanted: of its nonzeros, columns below A being
         the chosen states and the others coefficients; of_G: (P,), of_force: (3,) columns of these coefficients.
         """
         K, R, S = len(paths.inputs), *paths.z.shape[1:]
         P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
-        out = np.empty((K, R, S)), np.empty((K, R, A, A)), np.empty((K, R, A, P)), np.empty((K, R, A, 3))
+        empty = np.empty if paths.count is None else np.zeros
+        out = empty((K, R, S)), empty((K, R, A, A)), empty((K, R, A, P)), empty((K, R, A, 3))
         table = [_whole(a) for a in (wanted.entry, wanted.row, wanted.column, of_G, of_force)]
         request = _Steps(A, W, P, len(wanted.entry), wanted.nonzeros, *(a.ctypes.data for a in (*table, *out)))
         self._run("steps", paths, jacobian, ctypes.byref(request))
@@ -117,7 +119,7 @@ class PathCode:
         states.
         """
         K1, R = paths.z.shape[:2]
-        y, H, D = np.empty((K1, R, 6)), np.zeros((K1, R, 6, A)), np.zeros((K1, R, 6, d))
+        y, H, D = np.zeros((K1, R, 6)), np.zeros((K1, R, 6, A)), np.zeros((K1, R, 6, d))
         table = [_whole(a) for a in (wanted.entry, wanted.row, wanted.column)]
         request = _Logged(A, d, len(wanted.entry), wanted.nonzeros, *(a.ctypes.data for a in (*table, y, H, D)))
         self._run("logged", paths, jacobian, ctypes.byref(request))
@@ -157,13 +159,14 @@ class PathCode:
         z, inputs, theta = (_real(a) for a in (paths.z, paths.inputs, paths.theta))
         force = None if paths.force is None else _real(paths.force)
         at = _whole(np.zeros(3) if paths.force_at is None else paths.force_at)
+        count = None if paths.count is None else _whole(paths.count)
         sizes = (K, R, S, paths.C, len(theta), inputs.shape[2] > paths.C, theta.ndim > 1)
-        places = (z.ctypes.data, inputs.ctypes.data, theta.ctypes.data, None if force is None else force.ctypes.data)
+        places = [None if a is None else a.ctypes.data for a in (z, inputs, theta, force, at, count)]
         function = ctypes.cast(getattr(kernel.library, kernel.function.name()), ctypes.c_void_p)
         work = getattr(self._library, name)
 
         def part(begin: int, end: int) -> int:
-            path = _Path(*sizes, begin, end, *places, at.ctypes.data, paths.h)
+            path = _Path(*sizes, begin, end, *places, paths.h)
             return int(work(ctypes.byref(path), function, *rest))
 
         if in_threads(part, even_shares(R) if name != "follow" else [(0, R)]):

@@ -80,8 +80,9 @@ def test_responses_of_a_step_are_those_of_finite_differences(symbol: str, value:
     small = H / PARTS
     low = value - small if value > 0 or EFFECTS[symbol.split(".")[0]].acts_before else value
     expected = (end(value + small) - end(low)) / (value + small - low)
-    np.testing.assert_allclose(G, expected, atol=1e-9 * np.abs(expected).max())
-    assert np.abs(G).max() > 1e-3
+    exist = data.inside
+    np.testing.assert_allclose(G[exist], expected[exist], atol=1e-9 * np.abs(expected[exist]).max())
+    assert np.abs(G[exist]).max() > 1e-3
 
 
 def test_without_a_record_means_and_changes_stand_for_it() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -108,6 +109,24 @@ def test_a_window_alone_gives_the_same_bits(code: Kernel) -> None:
     own = replace(s, **{k: getattr(s, k)[:, 1:2] for k in ("T", "Z", "good", "inside")}, first=s.first[1:2])
     alone: Filtered = code.filtered(own)
     assert np.array_equal(alone.P[:, 0], whole.P[:, 1]) and alone.log_det[0] == whole.log_det[1]
+
+
+def test_threads_change_no_bit(code: Kernel, monkeypatch: pytest.MonkeyPatch) -> None:
+    s, rng, found = system(9), np.random.default_rng(4), []
+    columns = DrivenColumns.dense(
+        rng.standard_normal((STEPS, RUNS, 9, 20)), rng.standard_normal((STEPS + 1, RUNS, 6, 20))
+    )
+    for threads in ("1", "2", "256"):
+        monkeypatch.setenv("MMG_THREADS", threads)
+        monkeypatch.setattr(os, "cpu_count", lambda: 4)
+        f, out = code.filtered(s), np.empty((STEPS + 1, RUNS, 6, 20))
+        states = code.whitened(s, f, columns, out, True)
+        a = code.adjoint(s, f)
+        parts = (*vars(f).values(), out, states, *vars(a).values(), code.by_rates(s, a, 3, 0.5))
+        found.append([*parts, code.observations(s, f, out), *code.smoothed(s, f, out[..., 0], states[..., 0])])
+    for one, two, many in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+        np.testing.assert_array_equal(one, many)
 
 
 @pytest.mark.parametrize("by", ["code", "numpy"])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -128,3 +130,31 @@ def test_a_window_alone_gives_the_same_bits(code: PathCode, functions: dict[str,
     every, none = np.ones(S, dtype=bool), np.zeros((11, 9), dtype=bool)
     whole = code.follow(here, functions["rates"], every, none)
     assert np.array_equal(code.follow(own, functions["rates"], every, none[:, :1])[:, 0], whole[:, 4])
+
+
+def test_steps_that_do_not_exist_are_left_out_and_threads_change_no_bit(
+    code: PathCode, functions: dict[str, BatchFunction], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, count = paths(11, 3, True, True, True), np.array([11, 0, 6])
+    weight = np.random.default_rng(3).standard_normal((11, 3, 60))
+    source = np.arange(functions["of_rates"].function.numel_in(3))
+    row, column = np.array([0, 1, 2, -1]), np.full(S + ALL, -1)
+    column[[0, 1, 2, S, S + 1, S + 4, S + 5, S + 6]] = np.arange(8)
+    steps = functions["jacobian"], Entries.chosen(at(functions["jacobian"], 1), row, column), 3, np.array([3, 4, 3])
+    logged = Entries.chosen(at(functions["logged_jacobian"], 1), np.arange(6), np.array([0, 1, -1, 2, *[-1] * 7]))
+    found = []
+    for threads in ("1", "2"):
+        monkeypatch.setenv("MMG_THREADS", threads)
+        for own in (here, replace(here, count=count)):
+            parts = (
+                code.steps(own, *steps, np.array([5, 6, 7])),
+                code.logged(own, functions["logged_jacobian"], logged, 3, 1),
+            )
+            found.append([*parts[0], *parts[1], code.weighted(own, functions["of_rates"], True, weight, source)])
+    every, short, both, both_short = found
+    for one, two in zip([*every, *short], [*both, *both_short], strict=True):
+        np.testing.assert_array_equal(one, two)
+    for whole, part in zip(every[:-1], short[:-1], strict=True):
+        exist = np.arange(len(whole))[:, None] < count + (len(whole) - 11)
+        np.testing.assert_array_equal(part[exist], whole[exist])
+        assert not part[~exist].any() and np.isfinite(part).all()
