@@ -82,9 +82,15 @@ class SmoothBasis:
 
     def on(self, known: Forms, name: str) -> Forms:
         """The functions of the variables ``known``, by ``name`` and number."""
-        angle = np.einsum("fv,vkr->fkr", self._weight, known.values - self._centre[:, None, None])
-        angle += self._phase[:, None, None]
-        values = np.einsum("cf,fkr->ckr", self._mix, np.cos(angle) - self._mean[:, None, None])
-        slope = np.einsum("cf,fkr,fv->ckrv", self._mix, -np.sin(angle), self._weight, optimize=True)
-        gradient = np.einsum("ckrv,vkrs->ckrs", slope, known.gradients, optimize=True)
+        shape, own = known.values.shape[1:], np.flatnonzero(self._weight.any(axis=0))
+        values = known.values.reshape(len(known.values), -1) - self._centre[:, None]
+        angle = self._weight @ values + self._phase[:, None]
+        found = self._mix @ (np.cos(angle) - self._mean[:, None])
+        steep = -np.sin(angle, out=angle)
+        gradient = np.zeros((len(found), values.shape[1], known.gradients.shape[-1]))
+        for v in own:
+            along = known.gradients[v].reshape(values.shape[1], -1)
+            if along.any():  # the past of an input has none
+                gradient += ((self._mix * self._weight[:, v]) @ steep)[..., None] * along
+        values, gradient = found.reshape(-1, *shape), gradient.reshape(-1, *shape, gradient.shape[-1])
         return Forms(tuple(f"{name} {i + 1}" for i in range(len(values))), values, gradient)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
@@ -89,7 +90,12 @@ def _evidence(g: np.ndarray, S: np.ndarray, sizes: np.ndarray) -> float:
     """Log marginal likelihood of prior ``sizes`` (3,) against none; g: (3 m,) slopes, S: their information."""
     root = np.repeat(sizes, len(g) // 3)
     A = np.eye(len(g)) + root[:, None] * S * root
-    return 0.5 * float(root * g @ np.linalg.solve(A, root * g) - np.linalg.slogdet(A)[1])
+    try:
+        half = cholesky(A, lower=True, overwrite_a=True, check_finite=False)
+    except np.linalg.LinAlgError:  # what is seen is nothing but rounding
+        return -np.inf
+    along = solve_triangular(half, root * g, lower=True, check_finite=False)
+    return 0.5 * float(along @ along) - float(np.log(np.diag(half)).sum())
 
 
 def unexplained_force(

@@ -94,9 +94,13 @@ class UnnamedSlopes:
             own = self.S[np.ix_(part, part)]
             values, vectors = np.linalg.eigh(0.5 * (own + own.T))
             drawn[:, part] = normal[:, part] * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-        same = np.equal.outer(np.array(self.kinds), np.array(self.kinds))
-        ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
-        return drawn * np.sqrt(ratio) + (off * self.allowed) @ (self.S * same)
+        ratio, allowed = np.array([self.dispersion.get(k, 1.0) for k in self.kinds]), self.allowed
+        drawn *= np.sqrt(ratio)
+        every = np.array(self.kinds)
+        for kind in dict.fromkeys(every[allowed > 0]):
+            own = np.flatnonzero(every == kind)
+            drawn[:, own] += (off[:, own] * allowed[own]) @ self.S[np.ix_(own, own)]
+        return drawn
 
     def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
