@@ -18,6 +18,7 @@ import numpy as np
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import constant, expression, prelude
+from mmg.compile.kernel_threads import kernel_threads
 from mmg.compile.self_test import alike, by_virtual_machine, points
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
@@ -190,7 +191,7 @@ class Rollout:
         keep: np.ndarray,
         euler: bool,
         linear: bool,
-        threads: int,
+        threads: int | None,
     ) -> np.ndarray:
         """States (1 + kept, S, M) from start (S, M), M >= lanes; see ``Simulator.run`` for the other arguments.
 
@@ -210,7 +211,7 @@ class Rollout:
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
         blocks = M // self.lanes  # whole blocks for each thread, the rest for the last one
-        shares = max(1, min(threads, blocks, os.cpu_count() or 1))
+        shares = max(1, min(kernel_threads() if threads is None else threads, blocks, os.cpu_count() or 1))
         ends = [blocks * k // shares * self.lanes for k in range(shares)] + [M]
 
         def work(k: int) -> None:
