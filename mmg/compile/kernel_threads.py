@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
@@ -42,16 +42,26 @@ def kernel_threads() -> int:
 
 def in_threads(work: Callable[[int, int], int], shares: Sequence[tuple[int, int]]) -> int:
     """The largest of what ``work`` returns for each of the ``shares``, which follow each other, by their first and last
-    number: in as many threads as are allowed, this one among them."""
+    number: in as many threads as are allowed, this one among them. None of the others goes on after this, also where
+    Ctrl-C is pressed: the arrays that they write into would be gone."""
     threads = min(kernel_threads(), len(shares))
     if threads <= 1:
         return work(shares[0][0], shares[-1][1])
     begun = [_pool(threads - 1).submit(work, *share) for share in shares[1:]]
+    failed: BaseException | None = None
+    own = 0
     try:
-        return max([work(*shares[0]), *(one.result() for one in begun)])
-    finally:
-        for one in begun:
-            one.cancel()
+        own = work(*shares[0])
+    except BaseException as one:
+        failed = one
+    while not all(other.done() for other in begun):
+        try:
+            wait(begun)
+        except KeyboardInterrupt as one:
+            failed = one
+    if failed:
+        raise failed
+    return max([own, *(other.result() for other in begun)])
 
 
 def even_shares(count: int) -> list[tuple[int, int]]:
