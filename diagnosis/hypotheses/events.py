@@ -51,7 +51,8 @@ class Events:
     """Columns of all runs, those with the same number side by side.
 
     kinds: what each of E columns is of; columns: these, in parts; forms: the dictionary; stretches: (K, W) which steps
-    are in each stretch; waves: (K, w), those of a stream that turns; allowed: size, by kind, that is nothing.
+    are in each stretch; waves: (K, w), those of a stream that turns; allowed: size, by kind, that is nothing, also of
+    actuators that are late throughout: when in the interval of a sample they are read, nobody knows.
     """
 
     kinds: tuple[str, ...]
@@ -73,8 +74,9 @@ class Events:
             late = action.step * (size * action.delayed[DELAYS.index(LATE)])[..., None]
             columns.append(DrivenColumns.pushing(late[..., None] * own[:, None, None, :]))
             kinds += [f"delay of {name}{AT_TIMES}"] * W
-            part = action.per_second[DELAYS.index(LATE)] / size if size else 0.0
-            allowed[kinds[-1]] = UNKNOWN * data.sample * float(part)
+            parts = UNKNOWN * data.sample * action.per_second / (size or np.inf)
+            allowed[kinds[-1]] = float(parts[DELAYS.index(LATE)])
+            allowed[f"delay of {name}"] = float(parts.max()) / len(parts) ** 0.5  # they are alike, and add up
         seen = np.concatenate([own[:1], own])
         for channel in POSITION:
             off = np.zeros((K + 1, R, 6, W))

@@ -289,10 +289,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def taken_back() -> None:
     """Semaphores of pools that are still held, on a busy machine say, as an end of the interpreter takes them back."""
-    util = sys.modules.get("multiprocessing.util")
-    if util is not None:
+    finalizers = getattr(sys.modules.get("multiprocessing.util"), "_run_finalizers", None)
+    if finalizers is not None:  # it has no public name
         with contextlib.suppress(Exception):
-            util._run_finalizers(0)
+            finalizers(0)
 
 
 def run() -> None:
