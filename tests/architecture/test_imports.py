@@ -78,8 +78,8 @@ def own_names(source: Source) -> set[str]:
     return own
 
 
-NOT_PRIVATE = {"_replace", "_asdict", "_fields", "_make", "_exit", "_repr_html_"}
-"""Public names of named tuples, of os, and what a notebook calls."""
+NOT_PRIVATE = {"_replace", "_asdict", "_fields", "_make", "_exit", "_repr_html_", "_run_finalizers"}
+"""Public names of named tuples, of os, what a notebook calls, and what multiprocessing has no public name for."""
 
 
 def borrowed(source: Source) -> list[str]:
@@ -99,7 +99,7 @@ def borrowed(source: Source) -> list[str]:
                 found.append(f"{node.attr} of {bound.get(base, base or 'an object')}")
         elif isinstance(node, ast.Call) and dotted(node.func).split(".")[-1] in ("setattr", "getattr", "delattr"):
             texts = [a.value for a in node.args[:2] if isinstance(a, ast.Constant) and isinstance(a.value, str)]
-            found += [f"{t} by its text" for t in texts if is_private(t.split(".")[-1])]
+            found += [f"{t} by its text" for t in texts if is_private(t.split(".")[-1]) and t not in NOT_PRIVATE]
     return found
 
 
