@@ -175,4 +175,6 @@ def test_the_time_of_a_movement_between_two_samples_is_not_known(calm: tuple[Sea
         np.testing.assert_allclose((part * delayed * data.h).sum(axis=0), x[0] - x[-m:].mean(axis=0), atol=1e-9)
     of_a_second = action.per_second[DELAYS.index(LATE)] / size
     assert events.allowed[DELTA] == pytest.approx(0.4 / 12**0.5 * of_a_second)
-    assert set(events.allowed) == {f"delay of {name}{AT_TIMES}" for name in forms.actions}
+    throughout = events.allowed["delay of delta"] * size / action.per_second  # seconds, of each of the delays
+    assert 0.4 / 12**0.5 <= np.sqrt((throughout**2).sum()) < 2 * 0.4 / 12**0.5
+    assert set(events.allowed) == {f"delay of {name}{end}" for name in forms.actions for end in ("", AT_TIMES)}
