@@ -21,6 +21,9 @@ line is compared with (those next to it are left out), and bands of the longest 
 
 IN_ANOTHER = 1e-3
 """Probability of a line in a second sensor below which it is none of one sensor alone."""
+TWICE, RARE = 2.0, 1e-6
+"""Power of a line over that beside it, and probability that one with less has at least: many samples show surely what a
+sensor or a random force of another shape makes, a hill of the spectrum, which is not as high."""
 COARSER = 4.0
 """Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
 HELD, FINEST = 0.3, 4
@@ -116,8 +119,9 @@ def spectral_line(
     ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
     a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
     of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
-    that a coloured spectrum has no lines. The slowest bands, which the latent force follows, are left out. A periodic
-    force, as of waves, makes a line, which the latent force cannot follow.
+    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands, which
+    the latent force follows, are left out. A periodic force, as of waves, makes a line, which the latent force cannot
+    follow.
     """
     spacing, pieces = _equally_spaced(data)
     if not pieces:
@@ -186,5 +190,6 @@ def _band_probabilities(
     beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
     ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
     p = np.asarray(f_law.sf(ratio, 2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None]))
+    p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
     p[:SLOWEST] = 1.0
     return p

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from diagnosis.estimation import residual_checks
 from diagnosis.estimation.residual_checks import residuals, spectral_line
 from diagnosis.judgement.not_random import LINE_PROBABILITY
 from diagnosis.location.where import where
@@ -59,6 +60,22 @@ def test_by_chance_a_line_is_as_rare_as_its_probability_says(every: int, K: int)
 def test_the_slope_of_a_coloured_spectrum_is_no_line(memory: float) -> None:
     found = np.array([heard(chance(seed, memory))[0] for seed in range(DRAWS)])
     assert (found < 0.05).mean() <= 0.09 and found.min() > 10 * LINE_PROBABILITY
+
+
+def hill(seed: int, K: int) -> np.ndarray:
+    """Residuals with a broad maximum of their spectrum (an autoregression of second order, poles 0.6 in size)."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((K + 1, R, 6))
+    for k in range(2, K + 1):
+        x[k] += 1.2 * np.cos(2 * np.pi / 6) * x[k - 1] - 0.36 * x[k - 2]
+    return x
+
+
+def test_a_hill_of_a_spectrum_is_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = np.array([heard(hill(seed, 3000))[0] for seed in range(20)])
+    assert found.min() > 10 * LINE_PROBABILITY
+    monkeypatch.setattr(residual_checks, "RARE", 0.0)
+    assert min(heard(hill(seed, 3000))[0] for seed in range(20)) < LINE_PROBABILITY, "beside all six it looks like one"
 
 
 @pytest.mark.parametrize(
