@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.verdict import RARE, confirms, decide, supports
 from diagnosis.prepare import Prepared
 from diagnosis.validation.held_out import compare
+from fitting.parallel import evaluated_beside
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 
@@ -108,8 +110,23 @@ def _judged(
             break
         LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer
+    held = None
+    if tests is not None:
+        held = evaluated_beside(partial(compare, p.steps, tests, found.null, found.final, options.seed))
     after = _left(p, found.final) if found.effects else before
-    held = compare(p.steps, tests, found.null, found.final, options.seed) if tests is not None else None
+    return _answer(found, (before, after), held.value if held else None, p, simulated)
+
+
+def _answer(
+    found: Selection,
+    left: tuple[UnnamedForms, UnnamedForms],
+    held: HeldOut | None,
+    p: SearchProblem,
+    simulated: SimulatedChance | None,
+) -> JudgedSearch:
+    """The verdict on what was ``found``; left: what unnamed forms explain before and after it; held: the check on test
+    trials; p, simulated: of the search."""
+    before, after = left
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)

@@ -11,6 +11,7 @@ from fitting.parallel.beside import (
     ProcessBeside,
     begun_beside,
     both_processes,
+    evaluated_beside,
     process_beside,
     spread_beside,
 )
@@ -28,6 +29,7 @@ __all__ = [
     "both_processes",
     "cores",
     "end_with_parent",
+    "evaluated_beside",
     "executing",
     "held_back",
     "helper",

@@ -14,7 +14,7 @@ from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import Any, Generic, TypeVar
 
-from fitting.parallel.executors import executing
+from fitting.parallel.executors import executing, in_force
 from fitting.parallel.memory import room_for
 from fitting.parallel.processes import cores, helper
 from mmg.compile.kernel_threads import idle_processors
@@ -182,3 +182,10 @@ def both_processes(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
             return
         with executing(BothProcesses(process)):
             yield process
+
+
+def evaluated_beside(work: Callable[[], Value]) -> Awaited[Value]:
+    """What ``work`` gives, which must be picklable like it: begun by the process beside this one where both do the
+    tasks (``both_processes``), else done when asked for."""
+    executor = in_force()
+    return begun_beside(executor.process if isinstance(executor, BothProcesses) else None, work)

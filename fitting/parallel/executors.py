@@ -68,6 +68,11 @@ def kept_workers(workers: int) -> Iterator[None]:
         yield
 
 
+def in_force() -> Executor | None:
+    """The executor that ``run_all`` hands its tasks to; None where there is none."""
+    return _EXECUTOR.get()
+
+
 def width(workers: int) -> int:
     """How many tasks ``run_all`` does at a time when it is given so many ``workers``."""
     executor = _EXECUTOR.get()

@@ -89,30 +89,32 @@ def diagnose(
     from functools import partial
     from importlib import import_module
 
-    from cases.checks import ready
-    from cases.io.campaigns import said_campaign
-    from cases.io.read import read_trials
-    from diagnosis import diagnose as pipeline
-    from diagnosis.inputs import diagnosis_store
-    from diagnosis.result import is_complete
-    from fitting.parallel import both_processes, spread_beside
+    from fitting.parallel import begun_beside, both_processes, spread_beside
     from fitting.report.run_folder import RESULT, check_target, reserved
 
     if not (resume and out.exists()):
         check_target(out)
-    elif is_complete(out):
+    elif _is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
     ship = _ship(run, without or [])
-    options = pipeline.DiagnosisOptions(
-        step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
-    )
     alone = workers > 1 or scheduler is not None  # these do the tasks
     with nullcontext() if alone else both_processes(partial(import_module, "diagnosis.diagnose")) as beside:
+        from cases.checks import ready  # these take a while, in which the process beside comes up
+        from cases.io.campaigns import said_campaign
+        from cases.io.read import read_trials
+        from diagnosis import diagnose as pipeline
+        from diagnosis.inputs import diagnosis_store
+
+        options = pipeline.DiagnosisOptions(
+            step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
+        )
         spread = partial(spread_beside, beside)
         train, tests = read_trials(trials, spread=spread), read_trials(test, spread=spread) if test else []
         train, tests = ready(train, tests, unchecked=unchecked, spread=spread)
         train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
+        if beside and tests and not no_learn:
+            begun_beside(beside, partial(import_module, "diagnosis.validation.learned"))  # reads torch
         begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
         store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
         if store.resume and not store.folder.is_dir() and any(out.iterdir()):
@@ -134,6 +136,13 @@ def diagnose(
     else:
         _summary(found, out)
     return 0
+
+
+def _is_complete(out: Path) -> bool:
+    """Whether the diagnosis in the folder ``out`` has finished."""
+    from diagnosis.result import is_complete
+
+    return is_complete(out)
 
 
 def _ship(where: str, without: Sequence[str]) -> Ship:

@@ -133,15 +133,10 @@ def fit(
     from functools import partial
     from importlib import import_module
 
-    from cases.checks import ready
-    from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.parallel import process_beside, spread_beside
-    from fitting.pipeline import FitOptions
     from fitting.report.run_folder import check_target, reserved
-    from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
-    from mmg_ident.api import calibrate
 
     began = time.perf_counter()
     settings = _settings(
@@ -174,6 +169,12 @@ def fit(
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
     with process_beside(partial(import_module, "cases.checks")) as beside:
+        from cases.checks import ready  # these take a while, in which the process beside comes up
+        from cases.io.read import read_trials
+        from fitting.pipeline import FitOptions
+        from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
+        from mmg_ident.api import calibrate
+
         spread = partial(spread_beside, beside)
         train, held_out = read_trials(trials, spread=spread), read_trials(validate, spread=spread) if validate else []
         train, held_out = ready(train, held_out, unchecked=unchecked, spread=spread)

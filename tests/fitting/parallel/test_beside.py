@@ -22,6 +22,7 @@ from fitting.parallel import (
     ProcessBeside,
     begun_beside,
     both_processes,
+    evaluated_beside,
     helper,
     process_beside,
     run_all,
@@ -147,6 +148,32 @@ def test_without_a_second_core_or_memory_this_process_does_all(scarce: str, monk
     monkeypatch.setattr("fitting.parallel.beside.room_for", lambda count: 1 if scarce == "memory" else count)
     with both_processes(nothing) as process:
         assert process is None and run_all(slow_where, [0.0] * 3) == [os.getpid()] * 3
+
+
+def test_a_single_work_is_done_beside_only_where_both_do_the_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.parallel.beside.cores", lambda: 2)
+    monkeypatch.setattr("fitting.parallel.beside.room_for", lambda count: count)
+    assert evaluated_beside(where).value == os.getpid()
+    with both_processes(nothing) as process:
+        assert process is not None
+        there = evaluated_beside(where)
+        for _ in range(200):
+            if there.there.done():
+                break
+            time.sleep(0.05)
+        assert there.value != os.getpid()
+        assert idle(process), "with nothing to do, its processor is another thread's"
+    with process_beside(nothing):  # which is not given the tasks of others
+        assert evaluated_beside(where).value == os.getpid()
+
+
+def idle(process: ProcessBeside) -> bool:
+    """Whether it becomes idle soon."""
+    for _ in range(200):
+        if process.idle:
+            return True
+        time.sleep(0.05)
+    return False
 
 
 def test_files_are_read_and_checked_alike(process: ProcessBeside, tmp_path: Path) -> None:
