@@ -28,8 +28,6 @@ ALIKE = 0.1
 """Least spread of a velocity or of revolutions by which a distance is measured, as a share of its rms."""
 ANGLE = 0.05
 """The same of a rudder angle [rad]."""
-FEW = 500_000
-"""Distances that are faster calculated one and all than by a tree of the points."""
 TYPICAL = 1.0
 """Growth where the trials are of one kind, so that none can be left out."""
 
@@ -89,11 +87,9 @@ def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:
 
 def nearest(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Distance of each of ``rows`` (n, F) to the nearest of ``points`` (K, F)."""
-    if len(rows) * len(points) > FEW:
-        from scipy.spatial import cKDTree  # slow to import
-
-        return np.asarray(cKDTree(points).query(rows)[0])
-    square = -2 * rows @ points.T + (rows**2).sum(axis=1)[:, None] + (points**2).sum(axis=1)
+    square = -2 * rows @ points.T  # one array of this size: it is large
+    square += (rows**2).sum(axis=1)[:, None]
+    square += (points**2).sum(axis=1)
     return np.sqrt(np.maximum(square.min(axis=1), 0.0))
 
 

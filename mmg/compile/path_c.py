@@ -23,8 +23,6 @@ typedef struct {
   const long long *force_at, *count;
   double h;
 } Path;
-/* Steps of window r that are wanted. */
-static inline long long steps_of(const Path* p, long long r) { return p->count ? p->count[r] : p->K; }
 static V* room(void** whole, long long vectors) {
   char* p = *whole = malloc((vectors + 1) * sizeof(V));
   if (!p) return 0;
@@ -33,6 +31,10 @@ static V* room(void** whole, long long vectors) {
   return at;
 }
 static inline long long least(long long a, long long b) { return a < b ? a : b; }
+/* Steps of window r that are wanted. */
+static inline long long steps_of(const Path* p, long long r) {
+  return p->count ? least(p->count[r], p->K) : p->K;
+}
 static void coefficients(const Path* p, long long r, V* theta) {
   for (long long a = 0; a < p->all; a++) theta[a] = fill(p->by_window ? p->theta[a * p->R + r] : p->theta[a]);
 }
