@@ -10,6 +10,9 @@ def group_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     sums = np.zeros((count, *values.shape[1:]))
     if not len(group):
         return sums
+    if values.size == len(group):  # single numbers, which a sum would add in pairs
+        return np.bincount(group, values.ravel(), count).reshape(sums.shape)
+    values = np.ascontiguousarray(values)  # rows are added one after the other then
     if (np.diff(group) < 0).any():
         order = np.argsort(group, kind="stable")
         group, values = group[order], values[order]

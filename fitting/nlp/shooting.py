@@ -13,6 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.measurement import Measurement
 from fitting.nlp.portable_intervals import Blocks, Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
@@ -121,9 +122,18 @@ class Shooting:
         theta = np.atleast_2d(theta)
         if not self.kernel:
             return self.blocks.hessian(start, theta, cost, weight, len(theta))
-        return self._curved(start, theta, cost, weight)
+        found = self._curved(start, theta, cost, weight)
+        return Curved(found.ends, found.slope, found.rows, group_sums(self._of_window, found.shared, len(theta)))
+
+    @cached_property
+    def _of_window(self) -> np.ndarray:
+        """Group of each window."""
+        group = np.zeros(self.windows, dtype=int)
+        group[self.window] = self.group
+        return group
 
     def _curved(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray | None) -> Curved:
         assert self.kernel
         both = cost.triangles(), cost.own
-        return Curved(*self.kernel.curve(self.lanes, start, np.atleast_2d(theta), cost.pull, both, weight))
+        theta = np.atleast_2d(theta)
+        return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, self.windows))

@@ -241,59 +241,20 @@ static int add_stages(const Run* r, Work* w, long long k, V* adjoint, int row) {
 
 static V twice(const Work* w, int a, int b) { return w->product[AB(a, b)] + w->product[AB(b, a)]; }
 
-/* The slot of all intervals of a block, -1 where they are of several. */
-static long long one_slot(const Run* r, long long i) {
-  long long slot = -1;
-  for (int l = 0; l < LANES; l++) {
-    const long long at = r->slot[i + l];
-    if (at < 0 || at == slot) continue;
-    if (slot >= 0) return -1;
-    slot = at;
-  }
-  return slot;
-}
-static void add_by_lane(const Run* r, long long i, int a, int b, V x) {
+static void add_shared(const Run* r, long long i, int a, int b, V x) {
   for (int l = 0; l < LANES; l++) if (r->slot[i + l] >= 0) r->shared[(r->slot[i + l] * P + a) * P + b] += x[l];
-}
-static void add_together(const Run* r, long long slot, int a, int b, V x) {
-  double sum = 0.0;
-  for (int l = 0; l < LANES; l++) sum += x[l];
-  r->shared[(slot * P + a) * P + b] += sum;
-}
-/* Hands on what has been collected of the coefficients: of blocks of one slot, or of the block i of several. */
-static void hand_on(const Run* r, const Work* w, long long slot, long long i) {
-  for (int a = S; a < N; a++) for (int b = a; b < N; b++) {
-    const V x = twice(w, a, b);
-    if (slot < 0) add_by_lane(r, i, a - S, b - S, x); else add_together(r, slot, a - S, b - S, x);
-  }
-  for (int e = 0; e < OWN; e++) {
-    const int a = own_at[e][0], b = own_at[e][1];
-    if (slot < 0) add_by_lane(r, i, a, b, w->sum[e]); else add_together(r, slot, a, b, w->sum[e]);
-  }
-}
-/* Begins anew: with the next block of the same slot the states only, which are each interval's own. */
-static void begin_product(Work* w, int same) {
-  const V none = fill(0.0);
-  if (same) {
-    for (int s = 0; s < S; s++) for (int a = 0; a < W; a++) w->product[AB(s, a)] = w->product[AB(a, s)] = none;
-    return;
-  }
-  for (int e = 0; e < OWN; e++) w->sum[e] = none;
-  memset(w->product, 0, sizeof(V) * W * W);
 }
 
 EXPORT int curve(const Run* r, long long begin, long long end) {
   void* base;
   Work* w = work(r, 2, &base);
-  long long collected = -1;
   for (long long at = begin; w && at < end; at++) {
-    const long long i = at * LANES, slot = one_slot(r, i);
-    if (collected >= 0 && slot != collected) hand_on(r, w, collected, i);
-    begin_product(w, slot >= 0 && slot == collected);
-    collected = slot;
+    const long long i = at * LANES;
     sweep(r, w, i, 2);
     V adjoint[S];
     for (int s = 0; s < S; s++) adjoint[s] = r->weight ? load(r->weight + s * r->lanes + i) : fill(0.0);
+    for (int e = 0; e < OWN; e++) w->sum[e] = fill(0.0);
+    memset(w->product, 0, sizeof(V) * W * W);
     for (long long k = r->steps - 1; k >= 0; k--) {
       int row = 0;
       if (k < r->steps - 1) {
@@ -304,9 +265,9 @@ EXPORT int curve(const Run* r, long long begin, long long end) {
       multiply(w, row);
     }
     for (int a = 0; a < S; a++) for (int b = 0; b < N; b++) store(r->rows + (a * N + b) * r->lanes + i, twice(w, a, b));
-    if (slot < 0) hand_on(r, w, slot, i);
+    for (int a = S; a < N; a++) for (int b = a; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
+    for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
   }
-  if (w && collected >= 0) hand_on(r, w, collected, 0);
   free(base);
   return w == 0;
 }

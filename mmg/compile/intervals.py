@@ -92,11 +92,6 @@ class Lanes:
         """Which interior states an interval does not have, (K - 1, M)."""
         return np.arange(len(self.controls) - 1)[:, None] >= self.steps[self.position]
 
-    def by_group(self, groups: int) -> np.ndarray:
-        """Slots (lanes,) of a sum by group, of which there are ``groups``, by share of the work."""
-        share = np.repeat(np.arange(len(self.shares)), [LANES * (end - begin) for begin, end in self.shares])
-        return np.where(self.slot < 0, -1, share * groups + self.group)
-
     def spread(self, values: np.ndarray) -> np.ndarray:
         """Values (..., M) of the intervals in the order of the lanes."""
         return np.ascontiguousarray(values[..., self.interval], dtype=float)
@@ -162,26 +157,23 @@ class IntervalKernel:
         pull: np.ndarray,
         cost: tuple[np.ndarray, np.ndarray],
         weight: np.ndarray | None,
+        slots: int,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
-        nodes (M, S, S + P) and the block of the coefficients, summed by group (G, P, P), or by slot without ``weight``.
+        nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
 
         cost: upper triangles (K - 1, n (n + 1) / 2, M), row by row, of the cost's Hessian to the n = S + O of states
         and O of the free coefficients, and the positions (O,) of these; weight: (S, M), or None for the cost's Hessian
-        to first order in the states (Gauss and Newton).
+        to first order in the states (Gauss and Newton); slots: how many there are.
         """
         S, N, P = self.S, self.S + self.P, self.P
         run = self._sensitivities(lanes, start, theta, pull)
         run |= {"cost": lanes.spread(cost[0]), "own": np.ascontiguousarray(cost[1], dtype=np.int64)}
-        run["cost"][:, :, lanes.slot < 0] = 0.0
-        slots = int(lanes.slot.max()) + 1 if weight is None else len(lanes.shares) * len(theta)
         run |= {"rows": np.empty((S, N, len(lanes.interval))), "shared": np.zeros((slots, P, P))}
         if weight is not None:
-            run |= {"weight": lanes.spread(weight), "slot": lanes.by_group(len(theta))}
+            run["weight"] = lanes.spread(weight)
         self._work("curve", lanes, run)
         shared, lower = run["shared"], np.tril_indices(P, -1)
-        if weight is not None:
-            shared = shared.reshape(len(lanes.shares), len(theta), P, P).sum(axis=0)
         shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]
         rows = lanes.gathered(run["rows"])
         return lanes.gathered(run["ends"]), lanes.gathered(run["slope"]), rows, shared
