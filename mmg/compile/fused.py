@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import casadi as ca
@@ -18,7 +17,7 @@ import numpy as np
 from mmg.compile.batch import FLAGS as BATCH_FLAGS
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import constant, expression, prelude
-from mmg.compile.kernel_threads import kernel_threads
+from mmg.compile.kernel_threads import even_shares, in_threads, kernel_threads
 from mmg.compile.self_test import alike, by_virtual_machine, points
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
@@ -210,18 +209,15 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        blocks = M // self.lanes  # whole blocks for each thread, the rest for the last one
-        shares = max(1, min(kernel_threads() if threads is None else threads, blocks, os.cpu_count() or 1))
-        ends = [blocks * k // shares * self.lanes for k in range(shares)] + [M]
+        threads = min(threads or kernel_threads(), os.cpu_count() or 1)
+        blocks = M // self.lanes
 
-        def work(k: int) -> None:
-            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(ends[k]), ctypes.c_longlong(ends[k + 1]))
+        def work(begin: int, end: int) -> int:  # whole blocks for each thread, what is left for the last one
+            last = M if end == blocks else end * self.lanes
+            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(begin * self.lanes), ctypes.c_longlong(last))
+            return 0
 
-        if shares == 1:
-            work(0)
-        else:
-            with ThreadPoolExecutor(shares) as pool:
-                list(pool.map(work, range(shares)))
+        in_threads(work, even_shares(blocks, threads), threads)
         return out
 
 

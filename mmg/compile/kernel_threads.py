@@ -1,6 +1,7 @@
-"""Threads of compiled loops over intervals or windows: one, unless more are asked for or processors are idle.
+"""Threads of compiled loops over intervals, windows or simulated points: one, unless more are asked for or processors
+are idle.
 
-Compiled code lets the interpreter go on meanwhile. What each interval or window gives does not depend on their number.
+Compiled code lets the interpreter go on meanwhile. What each of these gives does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ _IDLE: list[Callable[[], int]] = []
 
 @contextmanager
 def idle_processors(count: Callable[[], int]) -> Iterator[None]:
-    """Within this, intervals and windows are calculated by a thread more for each processor that, by ``count``, is idle
-    then: another process of the same command, say, that has nothing to do. It does not change a bit of the numbers."""
+    """Within this, compiled loops take a thread more for each processor that, by ``count``, is idle then: another
+    process of the same command, say, that has nothing to do. It does not change a bit of the numbers."""
     _IDLE.append(count)
     try:
         yield
@@ -29,8 +30,8 @@ def idle_processors(count: Callable[[], int]) -> Iterator[None]:
 
 
 def kernel_threads() -> int:
-    """Threads that calculate intervals or windows: MMG_THREADS, but not more than there are processors; where it is not
-    set, 1 and those of ``idle_processors``.
+    """Threads of a compiled loop: MMG_THREADS, but not more than there are processors; where it is not set, 1 and those
+    of ``idle_processors``.
 
     Raises UserError where it is no positive number.
     """
@@ -40,11 +41,11 @@ def kernel_threads() -> int:
     return min(int(asked), os.cpu_count() or 1)
 
 
-def in_threads(work: Callable[[int, int], int], shares: Sequence[tuple[int, int]]) -> int:
+def in_threads(work: Callable[[int, int], int], shares: Sequence[tuple[int, int]], threads: int | None = None) -> int:
     """The largest of what ``work`` returns for each of the ``shares``, which follow each other, by their first and last
-    number: in as many threads as are allowed, this one among them. None of the others goes on after this, also where
-    Ctrl-C is pressed: the arrays that they write into would be gone."""
-    threads = min(kernel_threads(), len(shares))
+    number: in as many threads as are allowed, or in ``threads`` of them, this one among them. None of the others goes
+    on after this, also where Ctrl-C is pressed: the arrays that they write into would be gone."""
+    threads = min(threads or kernel_threads(), len(shares))
     if threads <= 1:
         return work(shares[0][0], shares[-1][1])
     begun = [_pool(threads - 1).submit(work, *share) for share in shares[1:]]
@@ -64,9 +65,10 @@ def in_threads(work: Callable[[int, int], int], shares: Sequence[tuple[int, int]
     return max([own, *(other.result() for other in begun)])
 
 
-def even_shares(count: int) -> list[tuple[int, int]]:
-    """Shares of about the same size of ``count`` things, one for each thread."""
-    parts = max(1, min(kernel_threads(), count))
+def even_shares(count: int, threads: int | None = None) -> list[tuple[int, int]]:
+    """Shares of about the same size of ``count`` things, one for each thread, of which there are as many as allowed, or
+    ``threads``."""
+    parts = max(1, min(threads or kernel_threads(), count))
     borders = [count * i // parts for i in range(parts + 1)]
     return list(pairwise(borders))
 
