@@ -24,6 +24,9 @@ LOST = (
     "use fewer --workers or less data at once"
 )
 
+PATIENCE = 1.0
+"""Seconds within which the threads of a pool see that its processes have ended."""
+
 
 class ProcessCrew:
     """An executor on processes of this machine.
@@ -64,7 +67,7 @@ def process_crew(count: int) -> Iterator[ProcessCrew]:
     from fitting.parallel.memory import affordable
 
     count = affordable(count)
-    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
+    context, others, before = multiprocessing.get_context("spawn"), multiprocessing.active_children(), _managers()
     with (
         one_thread_environment(),
         ProcessPoolExecutor(max_workers=count, mp_context=context, initializer=end_with_parent) as pool,
@@ -74,8 +77,7 @@ def process_crew(count: int) -> Iterator[ProcessCrew]:
         except BaseException:
             children = [child for child in multiprocessing.active_children() if child not in others]
             pool.shutdown(wait=False, cancel_futures=True)
-            for child in children:  # what they would still do is of no use
-                child.terminate()
+            _end(children, before)  # what they would still do is of no use
             raise
 
 
@@ -85,7 +87,7 @@ def helper(prepare: Callable[[], object]) -> Iterator[Executor]:
 
     prepare: done there first, at once.
     """
-    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
+    context, others, before = multiprocessing.get_context("spawn"), multiprocessing.active_children(), _managers()
     with ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=end_with_parent) as pool:
         with one_thread_environment(), held_back():
             pool.submit(prepare)
@@ -94,8 +96,24 @@ def helper(prepare: Callable[[], object]) -> Iterator[Executor]:
             yield pool
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-            for child in own:  # all that was wanted of it is there
-                child.terminate()
+            _end(own, before)  # all that was wanted of it is there
+
+
+def _managers() -> set[threading.Thread]:
+    """The threads that watch the processes of the pools of this process."""
+    return {thread for thread in threading.enumerate() if type(thread).__module__ == ProcessPoolExecutor.__module__}
+
+
+def _end(children: Sequence[multiprocessing.process.BaseProcess], before: set[threading.Thread]) -> None:
+    """End the ``children`` of a pool that was shut down without waiting, and wait for the threads that watch them.
+
+    before: threads of other pools. One that still closes its pipe while the interpreter ends makes that one complain
+    (that of CPython 3.11 writes to the pipe then, without the pool's lock).
+    """
+    for child in children:
+        child.terminate()
+    for thread in _managers() - before:
+        thread.join(PATIENCE)
 
 
 def cores() -> int:
