@@ -24,6 +24,7 @@ from cases.trial import Trial
 from diagnosis import summary
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
 from diagnosis.estimation.prior_width import width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
@@ -288,7 +289,7 @@ def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | N
         data = grid_trials(tests, ship.inputs, float(ship.particulars["L"]), like.h, like.straight) if tests else None
     except UserError:
         return None
-    return data.thinned(ready.gap) if data is not None else None
+    return with_gusts(ready.problem.steps, data.thinned(ready.gap)) if data is not None else None
 
 
 def _doubts(fits: Pattern | None) -> list[Message]:

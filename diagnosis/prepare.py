@@ -15,6 +15,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, possible_readings
+from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
@@ -26,6 +27,7 @@ from diagnosis.estimation.residual_checks import (
     residuals,
     spectral_line,
     with_correlation_time,
+    with_gust_memory,
 )
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.force_steadiness import force_steadiness
@@ -234,7 +236,7 @@ def fit_as_read(
     """
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
     known = possible_readings(trials) if straight is None else (straight,)
-    ways = [grid_trials(trials, steps.ship.inputs, length, steps.h, way) for way in known]
+    ways = [with_gusts(steps, grid_trials(trials, steps.ship.inputs, length, steps.h, way)) for way in known]
     held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
         return held, InputReading(known[0], None, sample, length)
@@ -274,7 +276,7 @@ def fit_without_effects(
             left = lag_correlation(data, residuals(steps, data, null))
         if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
             break
-    null = null if noise.prior else with_correlation_time(steps, data, null)
+    null = null if noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
     if not null.converged:  # the slopes of all tests are those at the optimum
         null = estimate(steps, data, null, MAX_FITS)
     line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)

@@ -300,6 +300,6 @@ def _example() -> tuple[LinearSystem, DrivenColumns]:
     T[~inside] = np.eye(S + 6)
     Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, S + 6)), 0.0)
     Q, white = 0.1 + rng.random(S + 6), 0.1 + rng.random(6)
-    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside)
+    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside, S)
     observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, S + 6, c))
     return s, DrivenColumns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)

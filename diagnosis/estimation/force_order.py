@@ -129,7 +129,6 @@ def with_turning(system: LinearSystem, noise: NoiseModel, h: float, turning: np.
     skew, force = np.zeros((3, 3)), noise.force
     skew[(0, 0, 1), (1, 2, 2)] = turning
     block = np.exp(-h / noise.tau) * force[:, None] * expm(-h / noise.tau * (skew - skew.T)) / force
-    S = system.T.shape[2] - 3 - int((noise.coloured > 0).sum())
-    T = system.T.copy()
+    S, T = system.S, system.T.copy()
     T[:, :, S : S + 3, S : S + 3] = np.where(system.inside[..., None, None], block, np.eye(3))
     return replace(system, T=T)

@@ -45,6 +45,8 @@ class GriddedTrials:
     inputs were joined by lines between samples, not held.
     record: (N, R, C) of the inputs, means over PARTS of each step, with what was before the first one, None: not known;
     acting_at: values of what makes ``inputs`` and ``changes`` late of it, by window where they differ, (): nothing.
+    gusts: (K, R, 3, 2) force X, Y, N [N, N, N m] over each step by a gust of the wind's own speed, along it and across;
+    None: none are thought of (``with_gusts``).
     """
 
     h: float
@@ -62,6 +64,7 @@ class GriddedTrials:
     straight: bool = False
     record: np.ndarray | None = None
     acting_at: tuple[tuple[float, ...], ...] = ()
+    gusts: np.ndarray | None = None
 
     @property
     def inside(self) -> np.ndarray:

@@ -1,13 +1,13 @@
 """Kalman filter and smoother of a linear model with a latent force, for R windows side by side.
 
 The state is that of the ship, then a latent force X, Y, N (Ornstein-Uhlenbeck process), then a coloured error of each
-sensor (first order too). Notation of Durbin & Koopman (2012), chapter 4. The first state of a window is given so wide a
+sensor (first order too), and last gusts, where the trials have them. Notation of Durbin & Koopman (2012), chapter 4. The first state of a window is given so wide a
 covariance that it is as good as unknown.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -21,7 +21,8 @@ PRIOR_SAMPLES = 30.0
 class NoiseModel:
     """Standard deviations of the latent force (3,) [N, N, N m], of the white errors of the sensors (6,) [units of x, y,
     psi, u, v, r] and of their coloured errors (6,), 0: none; correlation times tau and colour_tau [s] of force and
-    coloured errors.
+    coloured errors; gust: (2,) of gusts along and across the wind [share of its speed], with correlation time gust_tau
+    [s], which count where the trials have gusts.
 
     prior: sizes that the same ship and instruments had in other trials, or None.
     """
@@ -31,6 +32,8 @@ class NoiseModel:
     white: np.ndarray
     coloured: np.ndarray
     colour_tau: float
+    gust: np.ndarray = field(default_factory=lambda: np.full(2, 0.05))
+    gust_tau: float = 1.0
     prior: NoiseModel | None = None
 
     @property
@@ -53,7 +56,7 @@ class LinearSystem:
 
     T: (K, R, n, n) transition; Z: (K + 1, R, 6, n) observation, 0 where nothing is compared; Q: (n,), R: (6,) variances
     of process and observation; first: (R, n, n) initial covariance; good: (K + 1, R, 6) compared; inside: (K, R) steps
-    that exist.
+    that exist; S: states of the ship, which come first, before the latent force.
     """
 
     T: np.ndarray
@@ -63,23 +66,33 @@ class LinearSystem:
     first: np.ndarray
     good: np.ndarray
     inside: np.ndarray
+    S: int
 
 
 def linear_system(
-    linear: LinearModel, noise: NoiseModel, first: np.ndarray, good: np.ndarray, inside: np.ndarray, h: float
+    linear: LinearModel,
+    noise: NoiseModel,
+    first: np.ndarray,
+    good: np.ndarray,
+    inside: np.ndarray,
+    h: float,
+    gusts: np.ndarray | None = None,
 ) -> LinearSystem:
-    """State-space model of S ship states, latent force and coloured errors.
+    """State-space model of S ship states, latent force, coloured errors and gusts.
 
     linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
-    6) values compared; inside: (K, R) steps that exist; h: step [s].
+    6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``.
     """
     K, R, S = linear.force.shape[:3]
     coloured = np.flatnonzero(noise.coloured > 0)
-    n = S + 3 + len(coloured)
-    left, left_b = np.exp(-h / noise.tau), np.exp(-h / noise.colour_tau)
+    at_gust = S + 3 + len(coloured)
+    n = at_gust + (0 if gusts is None else 2)
+    left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     T = np.zeros((K, R, n, n))
     T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
-    decay = np.concatenate([np.full(3, left), np.full(len(coloured), left_b)])
+    if gusts is not None:
+        T[..., :S, at_gust:] = linear.force @ gusts
+    decay = np.concatenate([np.full(3, left), np.full(len(coloured), left_b), np.full(n - at_gust, left_g)])
     at = np.arange(S, n)
     T[..., at, at] = decay
     T[~inside] = np.eye(n)
@@ -87,12 +100,12 @@ def linear_system(
     Z[..., :S] = linear.H
     Z[..., coloured, S + 3 + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
-    own = np.concatenate([noise.force, noise.coloured[coloured]]) ** 2
+    own = np.concatenate([noise.force, noise.coloured[coloured], noise.gust[: n - at_gust]]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first
     start[:, at, at] = own
-    return LinearSystem(T, Z, Q, noise.white**2, start, good, inside)
+    return LinearSystem(T, Z, Q, noise.white**2, start, good, inside, S)
 
 
 @dataclass(frozen=True)

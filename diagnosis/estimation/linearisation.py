@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -82,7 +82,12 @@ class Linearisation:
     def by_rates(self) -> np.ndarray:
         """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates by states and latent force in the
         middle of each step [1/s]."""
-        return by_rates(self.system, self.adjoint, len(self.active), self.data.h)
+        found, A = self.adjoint, len(self.active)
+        if self.data.gusts is not None:  # they push as the latent force does
+            by_T = found.by_T.copy()
+            by_T[:, :, :A, A : A + 3] += by_T[:, :, :A, -2:] @ self.data.gusts.swapaxes(2, 3)
+            found = replace(found, by_T=by_T)
+        return by_rates(self.system, found, A, self.data.h)
 
     @cached_property
     def logdet_gradient(self) -> np.ndarray:
@@ -182,7 +187,7 @@ def linearise_and_filter(
     data = acting(steps, data, theta)
     linear = linearised(steps, data, theta, path.z, path.force[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
-    system = linear_system(linear, noise, start, data.good, data.inside, data.h)
+    system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
     parts = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
@@ -223,12 +228,12 @@ def _residual(
 ) -> DrivenColumns:
     """The negative residual as a column, with the latent force among the states."""
     K, R, A = linear.F.shape[:3]
-    coloured = int((at.noise.coloured > 0).sum())
+    further = int((at.noise.coloured > 0).sum()) + (0 if data.gusts is None else 2)
     z, force = at.path.z, at.path.force
     pushed = np.empty((K, R, A + 3, 1))
     pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
     pushed[:, :, A:, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
-    start = np.zeros((R, A + 3 + coloured, 1))
+    start = np.zeros((R, A + 3 + further, 1))
     start[:, A : A + 3, 0] = -force[0]
     if A > 6:
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T

@@ -12,6 +12,8 @@ from mmg.ship import Ship
 LEAST, MOST = 0.02, 15.0
 """Least size of a sensor's errors and largest of the latent force, in those of ``initial_noise``. A larger force, which
 would swallow all that moves the ship, is none of chance."""
+GUST = (1e-3, 0.5)
+"""Least and largest size of gusts, in the speed of the wind."""
 LEAST_FORCE = 1e-3
 """Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
 smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in trials
@@ -23,7 +25,9 @@ def initial_noise(ship: Ship) -> NoiseModel:
     length = float(ship.particulars["L"])
     force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)
     white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)
-    return NoiseModel(force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length))
+    return NoiseModel(
+        force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length), gust_tau=time_scale(length)
+    )
 
 
 def least_noise(ship: Ship) -> NoiseModel:
@@ -77,9 +81,12 @@ def updated_noise(
     grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None], more, added)
     scattered = ratio(u**2, found.D, data.good, (white / noise.white) ** 2, pull / noise.white**2)
     colours = noise.coloured.copy()
-    colours[noise.coloured > 0] *= np.sqrt(grown[3:])
+    count = int((noise.coloured > 0).sum())
+    colours[noise.coloured > 0] *= np.sqrt(grown[3 : 3 + count])
+    gust = noise.gust if data.gusts is None else np.clip(noise.gust * np.sqrt(grown[3 + count :]), *GUST)
     return noise.with_(
         force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST_FORCE * typical.force, MOST * typical.force),
         white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),
         coloured=np.where(noise.coloured > 0, np.maximum(colours, LEAST * typical.white), 0.0),
+        gust=gust,
     )

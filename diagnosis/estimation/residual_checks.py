@@ -13,6 +13,7 @@ from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.motion.froude import time_scale
 
 LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
 """Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a
@@ -44,6 +45,9 @@ def finer_step(
     active = active_states(steps, found.free.symbols, found.theta)
     force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]
     moved = force * found.noise.force * np.sqrt(data.h / (6 * found.noise.tau))
+    if data.gusts is not None:
+        blown = force @ data.gusts * found.noise.gust * np.sqrt(data.h / (6 * found.noise.gust_tau))
+        moved = np.concatenate([moved, blown], axis=3)
     error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / found.noise.white[3:]
     worst = float(error.max())
     share = max((HELD / max(worst, 1e-9)) ** (2 / 3), 1 / FINEST)
@@ -91,6 +95,34 @@ def _better_correlation_time(steps: TransitionModel, data: GriddedTrials, found:
         return found, True
     better = estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau)), iterations=6)
     return better, shift > -FURTHEST or not better.nll < found.nll
+
+
+GUST_MEMORY, WORTH = (0.25, 4.0), 1.0
+"""Shortest and longest memory of gusts [s of a 3 m model]: slower ones the anemometer shows, or they pass for an effect
+of the wind; and the gain in log likelihood for which it pays to fit with another one."""
+
+
+@np.errstate(all="ignore")
+def with_gust_memory(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
+    """The fit ``found`` of the model ``steps`` to ``data`` with the most likely memory of gusts, where there are any.
+
+    As ``with_correlation_time``, by one parabola.
+    """
+    if data.gusts is None:
+        return found
+    active = active_states(steps, found.free.symbols, found.theta)
+    tau, around, values = found.noise.gust_tau, np.array([-0.7, 0.0, 0.7]), []
+    for shift in around:
+        size = found.noise.gust * np.exp(-0.25 * shift)  # the longer they last, the smaller they are
+        noise = found.noise.with_(gust_tau=float(tau * np.exp(shift)), gust=size)
+        values.append(linearise_and_filter(steps, data, replace(found.fixed(), noise=noise), active).nll)
+    a, b, _ = np.polyfit(around, values, 2)
+    if not a > 0 or b**2 / (4 * a) < WORTH:
+        return found
+    low, high = (factor * time_scale(float(steps.ship.particulars["L"])) for factor in GUST_MEMORY)
+    tau = float(np.clip(tau * np.exp(np.clip(-b / (2 * a), -2 * FURTHEST, 2 * FURTHEST)), low, high))
+    better = estimate(steps, data, replace(found, noise=found.noise.with_(gust_tau=tau)), iterations=6)
+    return better if better.nll < found.nll else found
 
 
 @np.errstate(all="ignore")

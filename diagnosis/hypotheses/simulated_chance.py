@@ -116,7 +116,11 @@ def simulated_trials(
     data = acting(steps, data, found.theta)
     (K, R), controls = data.inputs.shape[:2], data.controls
     force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
-    z = steps.follow(found.path.z, controls, found.theta, force=force[:-1])
+    pushed = force[:-1]
+    if data.gusts is not None:
+        gust = _processes(K, R, noise.gust, noise.gust_tau, h, rng)
+        pushed = pushed + (data.gusts @ gust[..., None])[..., 0]
+    z = steps.follow(found.path.z, controls, found.theta, force=pushed)
     y = steps.logged(z, found.theta) + noise.white * rng.standard_normal(data.y.shape)
     y += _processes(K + 1, R, noise.coloured, noise.colour_tau, h, rng)
     return replace(data, y=np.where(data.measured, y, 0.0)), Trajectory(z, force)

@@ -46,7 +46,7 @@ def system(n: int, seed: int = 0) -> LinearSystem:
     T[~inside] = np.eye(n)
     Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
     first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
-    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside)
+    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, max(n - 3, 0))
 
 
 def close(found: np.ndarray, expected: np.ndarray) -> None:

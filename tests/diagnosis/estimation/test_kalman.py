@@ -169,7 +169,7 @@ def test_padding_behind_a_window_changes_nothing() -> None:
     white, states = responses(s, f, forcing, observed, start)
     mean, _, _ = smoothed(s, f, white[..., 0], states[..., 0])
     k = STEPS[1]
-    short = LinearSystem(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:])
+    short = LinearSystem(s.T[:k, 1:], s.Z[: k + 1, 1:], s.Q, s.R, s.first[1:], s.good[: k + 1, 1:], s.inside[:k, 1:], S)
     g = filtered(short)
     white_short, states_short = responses(short, g, forcing[:k, 1:], observed[: k + 1, 1:], start[1:])
     mean_short, _, _ = smoothed(short, g, white_short[..., 0], states_short[..., 0])

@@ -99,9 +99,8 @@ def test_nothing_is_said_without_two_parts() -> None:
 
 def test_a_system_of_one_run_is_tested_as_well() -> None:
     whole = system()
-    one = LinearSystem(
-        whole.T[:, :1], whole.Z[:, :1], whole.Q, whole.R, whole.first[:1], whole.good[:, :1], whole.inside[:, :1]
-    )
+    by_window = (whole.good[:, :1], whole.inside[:, :1])
+    one = LinearSystem(whole.T[:, :1], whole.Z[:, :1], whole.Q, whole.R, whole.first[:1], *by_window, whole.S)
     white = np.where(one.good, np.random.default_rng(0).standard_normal(one.good.shape), 0.0)
     ways = {"fast": WAYS["fast"][:, :1]}
     found = steadiness_of(one, filtered(one), white[..., None], AT, ways, [np.zeros((K, 1), dtype=int)])
