@@ -29,7 +29,7 @@ def timing_columns(steps: TransitionModel, data: GriddedTrials, at: Point, activ
         return np.zeros((K, R, len(active), 0))
     begin = at.path.z[:-1].reshape(K * R, -1).T
     held = data.inputs.reshape(K * R, -1).T
-    theta = steps.coefficients(at.theta, at.path.force[:-1].reshape(-1, 3).T)
+    theta = steps.coefficients(at.theta, at.path.push[:-1].reshape(-1, 3).T)
     columns = []
     for name in names:
         i, small = steps.model.controls.index(name), DIFFERENCE[INPUTS[name][1]]

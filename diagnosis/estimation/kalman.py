@@ -1,8 +1,8 @@
 """Kalman filter and smoother of a linear model with a latent force, for R windows side by side.
 
-The state is that of the ship, then a latent force X, Y, N (Ornstein-Uhlenbeck process), then a coloured error of each
-sensor (first order too), and last gusts, where the trials have them. Notation of Durbin & Koopman (2012), chapter 4. The first state of a window is given so wide a
-covariance that it is as good as unknown.
+The state is that of the ship, then a latent force X, Y, N (Ornstein-Uhlenbeck process), then gusts where the trials
+have them, then a coloured error of each sensor (first order too). Notation of Durbin & Koopman (2012), chapter 4. The
+first state of a window is given so wide a covariance that it is as good as unknown.
 """
 
 from __future__ import annotations
@@ -78,29 +78,30 @@ def linear_system(
     h: float,
     gusts: np.ndarray | None = None,
 ) -> LinearSystem:
-    """State-space model of S ship states, latent force, coloured errors and gusts.
+    """State-space model of S ship states, latent force, gusts and coloured errors.
 
     linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
     6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``.
     """
     K, R, S = linear.force.shape[:3]
     coloured = np.flatnonzero(noise.coloured > 0)
-    at_gust = S + 3 + len(coloured)
-    n = at_gust + (0 if gusts is None else 2)
+    gust = noise.gust[: 0 if gusts is None else 2]
+    seen = S + 3 + len(gust)
+    n = seen + len(coloured)
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     T = np.zeros((K, R, n, n))
     T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
     if gusts is not None:
-        T[..., :S, at_gust:] = linear.force @ gusts
-    decay = np.concatenate([np.full(3, left), np.full(len(coloured), left_b), np.full(n - at_gust, left_g)])
+        T[..., :S, S + 3 : seen] = linear.force @ gusts
+    decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at = np.arange(S, n)
     T[..., at, at] = decay
     T[~inside] = np.eye(n)
     Z = np.zeros((K + 1, R, 6, n))
     Z[..., :S] = linear.H
-    Z[..., coloured, S + 3 + np.arange(len(coloured))] = 1.0
+    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
-    own = np.concatenate([noise.force, noise.coloured[coloured], noise.gust[: n - at_gust]]) ** 2
+    own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first

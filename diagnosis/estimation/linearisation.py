@@ -21,10 +21,38 @@ from mmg.motion.froude import state_scale
 
 @dataclass(frozen=True)
 class Trajectory:
-    """States z (K + 1, R, S), latent force (K + 1, R, 3) [N, N, N m]."""
+    """States z (K + 1, R, S), latent force (K + 1, R, 3) [N, N, N m]; gust: (K + 1, R, 2) of gusts along and across the
+    wind [share of its speed], None: none; gusts: what these push by, as of ``GriddedTrials``."""
 
     z: np.ndarray
     force: np.ndarray
+    gust: np.ndarray | None = None
+    gusts: np.ndarray | None = None
+
+    @property
+    def push(self) -> np.ndarray:
+        """Latent force and that of gusts together, (K + 1, R, 3) [N, N, N m]."""
+        if self.gust is None or self.gusts is None:
+            return self.force
+        push = self.force.copy()
+        push[:-1] += (self.gusts @ self.gust[:-1, ..., None])[..., 0]
+        return push
+
+    def along(self, z: np.ndarray) -> Trajectory:
+        """The same forces and gusts along other states ``z`` (K + 1, R, S)."""
+        return replace(self, z=z)
+
+    def moved(self, z: np.ndarray, mean: np.ndarray, gusts: np.ndarray | None) -> Trajectory:
+        """Other states, and the forces and gusts changed.
+
+        z: (K + 1, R, S); mean: (K + 1, R, 3 or more) by which latent force and gusts change, in the order of the
+        filter's states; gusts: as of the trials.
+        """
+        force = self.force + mean[..., :3]
+        if gusts is None:
+            return Trajectory(z, force)
+        gust = mean[..., 3:5] if self.gust is None else self.gust + mean[..., 3:5]
+        return Trajectory(z, force, gust, gusts)
 
 
 @dataclass(frozen=True)
@@ -85,7 +113,7 @@ class Linearisation:
         found, A = self.adjoint, len(self.active)
         if self.data.gusts is not None:  # they push as the latent force does
             by_T = found.by_T.copy()
-            by_T[:, :, :A, A : A + 3] += by_T[:, :, :A, -2:] @ self.data.gusts.swapaxes(2, 3)
+            by_T[:, :, :A, A : A + 3] += by_T[:, :, :A, A + 3 : A + 5] @ self.data.gusts.swapaxes(2, 3)
             found = replace(found, by_T=by_T)
         return by_rates(self.system, found, A, self.data.h)
 
@@ -93,13 +121,14 @@ class Linearisation:
     def logdet_gradient(self) -> np.ndarray:
         """Derivative (R, P) of 1/2 log det by the columns, by window; 0 for extra columns."""
         free, path, A = self.at.free, self.at.path, len(self.active)
+        push = path.push[:-1]
         by_Z = np.where(self.data.good[..., None], self.adjoint.by_Z[..., :A], 0.0)
-        given = (path.z, self.data.inputs, self.at.theta, path.force[:-1], self.by_rates, by_Z)
+        given = (path.z, self.data.inputs, self.at.theta, push, self.by_rates, by_Z)
         positions = column_positions(self.steps, free)
         own = self.steps.logdet_gradient(*given, positions, self.active) * self.size
         gradient = np.zeros((len(self.data.run), self.white.shape[3] - 1))
         at, late = logdet_gradient(
-            self.steps, self.data, self.at.theta, path.z, path.force[:-1], self.by_rates, positions, self.active
+            self.steps, self.data, self.at.theta, path.z, push, self.by_rates, positions, self.active
         )
         own[:, at] = late * self.size[:, at]
         gradient[:, : own.shape[1]] = own
@@ -185,7 +214,7 @@ def linearise_and_filter(
     if active is None:
         active = active_states(steps, free.symbols, theta)
     data = acting(steps, data, theta)
-    linear = linearised(steps, data, theta, path.z, path.force[:-1], column_positions(steps, free), active)
+    linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
     filter_run = filtered(system)
@@ -228,13 +257,16 @@ def _residual(
 ) -> DrivenColumns:
     """The negative residual as a column, with the latent force among the states."""
     K, R, A = linear.F.shape[:3]
-    further = int((at.noise.coloured > 0).sum()) + (0 if data.gusts is None else 2)
-    z, force = at.path.z, at.path.force
-    pushed = np.empty((K, R, A + 3, 1))
+    z, force, gust = at.path.z, at.path.force, at.path.gust
+    own = A + 3 + (0 if data.gusts is None else 2)
+    pushed = np.zeros((K, R, own, 1))
     pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
-    pushed[:, :, A:, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
-    start = np.zeros((R, A + 3 + further, 1))
+    pushed[:, :, A : A + 3, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
+    start = np.zeros((R, own + int((at.noise.coloured > 0).sum()), 1))
     start[:, A : A + 3, 0] = -force[0]
+    if data.gusts is not None and gust is not None:
+        pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
+        start[:, A + 3 : own, 0] = -gust[0]
     if A > 6:
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
         start[:, 6:A, 0] = (calm - z[0])[:, active[6:]]

@@ -17,7 +17,6 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import (
     Linearisation,
     Point,
-    Trajectory,
     initial_trajectory,
     linearised_if_finite,
 )
@@ -87,12 +86,14 @@ def initial_point(
 
 @dataclass(frozen=True)
 class _Iteration:
-    """A point with its nll, the Gauss-Newton step from it (p, path), the information A (P, P) and the expected gain."""
+    """A point with its nll, the Gauss-Newton step from it: dp, dz (K + 1, R, S) and dforce (K + 1, R, 3 or 5) of latent
+    force and gusts; the information A (P, P) and the expected gain."""
 
     at: Point
     nll: float
     dp: np.ndarray
-    step: Trajectory
+    dz: np.ndarray
+    dforce: np.ndarray
     A: np.ndarray
     gain: float
 
@@ -101,7 +102,7 @@ class _Iteration:
         free, path = self.at.free, self.at.path
         p = np.clip(self.at.p + share * self.dp, *free.scaled_bounds)
         theta = set_values(ship, data, self.at.theta, free.columns, free.mean + free.std * p)
-        path = Trajectory(path.z + share * self.step.z, path.force + share * self.step.force)
+        path = path.moved(path.z + share * self.dz, share * self.dforce, data.gusts)
         return Point(theta, free, p, path, noise)
 
 
@@ -120,8 +121,7 @@ def _iteration(
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
     gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
-    step = Trajectory(dz, mean[..., count : count + 3])
-    return _Iteration(at, here.nll, dp, step, A, gain), updated_noise(
+    return _Iteration(at, here.nll, dp, dz, mean[..., count : count + 5], A, gain), updated_noise(
         at.noise, data, here.adjoint, r, u, count, typical
     )
 

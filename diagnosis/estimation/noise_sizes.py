@@ -81,9 +81,9 @@ def updated_noise(
     grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None], more, added)
     scattered = ratio(u**2, found.D, data.good, (white / noise.white) ** 2, pull / noise.white**2)
     colours = noise.coloured.copy()
-    count = int((noise.coloured > 0).sum())
-    colours[noise.coloured > 0] *= np.sqrt(grown[3 : 3 + count])
-    gust = noise.gust if data.gusts is None else np.clip(noise.gust * np.sqrt(grown[3 + count :]), *GUST)
+    gusts = 0 if data.gusts is None else 2
+    gust = np.clip(noise.gust * np.sqrt(grown[3:5]), *GUST) if gusts else noise.gust
+    colours[noise.coloured > 0] *= np.sqrt(grown[3 + gusts :])
     return noise.with_(
         force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST_FORCE * typical.force, MOST * typical.force),
         white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),

@@ -74,7 +74,7 @@ class Dictionary:
         middle = 0.5 * (z[:-1] + z[1:])
         self.force_forms = ForceForms(steps, data, middle)
         self.forces = self.force_forms.own
-        every = steps.coefficients(found.theta, found.path.force[:-1].reshape(-1, 3).T)
+        every = steps.coefficients(found.theta, found.path.push[:-1].reshape(-1, 3).T)
         points = middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every
         wanted = np.concatenate([active, steps.S + np.arange(3)])
         _, J = steps.rates(*points)
@@ -90,7 +90,7 @@ class Dictionary:
         self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         theta = spread(found.theta, (K + 1) * R) if found.theta.ndim > 1 else found.theta
-        all_theta = steps.coefficients(theta, found.path.force.reshape(-1, 3).T)
+        all_theta = steps.coefficients(theta, found.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
         self.rate = rate[:, active].reshape(K + 1, R, -1)
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)

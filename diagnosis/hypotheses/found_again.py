@@ -21,7 +21,7 @@ from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
-from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Linearisation, Point, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
@@ -62,15 +62,15 @@ class OtherTrials:
         c, active, z = candidate, np.arange(steps.S), at.path.z
         passive = np.setdiff1d(active, active_states(steps, at.free.symbols, at.theta))
         if len(passive):
-            z = steps.with_passive_states(z, data.controls, at.theta, at.path.force, passive)
+            z = steps.with_passive_states(z, data.controls, at.theta, at.path.push, passive)
         open_ended = np.full(len(phi), np.inf)
         free = at.free + Priors(c.columns, c.neutral, c.typical, -open_ended, open_ended)
-        point = Point(at.theta, free, np.append(at.p, phi * 0), Trajectory(z, at.path.force), at.noise)
+        point = Point(at.theta, free, np.append(at.p, phi * 0), at.path.along(z), at.noise)
         timing = timing_columns(steps, data, point, active)
         columns, along = [steps.symbols.index(s) for s in free.symbols], np.append(shift, phi)
         moved = at.free.mean + at.free.std * (at.p + shift)
         theta = set_values(steps.ship, data, at.theta, at.free.columns, moved)
-        there = linearised(steps, data, theta, z, at.path.force[:-1], columns, active)
+        there = linearised(steps, data, theta, z, at.path.push[:-1], columns, active)
 
         def columns_of(_: LinearModel) -> list[DrivenColumns]:
             size = (free.std * along)[:, None]
@@ -100,7 +100,7 @@ class OtherTrials:
 
         here = linearise_and_filter(steps, data, at, active, columns_of)
         K, R = data.inputs.shape[:2]
-        every = steps.coefficients(at.theta, at.path.force[:-1].reshape(-1, 3).T)
+        every = steps.coefficients(at.theta, at.path.push[:-1].reshape(-1, 3).T)
         _, J = steps.rates(middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every)
         by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
         pull = np.einsum("kraf,krab->krfb", by_force, here.by_rates[..., : len(active)])[..., :6]

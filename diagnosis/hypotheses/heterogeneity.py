@@ -17,7 +17,7 @@ from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import LOCAL, Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, active_states
 from diagnosis.estimation.transition_model import TransitionModel
@@ -70,13 +70,13 @@ def run_slopes(
     z = found.path.z
     if len(passive):
         controls = acting(steps, data, found.theta).controls
-        z = steps.with_passive_states(z, controls, found.theta, found.path.force, passive)
+        z = steps.with_passive_states(z, controls, found.theta, found.path.push, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
     more = [x for x in sizes if x not in found.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])
     free = found.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     p = np.concatenate([found.p, np.zeros(n)])
-    point = Point(found.theta, free, p, Trajectory(z, found.path.force), found.noise)
+    point = Point(found.theta, free, p, found.path.along(z), found.noise)
     here = linearise_and_filter(steps, data, point, np.arange(steps.S))
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)

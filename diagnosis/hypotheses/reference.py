@@ -17,7 +17,7 @@ from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
@@ -75,8 +75,8 @@ def fit_reference(
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
     z = null.path.z
     if len(passive):
-        z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.force, passive)
-    start = Point(null.theta, free, p, Trajectory(z, null.path.force), null.noise)
+        z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.push, passive)
+    start = Point(null.theta, free, p, null.path.along(z), null.noise)
     found = _with_likeliest_noise(steps, data, start)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()

@@ -11,7 +11,7 @@ from scipy.stats import f as f_law
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
 from diagnosis.estimation.transition_model import TransitionModel
@@ -74,10 +74,8 @@ def _fitted(
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
     if len(asleep):
-        path = Trajectory(
-            steps.with_passive_states(path.z, acting(steps, data, theta).controls, theta, path.force, asleep),
-            path.force,
-        )
+        controls = acting(steps, data, theta).controls
+        path = path.along(steps.with_passive_states(path.z, controls, theta, path.push, asleep))
     return estimate(steps, data, Point(theta, free, p, path, before.noise), iterations)
 
 

@@ -20,7 +20,7 @@ from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
-from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.projection import projected
@@ -84,7 +84,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
     active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
     if len(passive):
-        z = steps.with_passive_states(z, data.controls, found.theta, found.path.force, passive)
+        z = steps.with_passive_states(z, data.controls, found.theta, found.path.push, passive)
     each = [x for c in candidates for x in c.columns]
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)
@@ -92,7 +92,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     both = free + Priors(
         tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
     )
-    point = Point(found.theta, both, np.zeros(len(both.columns)), Trajectory(z, found.path.force), found.noise)
+    point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
     timing = timing_columns(steps, data, point, active)
     linearised = linearise_and_filter(steps, data, point, active, lambda _: [DrivenColumns.pushing(timing)])
     P, c = len(free.symbols), timing.shape[3]

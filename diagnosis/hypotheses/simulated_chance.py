@@ -116,14 +116,13 @@ def simulated_trials(
     data = acting(steps, data, found.theta)
     (K, R), controls = data.inputs.shape[:2], data.controls
     force = _processes(K + 1, R, noise.force, noise.tau, h, rng)
-    pushed = force[:-1]
+    path = Trajectory(found.path.z, force)
     if data.gusts is not None:
-        gust = _processes(K, R, noise.gust, noise.gust_tau, h, rng)
-        pushed = pushed + (data.gusts @ gust[..., None])[..., 0]
-    z = steps.follow(found.path.z, controls, found.theta, force=pushed)
+        path = replace(path, gust=_processes(K + 1, R, noise.gust, noise.gust_tau, h, rng), gusts=data.gusts)
+    z = steps.follow(found.path.z, controls, found.theta, force=path.push[:-1])
     y = steps.logged(z, found.theta) + noise.white * rng.standard_normal(data.y.shape)
     y += _processes(K + 1, R, noise.coloured, noise.colour_tau, h, rng)
-    return replace(data, y=np.where(data.measured, y, 0.0)), Trajectory(z, force)
+    return replace(data, y=np.where(data.measured, y, 0.0)), path.along(z)
 
 
 def _processes(rows: int, runs: int, sizes: np.ndarray, tau: float, h: float, rng: np.random.Generator) -> np.ndarray:

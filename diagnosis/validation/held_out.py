@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis.estimation.acting_inputs import Steered, acting
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Trajectory, initial_trajectory, linearised_if_finite
+from diagnosis.estimation.linearisation import initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
 from diagnosis.estimation.transition_model import TransitionModel
@@ -225,6 +225,6 @@ def one_step_likelihood(
             mean, _, _ = here.smoothed()
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
-        path = Trajectory(z, start.force + share * mean[..., len(active) : len(active) + 3])
+        path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)
     assert best is not None
     return np.asarray(0.5 * (best.filter.log_det + (best.white[..., -1] ** 2).sum(axis=(0, 2))))

@@ -48,15 +48,16 @@ def linear(seed: int = 0) -> LinearModel:
     )
 
 
-def case(noise: NoiseModel = NOISE) -> tuple[LinearSystem, LinearModel]:
-    """Two windows, the second shorter, with samples missing in both."""
+def case(noise: NoiseModel = NOISE, gusty: bool = False) -> tuple[LinearSystem, LinearModel]:
+    """Two windows, the second shorter, with samples missing in both, perhaps with gusts."""
     inside = np.arange(K)[:, None] < STEPS[None]
     good = np.ones((K + 1, R, 6), dtype=bool)
     good[:, 1] &= (np.arange(K + 1) <= STEPS[1])[:, None]
     good[2, 0, 3:] = good[0, 0, :2] = good[4, 1] = False
     model = linear()
     first = np.repeat(np.diag(FIRST**2)[None], R, axis=0)
-    return linear_system(model, noise, first, good, inside, H_STEP), model
+    gusts = np.random.default_rng(4).standard_normal((K, R, 3, 2)) * inside[..., None, None] if gusty else None
+    return linear_system(model, noise, first, good, inside, H_STEP, gusts), model
 
 
 def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,6 +97,21 @@ def propagated(s: LinearSystem, forcing: np.ndarray, start: np.ndarray, w: int) 
     for k in range(len(s.T)):
         z.append(s.T[k, w] @ z[-1] + np.where(s.inside[k, w], forcing[k, w, :, 0], 0.0))
     return np.concatenate(z)
+
+
+def test_gusts_push_along_with_the_latent_force_and_have_their_own_size_and_memory() -> None:
+    noise = NOISE.with_(gust=np.array([0.2, 0.1]), gust_tau=0.5)
+    bare, gusty = case(noise)[0], case(noise, gusty=True)[0]
+    own, others = np.arange(S + 3, S + 5), np.r_[: S + 3, S + 5 : gusty.T.shape[2]]
+    np.testing.assert_array_equal(gusty.T[:, :, others][..., others], bare.T)
+    gusts = np.random.default_rng(4).standard_normal((K, R, 3, 2))
+    expected = linear().force @ gusts
+    inside = gusty.inside
+    np.testing.assert_allclose(gusty.T[:, :, :S, own][inside], expected[inside], rtol=1e-12)
+    left = np.exp(-H_STEP / 0.5)
+    np.testing.assert_allclose(gusty.Q[own], noise.gust**2 * (1 - left**2))
+    np.testing.assert_allclose(np.diagonal(gusty.first[0])[own], noise.gust**2)
+    assert not gusty.Z[..., own].any() and (gusty.T[inside][:, own][..., own] == left * np.eye(2)).all()
 
 
 @pytest.mark.parametrize("coloured", [True, False])

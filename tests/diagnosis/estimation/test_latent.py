@@ -10,6 +10,7 @@ import pytest
 from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
+from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
@@ -55,17 +56,19 @@ def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray,
         mean, _, _ = a.smoothed()
         z = path.z.copy()
         z[..., active] += mean[..., : len(active)]
-        path = Trajectory(z, path.force + mean[..., len(active) : len(active) + 3])
+        path = path.moved(z, mean[..., len(active) :], data.gusts)
         if np.abs(mean).max() < 1e-10:
             break
     return path
 
 
-@pytest.mark.parametrize("effects", ["at neutral", "off neutral", "with memory"])
+@pytest.mark.parametrize("effects", ["at neutral", "off neutral", "with memory", "in gusts"])
 def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> None:
     """At a smoothed path: that of the sum of squares closely, that of the log determinant to what its middle-of-step
     rule allows. How the coefficients move the memory in which a window starts is left out of the columns: a little."""
     steps, data = full_steps(0.5), short_data(0.5)
+    data = with_gusts(steps, data) if effects == "in gusts" else data
+    assert (data.gusts is not None) == (effects == "in gusts")
     tried = EFFECTS_TRIED + REMEMBERING if effects == "with memory" else EFFECTS_TRIED
     awake = {} if effects == "at neutral" else {s: OFF_NEUTRAL[s] for s in tried}
     asked = FREE + tried
