@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -156,18 +156,26 @@ class LearnedResidual:
 @dataclass(frozen=True)
 class RandomSizes:
     """What is random in the fit without effects: rms of the latent force (3,) [N, N, N m] and its correlation time [s];
-    standard deviations (6,) of the white and of the correlated errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
+    standard deviations (6,) of the white and of the correlated errors of x, y [m], psi [rad], u, v [m/s], r [rad/s];
+    gust: rms of gusts that are not logged, along and across the wind [share of its speed], and their correlation time
+    [s], None without wind."""
 
     force_N_N_Nm: tuple[Real, Real, Real]
     force_memory_s: Real
     white: tuple[Real, ...]
     coloured: tuple[Real, ...]
+    gust: tuple[Real, Real] | None = None
+    gust_memory_s: Real | None = None
 
     @staticmethod
     def of(fit: Estimate) -> RandomSizes:
         """The sizes of the noise of ``fit``."""
         force, white, coloured = (tuple(a.tolist()) for a in (fit.noise.force, fit.noise.white, fit.noise.coloured))
-        return RandomSizes(force, float(fit.noise.tau), white, coloured)
+        sizes = RandomSizes(force, float(fit.noise.tau), white, coloured)
+        if fit.path.gusts is None:
+            return sizes
+        along, across = fit.noise.gust.tolist()
+        return replace(sizes, gust=(along, across), gust_memory_s=float(fit.noise.gust_tau))
 
 
 @dataclass(frozen=True)
