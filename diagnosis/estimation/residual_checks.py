@@ -62,22 +62,25 @@ FURTHEST, SHORTER = 0.7, 4
 
 
 @np.errstate(all="ignore")
-def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
+def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float = 0.0) -> Estimate:
     """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
 
     The likelihood is taken as a parabola through three values of the logarithm of the time. Where its top lies at a
     shorter time than the parabola can tell, it is sought again from there: a force taken to remember for too long
-    leaves residuals that pass for an effect. Not so for longer times, which an effect that is missing asks for.
+    leaves residuals that pass for an effect. Not so for longer times, which an effect that is missing asks for. It
+    stays as it is where the parabola promises a gain in log likelihood of no more than ``least``.
     """
     for _ in range(SHORTER):
-        better, ends = _better_correlation_time(steps, data, found)
+        better, ends = _better_correlation_time(steps, data, found, least)
         if ends:
             return better
         found = better
     return found
 
 
-def _better_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> tuple[Estimate, bool]:
+def _better_correlation_time(
+    steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float
+) -> tuple[Estimate, bool]:
     """One step of ``with_correlation_time``, and whether it was the last."""
     active = active_states(steps, found.free.symbols, found.theta)
     logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
@@ -87,7 +90,7 @@ def _better_correlation_time(steps: TransitionModel, data: GriddedTrials, found:
         point = replace(found.fixed(), noise=found.noise.with_(tau=tau, force=size))
         values.append(linearise_and_filter(steps, data, point, active).nll)
     a, b, _ = np.polyfit(logs - logs[1], values, 2)
-    if not a > 0:
+    if not a > 0 or b**2 / (4 * a) <= least:
         return found, True
     shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
     tau = float(np.exp(logs[1] + shift))

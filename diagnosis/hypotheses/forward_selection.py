@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
+from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
@@ -269,6 +270,8 @@ def select_effects(
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
+        if named and now.noise.prior is None:  # the effect that was missing had lengthened the memory of the force
+            now = with_correlation_time(problem.steps, problem.data, now, WORTH)
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)
         if not named:

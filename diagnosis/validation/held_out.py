@@ -180,7 +180,7 @@ def compare(
         (windows, run), (whole, _), (step, _) = (errors(steps, acted, fit.theta, t, by_run, begin) for t in lengths)
         if not len(windows):
             return None
-        nll = one_step_likelihood(steps, judged, fit)
+        nll = one_step_likelihood(steps, judged, replace(fit, noise=before.noise))
         found.append((windows, float(whole.mean()), float(step.mean()), nll))
     (a, whole_a, step_a, nll_a), (b, whole_b, step_b, nll_b) = found[0], found[-1]
     rng = np.random.default_rng(seed)
