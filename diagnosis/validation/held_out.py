@@ -12,6 +12,7 @@ from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
@@ -180,7 +181,7 @@ def compare(
         (windows, run), (whole, _), (step, _) = (errors(steps, acted, fit.theta, t, by_run, begin) for t in lengths)
         if not len(windows):
             return None
-        nll = one_step_likelihood(steps, judged, replace(fit, noise=before.noise))
+        nll = one_step_likelihood(steps, judged, fit)
         found.append((windows, float(whole.mean()), float(step.mean()), nll))
     (a, whole_a, step_a, nll_a), (b, whole_b, step_b, nll_b) = found[0], found[-1]
     rng = np.random.default_rng(seed)
@@ -209,20 +210,24 @@ def one_step_likelihood(
 ) -> np.ndarray:
     """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode.
 
-    steps: the transition model; data: the trials; found: the fit; iterations: linearisations of the filter.
+    steps: the transition model; data: the trials; found: the fit; iterations: linearisations of the filter. The sizes
+    of the noise, which say nothing of the ship, are those that make the other trials most likely: in its own trials an
+    effect that explains a little of everything leaves less than there is.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     path = initial_trajectory(steps, data, found.theta)
-    best, share = None, 1.0
-    for _ in range(iterations):
-        here = linearised_if_finite(steps, data, replace(found.fixed(), path=path), active)
+    best, share, noise, typical = None, 1.0, found.noise, initial_noise(steps.ship)
+    for number in range(iterations):
+        here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
         if here is None and best is None:
             return np.full(len(data.run), np.nan)
         if here is None:
             share *= 0.3
         else:
             best, share, start = here, 1.0, path
-            mean, _, _ = here.smoothed()
+            mean, r, u = here.smoothed()
+            if number + 1 < iterations:
+                noise = updated_noise(noise, data, here.adjoint, r, u, len(active), typical)
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
         path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)

@@ -66,6 +66,19 @@ def test_the_true_model_predicts_its_own_motion_without_error() -> None:
         assert len(found) and found.max() < 1e-18
 
 
+def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect(
+    fits: tuple[SearchProblem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
+) -> None:
+    """The fit with an effect has smaller random forces in its own trials, and too small ones in others."""
+    problem, null, true = fits
+    data, held = closed
+    small = true.noise.with_(force=0.5 * true.noise.force)
+    other = compare(problem.steps, data, null, replace(true, noise=small))
+    assert other is not None and other.likelihood_gain == pytest.approx(held.likelihood_gain, abs=1.0)
+    once = [one_step_likelihood(problem.steps, data, fit, 1).sum() for fit in (true, replace(true, noise=small))]
+    assert abs(once[1] - once[0]) > 30.0  # what it would count for
+
+
 @pytest.mark.parametrize("effect", ["rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T"])
 def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_run_before(effect: str) -> None:
     steps = full_steps(H)
@@ -188,7 +201,9 @@ def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wro
     wrong = data.y.copy()
     wrong[..., 1, 3] += 5 * WHITE[3] * np.sign(np.sin(np.arange(len(wrong))))
     worse = one_step_likelihood(problem.steps, replace(data, y=wrong), true)
-    assert worse[0] == pytest.approx(right[0], rel=1e-9) and worse[1] > right[1] + 100
+    assert worse.sum() > right.sum() + 100
+    alone = one_step_likelihood(problem.steps, replace(data, y=wrong), true, 1)  # by the noise of the fit
+    assert alone[0] == pytest.approx(one_step_likelihood(problem.steps, data, true, 1)[0], rel=1e-9)
 
 
 def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay(
