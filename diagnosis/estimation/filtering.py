@@ -120,7 +120,7 @@ def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
 class _System(ctypes.Structure):
     """The struct System of the C code."""
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "begin", "end")] + [
+    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "S", "begin", "end")] + [
         (name, ctypes.c_void_p)
         for name in ("T", "Z", "Q", "white", "first", "good", "inside", "L", "gain", "P", "inverse", "root", "log_det")
     ]
@@ -153,7 +153,7 @@ class Kernel:
         places, work = [a.ctypes.data for a in arrays], getattr(self._library, name)
 
         def part(begin: int, end: int) -> int:
-            return int(work(ctypes.byref(_System(K, R, n, begin, end, *places)), *rest))
+            return int(work(ctypes.byref(_System(K, R, n, s.S, begin, end, *places)), *rest))
 
         failed = in_threads(part, even_shares(R))
         if failed == 1:
@@ -231,7 +231,7 @@ class Kernel:
         rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
 
         def part(begin: int, end: int) -> int:
-            system = _System(K, R, n, begin, end, T=T.ctypes.data, inside=inside.ctypes.data)
+            system = _System(K, R, n, s.S, begin, end, T=T.ctypes.data, inside=inside.ctypes.data)
             return int(self._library.by_rates(ctypes.byref(system), *rest))
 
         if in_threads(part, even_shares(R)):

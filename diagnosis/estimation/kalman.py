@@ -56,7 +56,7 @@ class LinearSystem:
 
     T: (K, R, n, n) transition; Z: (K + 1, R, 6, n) observation, 0 where nothing is compared; Q: (n,), R: (6,) variances
     of process and observation; first: (R, n, n) initial covariance; good: (K + 1, R, 6) compared; inside: (K, R) steps
-    that exist; S: states of the ship, which come first, before the latent force.
+    that exist; S: states of the ship, which come first, before the latent force; those behind them follow none of them.
     """
 
     T: np.ndarray

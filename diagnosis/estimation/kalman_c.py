@@ -42,11 +42,17 @@ static int nothing(const unsigned char* good) {
   return !(good[0] | good[1] | good[2] | good[3] | good[4] | good[5]);
 }
 typedef struct {
-  long long K, R, n, begin, end;
+  long long K, R, n, S, begin, end;
   const double *T, *Z, *Q, *white, *first;
   const unsigned char *good, *inside;
   double *L, *gain, *P, *inverse, *root, *log_det;
 } System;
+/* T times X or more: the states behind the first S follow themselves alone. */
+static void stepped(const System* s, const double* T, long long nv, const V* X, V* next) {
+  const long long n = s->n, S = s->S;
+  product(S, n, nv, T, n, 1, X, next, 0);
+  product(n - S, n - S, nv, T + S * n + S, n, 1, X + S * nv, next + S * nv, 0);
+}
 /* Steps of window r: after them nothing is measured and its state stays. */
 static long long steps_of(const System* s, long long r) {
   long long k = s->K;
@@ -187,7 +193,7 @@ EXPORT int responses(const System* s, const Columns* f) {
       }
       if (k == K) break;
       if (k > last) continue;
-      product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
+      stepped(s, s->T + i * n * n, nv, X, next);
       if (!blind) {
         for (long long j = 0; j < 6 * nv; j++) W[j] = -W[j];
         product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
@@ -230,7 +236,7 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
       narrow(6, c, np, (double*)Y, y + i * 6 * c);
       if (k == K) break;
       if (k > last) continue;
-      product(n, n, nv, s->T + i * n * n, n, 1, X, next, 0);
+      stepped(s, s->T + i * n * n, nv, X, next);
       product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
       V* spare = X; X = next; next = spare;
     }

@@ -43,10 +43,12 @@ def system(n: int, seed: int = 0) -> LinearSystem:
     good[3:5] = False
     good[:, 1] &= (np.arange(K + 1) <= K - 4)[:, None]
     T = 0.8 * np.eye(n) + 0.2 * rng.standard_normal((K, R, n, n)) / np.sqrt(n)
+    S = max(n - 3, 0)
+    T[..., S:, :S] = 0.0  # as of the latent force, which no state of the ship moves
     T[~inside] = np.eye(n)
     Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
     first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
-    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, max(n - 3, 0))
+    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, S)
 
 
 def close(found: np.ndarray, expected: np.ndarray) -> None:
