@@ -174,7 +174,7 @@ def _at_bound(found: Selection) -> str:
 
 def _contradicts(found: Selection, held: HeldOut) -> bool:
     """Whether the test trials speak against the named effects: longer predictions become clearly worse, or neither
-    those nor the likelihood of one-step predictions improves."""
+    those nor the likelihood of one-step predictions improves; of an instrument that likelihood alone counts."""
     gain = held.likelihood_gain or 0.0
     sure = _surely_gains(held)
     if sure and _measures(found):
@@ -183,7 +183,8 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)
-    return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and held.interval_90[0] <= 0)
+    by_windows = held.interval_90[0] > 0 and not _measures(found)
+    return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and not by_windows)
 
 
 def limits(

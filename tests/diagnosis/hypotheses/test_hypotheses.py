@@ -425,3 +425,10 @@ def test_windows_that_begin_at_a_late_row_do_not_speak_against_a_late_sensor(
     """A window begins at a logged row, which is itself late: its error grows, though the delay is right."""
     test = held(-0.41, (-0.6, -0.2), 40.0, sure)
     assert decide(found_with(108.0, name), 99.0, -1.0, LIMIT, test)[0] == verdict
+
+
+@pytest.mark.parametrize(("name", "verdict"), [("heading_bias", "unknown"), ("fouling", "named")])
+def test_nor_do_they_speak_for_a_fault_of_an_instrument_that_single_steps_contradict(name: str, verdict: str) -> None:
+    """Two runs, one of them for training: a compass was said to be off, whose windows gained 0.6 %, single steps -40."""
+    test = held(0.006, (0.001, 0.01), -40.0, None)
+    assert decide(found_with(12.0, name), 9.0, -1.0, LIMIT, test)[0] == verdict
