@@ -13,7 +13,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.found_again import other_trials
+from diagnosis.hypotheses.found_again import other_trials, same_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
@@ -194,7 +194,8 @@ def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> Fo
     kept = dict(zip(before.free.columns, before.p, strict=True))
     shift = np.array([with_it.get(column, value) - value for column, value in kept.items()])
     try:
-        return other_trials(p.steps, p.tests, before).effect(c, phi, shift)
+        own = same_trials(p.steps, p.data, before).effect(c, phi, shift)
+        return other_trials(p.steps, p.tests, before).effect(c, phi, shift).scaled(own)
     except (BrokenModelError, np.linalg.LinAlgError):
         return NOTHING
 

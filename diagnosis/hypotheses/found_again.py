@@ -41,13 +41,14 @@ class OtherTrials:
     """Trials that took no part at the fit of others.
 
     point: coefficients of that fit, with path and noise of these trials; known: (P, P) inverse covariance of the
-    coefficients by the others.
+    coefficients by the others; off: (P,) how far they are from where that has them [prior std], None: not at all.
     """
 
     steps: TransitionModel
     data: GriddedTrials
     point: Point
     known: np.ndarray
+    off: np.ndarray | None = None
 
     @np.errstate(all="ignore")
     def effect(self, candidate: Candidate, phi: np.ndarray, shift: np.ndarray) -> FoundAgain:
@@ -121,7 +122,9 @@ class OtherTrials:
         flat = white.reshape(-1, len(chosen))
         known = np.eye(len(rest))
         known[:P, :P] = self.known
-        left = projected(flat.T @ flat, logdet[chosen[:-1]], np.zeros(len(rest)), known)
+        off = np.zeros(len(rest))
+        off[:P] = 0.0 if self.off is None else self.off
+        left = projected(flat.T @ flat, logdet[chosen[:-1]], off, known)
         if not left.S[0, 0] > 0:
             return NOTHING
         ratio = 1.0
@@ -152,6 +155,12 @@ class OtherTrials:
             return 1.0
         T = float((((vectors.T @ rest.g)[seen]) ** 2 / values[seen]).sum())
         return float(chi2.sf(T, int(seen.sum())))
+
+
+def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:
+    """The trials ``data`` of the fit ``found`` of ``steps`` themselves, asked in the same way: coefficients are as open
+    as others leave them, and their slopes are those with the prior."""
+    return OtherTrials(steps, data, found, np.linalg.inv(found.covariance), found.covariance @ found.p)
 
 
 def other_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:

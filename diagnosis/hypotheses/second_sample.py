@@ -34,6 +34,17 @@ class FoundAgain:
         """Log likelihood that the other trials gain by what was found, as large as it was found."""
         return self.z * self.expected - 0.5 * self.expected**2
 
+    def scaled(self, own: FoundAgain) -> FoundAgain:
+        """What is expected here, as far as the response that it hangs on is right.
+
+        own: the same of the trials in which it was found. There z is what is expected of a response that is linear in
+        the size. A lag that is long or a mass, which changes how the ship answers to random forces, has less (a hull
+        memory of 2 s: 2.4 of 15.8), or more.
+        """
+        if not (own.expected > 0 and own.z > 0):
+            return NOTHING
+        return FoundAgain(self.z, self.expected * own.z / own.expected)
+
     def denies(self, gain: float) -> bool:
         """Whether the other trials do not show it although they would if it had the size found: that is excluded.
 

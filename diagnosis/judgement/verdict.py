@@ -11,7 +11,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
-from diagnosis.hypotheses.second_sample import SHOWN
+from diagnosis.hypotheses.second_sample import NOTHING, SHOWN
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
@@ -87,8 +87,10 @@ def supports(held: HeldOut, found: Selection) -> bool:
     excluded, the test trials must not surely become less predictable.
 
     found: the selection with it."""
-    maybe = (held.likelihood_gain or 0.0) > 0 or _is_certain(found, found.effects[-1:])
-    return held.reduction > 0 or _surely_gains(held) or (maybe and not _worse(held))
+    certain = _is_certain(found, found.effects[-1:])
+    maybe = (held.likelihood_gain or 0.0) > 0 or certain
+    worse = _worse(held) and not (certain and _may_be_there(found, found.effects[-1:]))
+    return held.reduction > 0 or _surely_gains(held) or (maybe and not worse)
 
 
 def _surely_gains(held: HeldOut) -> bool:
@@ -105,6 +107,15 @@ def _is_certain(found: Selection, effects: Sequence[Candidate]) -> bool:
     """Whether chance is excluded as the cause of each of the ``effects``."""
     by_chance = {s.best.candidate: s.best.p_both for s in found.searches if s.best is not None}
     return all(by_chance.get(c, 1.0) < CERTAIN for c in effects)
+
+
+def _may_be_there(found: Selection, effects: Sequence[Candidate]) -> bool:
+    """Whether the test trials were asked for each of the ``effects`` in the direction in which it was found, with what
+    the training trials left open taken out, and do not exclude it. Predictions by coefficients as they were estimated
+    are worse or better by their errors, too: the true ship, begun at the logged rows, lost to a false one in 30 s."""
+    best = {s.best.candidate: s.best for s in found.searches if s.best is not None}
+    asked = [(best[c].by_others, best[c].gain) if c in best else (NOTHING, 0.0) for c in effects]
+    return all(again.expected > 0 and not again.denies(gain) for again, gain in asked)
 
 
 def _worse(held: HeldOut) -> bool:
@@ -179,7 +190,7 @@ def _contradicts(found: Selection, held: HeldOut) -> bool:
     sure = _surely_gains(held)
     if sure and _measures(found):
         return False
-    if _is_certain(found, found.effects) and not _worse(held):
+    if _is_certain(found, found.effects) and (not _worse(held) or _may_be_there(found, found.effects)):
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)
