@@ -11,7 +11,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.time_limit import OutOfTimeError
 from diagnosis.hypotheses.forward_selection import search
-from diagnosis.hypotheses.found_again import other_trials
+from diagnosis.hypotheses.found_again import other_trials, same_trials
 from diagnosis.hypotheses.pattern import TESTS, pattern
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import score_tests, slopes
@@ -50,6 +50,24 @@ def test_an_effect_is_found_again_where_it_is_there(
     assert same.expected > 4 and abs(same.z - same.expected) < 0.5 * same.expected and same.gain > 0
     assert abs(gone.z) < 3 and gone.expected == pytest.approx(same.expected, rel=1.0) and gone.gain < 0
     assert other_trials(problem.steps, alike, null).effect(effect, np.zeros(2), np.zeros(len(null.p))) == NOTHING
+
+
+@pytest.mark.parametrize(("text", "linear"), [(DRIFT, True), ("hull_memory:T=2.0", False)])
+def test_the_trials_themselves_show_what_is_expected_of_a_linear_effect_and_less_of_a_long_memory(
+    text: str, linear: bool
+) -> None:
+    """So that other trials show about as much as is then expected of them."""
+    problem, null = problem_of(pushed_trials(1, [text]))
+    effect = candidate(text.partition(":")[0])
+    best = search(replace(problem, candidates=(effect,), tests=gridded([text], 2, problem)), null, []).best
+    assert best is not None and best.gain > 8
+    phi = (np.array([best.fit.value(*x) for x in effect.columns]) - effect.neutral) / effect.typical
+    shift = best.fit.p[: len(null.p)] - null.p
+    own = same_trials(problem.steps, problem.data, null).effect(effect, phi, shift)
+    assert own.z / own.expected == pytest.approx(1.0, abs=0.25) if linear else own.z < 0.7 * own.expected
+    there = other_trials(problem.steps, gridded([text], 2, problem), null).effect(effect, phi, shift)
+    assert best.again == there.scaled(own) and abs(best.again.z - best.again.expected) < 3
+    assert linear or best.again.expected < 0.7 * there.expected
 
 
 def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(

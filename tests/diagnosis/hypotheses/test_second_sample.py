@@ -36,6 +36,11 @@ def test_the_gain_of_other_trials_is_largest_at_the_size_that_they_show() -> Non
     assert FoundAgain(-1.0, 2.0).gain < 0 and NOTHING.gain == 0
 
 
+def test_less_is_expected_of_a_response_that_is_less_than_linear_where_it_was_found() -> None:
+    assert FoundAgain(3.0, 10.0).scaled(FoundAgain(2.0, 8.0)) == FoundAgain(3.0, 2.5)
+    assert FoundAgain(3.0, 10.0).scaled(FoundAgain(-0.1, 8.0)) == NOTHING == FoundAgain(3.0, 10.0).scaled(NOTHING)
+
+
 def test_probabilities_of_nought_and_one_are_borne() -> None:
     for again in (NOTHING, FoundAgain(40.0, 3.0), FoundAgain(-40.0, 3.0)):
         for p in (0.0, 1.0):

@@ -11,6 +11,7 @@ from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Search, Selection
+from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
 from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,
     CERTAIN,
@@ -209,6 +210,23 @@ def test_a_name_that_no_chance_explains_must_surely_be_contradicted(test: HeldOu
     two = replace(found_with(12.0, "bank", "fouling"), searches=(unsure, sure))
     assert decide(two, 9.0, -1.0, LIMIT, test)[0] == "unknown"
     assert supports(test, two) == (verdict == "named" or test.reduction > 0)
+
+
+@pytest.mark.parametrize(
+    ("again", "verdict"),
+    [(FoundAgain(0.7, 2.4), "named"), (FoundAgain(-0.5, 6.0), "unknown"), (NOTHING, "unknown")],
+)
+def test_test_trials_contradict_a_certain_name_where_they_exclude_it_or_cannot_be_asked(
+    again: FoundAgain, verdict: str
+) -> None:
+    """Windows and steps hang on all coefficients as they were estimated, and so do their errors on the errors of
+    these."""
+    test = held(-1.1 * NOTED_GROWTH, (-0.2, -0.01), -9.0, (-15.0, -2.0))
+    best = replace(tried("fouling", 43.0, 1e-11), again=again)
+    found = replace(found_with(12.0, "fouling"), searches=(Search((), (best,), a_fit(100.0)),))
+    assert decide(found, 9.0, -1.0, LIMIT, test)[0] == verdict
+    two = replace(found, effects=(made_up("bank"), *found.effects))
+    assert supports(test, two) is (verdict == "named")
 
 
 @pytest.mark.parametrize(
