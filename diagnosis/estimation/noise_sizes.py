@@ -54,6 +54,22 @@ def swallows(noise: NoiseModel, ship: Ship) -> bool:
     return bool((noise.force > 0.5 * MOST * initial_noise(ship).force).any())
 
 
+BESIDE_GUSTS = 0.2
+"""Least size of the latent force, in the force of the gusts: they are not the same all along a ship, and wind
+coefficients are not exact. In a single run gusts would leave nothing of it, and a model that is sure of that sees
+effects."""
+
+
+def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
+    """Least size (3,) [N, N, N m] of the latent force of trials ``data`` whose gusts have the sizes of ``noise``;
+    typical: as of ``updated_noise``."""
+    least = LEAST_FORCE * typical.force
+    if data.gusts is None:
+        return least
+    blown = (data.gusts[data.inside] ** 2).mean(axis=0) @ noise.gust**2
+    return np.asarray(np.maximum(least, BESIDE_GUSTS * np.sqrt(blown)))
+
+
 def updated_noise(
     noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, typical: NoiseModel
 ) -> NoiseModel:
@@ -85,7 +101,7 @@ def updated_noise(
     gust = np.clip(noise.gust * np.sqrt(grown[3:5]), *GUST) if gusts else noise.gust
     colours[noise.coloured > 0] *= np.sqrt(grown[3 + gusts :])
     return noise.with_(
-        force=np.clip(noise.force * np.sqrt(grown[:3]), LEAST_FORCE * typical.force, MOST * typical.force),
+        force=np.clip(noise.force * np.sqrt(grown[:3]), least_force(noise, data, typical), MOST * typical.force),
         white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),
         coloured=np.where(noise.coloured > 0, np.maximum(colours, LEAST * typical.white), 0.0),
         gust=gust,

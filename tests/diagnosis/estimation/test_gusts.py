@@ -16,7 +16,7 @@ from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
-from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.noise_sizes import BESIDE_GUSTS, LEAST_FORCE, initial_noise, least_force
 from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time, with_gust_memory
 from diagnosis.hypotheses.force_steadiness import force_steadiness
@@ -103,11 +103,26 @@ def test_no_wind_has_no_gusts() -> None:
 
 
 def test_their_size_and_memory_are_found() -> None:
-    """The wind's own speed along it, little across; the random force stays as small as it is."""
-    noise = fitted(True)[1].noise
+    """The wind's own speed along it, little across; the random force stays as small as gusts leave it."""
+    (data, found), typical = fitted(True), initial_noise(full_steps(STEP).ship)
+    noise = found.noise
     assert noise.gust[0] == pytest.approx(GUST, rel=0.25) and noise.gust[1] < 0.4 * GUST
     assert 0.4 * MEMORY < noise.gust_tau < 2.5 * MEMORY
-    assert (noise.force < 3.0 * np.array([0.005, 0.015, 0.01])).all()
+    assert (noise.force < np.maximum(0.03 * typical.force, 1.1 * least_force(noise, data, typical))).all()
+
+
+def test_they_leave_a_share_of_their_force_to_the_random_force() -> None:
+    """In a single run the fit would leave nothing, and everything would look sure."""
+    steps, data = full_steps(STEP), blown()
+    assert data.gusts is not None
+    typical, noise = initial_noise(steps.ship), fitted(True)[1].noise
+    rms = np.sqrt((data.gusts[data.inside] ** 2).mean(axis=0))
+    for along, across in ((0.1, 0.0), (0.0, 0.2)):
+        least = least_force(noise.with_(gust=np.array([along, across])), data, typical)
+        expected = BESIDE_GUSTS * (along * rms[:, 0] + across * rms[:, 1])
+        np.testing.assert_allclose(least, np.maximum(expected, LEAST_FORCE * typical.force))
+    assert (noise.force >= 0.9 * least_force(noise, data, typical)).all()  # of gusts one step before
+    np.testing.assert_array_equal(least_force(noise, replace(data, gusts=None), typical), LEAST_FORCE * typical.force)
 
 
 def test_campaigns_that_are_simulated_have_them_as_well() -> None:
