@@ -46,7 +46,7 @@ def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
     """
     first = initial_noise(ship)
     force, white = np.maximum(known.force, first.force), np.maximum(known.white, first.white)
-    return known.with_(force=force, white=white, prior=known)
+    return known.with_(force=force, white=white, gust=np.maximum(known.gust, first.gust), prior=known)
 
 
 def swallows(noise: NoiseModel, ship: Ship) -> bool:
