@@ -23,8 +23,8 @@ from cases.io.site import Site, read_site
 from cases.trial import Trial
 from diagnosis import summary
 from diagnosis.estimation.candidates import find
-from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.gusts import with_gusts
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
 from diagnosis.estimation.prior_width import width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
@@ -284,12 +284,12 @@ def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault
 
 def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
     """The test trials on the grid of the training trials, or None without any that is long enough."""
-    ship, like = ready.full.ship, ready.problem.data
     try:
-        data = grid_trials(tests, ship.inputs, float(ship.particulars["L"]), like.h, like.straight) if tests else None
+        p = ready.problem
+        data = trials_in_gusts(p.steps, tests, p.data.straight) if tests else None
     except UserError:
         return None
-    return with_gusts(ready.problem.steps, data.thinned(ready.gap)) if data is not None else None
+    return data.thinned(ready.gap) if data is not None else None
 
 
 def _doubts(fits: Pattern | None) -> list[Message]:

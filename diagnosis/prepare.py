@@ -14,8 +14,8 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.force_order import force_order
-from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, grid_trials, possible_readings
-from diagnosis.estimation.gusts import with_gusts
+from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
+from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
@@ -236,7 +236,7 @@ def fit_as_read(
     """
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
     known = possible_readings(trials) if straight is None else (straight,)
-    ways = [with_gusts(steps, grid_trials(trials, steps.ship.inputs, length, steps.h, way)) for way in known]
+    ways = [trials_in_gusts(steps, trials, way) for way in known]
     held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
         return held, InputReading(known[0], None, sample, length)

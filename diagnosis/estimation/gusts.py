@@ -9,17 +9,25 @@ its mean along it and less across (WMO No. 8, 2018, volume I, chapter 5; Kaimal 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.estimation.gridded_trials import GriddedTrials
+from cases.trial import Trial
+from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.ship import AIR
 
-AIR = ("wind_north", "wind_east")
 SHARE = 0.1
 """Gust at which the slope of the wind force is taken, on either side, as a share of the wind's speed."""
+
+
+def trials_in_gusts(steps: TransitionModel, trials: Sequence[Trial], straight: bool = False) -> GriddedTrials:
+    """The ``trials`` on the grid of ``steps``, with gusts. straight: as of ``grid_trials``, whose errors it raises."""
+    ship = steps.ship
+    return with_gusts(steps, grid_trials(trials, ship.inputs, float(ship.particulars["L"]), steps.h, straight))
 
 
 def with_gusts(steps: TransitionModel, data: GriddedTrials) -> GriddedTrials:

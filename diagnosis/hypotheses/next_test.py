@@ -18,8 +18,8 @@ from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.filtering import DrivenColumns
-from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.gusts import with_gusts
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
@@ -149,7 +149,7 @@ def _rolled_out(problem: SearchProblem, theta: np.ndarray, trials: Sequence[Tria
     """The ``trials`` on the grid of the ``problem``, and the paths of the model without latent force from their
     begin."""
     steps = problem.steps
-    data = with_gusts(steps, grid_trials(trials, steps.ship.inputs, float(steps.ship.particulars["L"]), problem.data.h))
+    data = trials_in_gusts(steps, trials)
     data = acting(steps, data, theta)
     K, R = data.inputs.shape[:2]
     z = np.repeat(steps.settled(data.y[0].T, data.inputs[0].T, theta).T[None], K + 1, axis=0)

@@ -15,8 +15,7 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES, Column
-from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.estimation.gusts import with_gusts
+from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import SHOWS, score_tests, slopes
@@ -51,14 +50,12 @@ def read_otherwise(ready: Prepared, trials: Sequence[Trial], found: Selection) -
     if not found.effects or not ready.reading.is_doubtful:
         return None
     p, straight = ready.problem, not ready.reading.straight
-    length = float(p.steps.ship.particulars["L"])
     late = [Column(f"{name}.{time}") for name, time in TIMES.items() if name in {c.effect for c in found.effects}]
     start = {x: found.final.value(*x) for c in found.effects for x in c.columns}
     for x in late[:1]:
         start[x] = max(start[x] + 0.5 * ready.reading.sample * (1.0 if straight else -1.0), 0.0)
     try:
-        grid = grid_trials(trials, p.steps.ship.inputs, length, p.data.h, straight)
-        data = with_gusts(p.steps, grid.thinned(ready.gap))
+        data = trials_in_gusts(p.steps, trials, straight).thinned(ready.gap)
         gain = found.final.nll - refit(p.steps, data, p.base, found.final, found.effects, start).nll
     except (UserError, np.linalg.LinAlgError):
         return None
@@ -87,8 +84,7 @@ def other_reading(ready: Prepared, trials: Sequence[Trial], gain: float) -> Prep
     """The problem ``ready`` of ``trials`` with the actuators read the other way, which is likelier by ``gain``
     (logarithm); None where the ship cannot be followed so."""
     p, straight = ready.problem, not ready.reading.straight
-    grid = grid_trials(trials, p.steps.ship.inputs, float(p.steps.ship.particulars["L"]), p.data.h, straight)
-    grid = with_gusts(p.steps, grid)
+    grid = trials_in_gusts(p.steps, trials, straight)
     try:
         data, null, _, _, line = fit_without_effects(
             p.steps, grid, ready.null.theta, p.base, ready.null.noise, ready.gap
