@@ -19,7 +19,7 @@ from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_cha
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.verdict import RARE, confirms, decide, supports
+from diagnosis.judgement.verdict import CERTAIN, confirms, decide, supports
 from diagnosis.prepare import Prepared
 from diagnosis.validation.held_out import compare
 from fitting.parallel import evaluated_beside
@@ -131,7 +131,7 @@ def _answer(
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)
     rarest = _rarest(result)
-    if verdict == "none" and not found.effects and rarest < RARE:
+    if verdict == "none" and not found.effects and rarest < CERTAIN:
         words = (
             f"one of the known effects fits better than chance (p = {rarest:.1g}), but does not pay for its parameters"
         )

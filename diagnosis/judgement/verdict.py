@@ -26,12 +26,10 @@ predictions become worse. Where test trials show no gain beyond chance at all, n
 BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
 """Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
 alone. A constant error of v, for example, is nearly one of the heading alone."""
-RARE = 0.005
-"""Probability by chance below which a name that is withdrawn leaves something unexplained, though no unnamed form does.
-"""
 CERTAIN = 1e-4
-"""Probability by chance of every name, by training and test trials together, below which windows and steps of the test
-trials must surely become worse to contradict: what they show of a weak effect is uncertain, too."""
+"""Probability by chance of every name, by training and test trials together, that excludes chance. Then windows and
+steps of the test trials must surely become worse to contradict, since what they show of a weak effect is uncertain,
+too; and a name that is withdrawn leaves something unexplained, though no unnamed form does."""
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
 """Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
 even if they do."""
@@ -67,7 +65,7 @@ def decide(
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
-    chance = first is not None and first.p_both > RARE and beyond <= 0
+    chance = first is not None and first.p_both > CERTAIN and beyond <= 0
     return "none" if chance else "unknown", [Message(f"{reason}: the name is withdrawn", "name_withdrawn")]
 
 

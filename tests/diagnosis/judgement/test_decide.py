@@ -18,7 +18,6 @@ from diagnosis.judgement.verdict import (
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,
-    RARE,
     SMALL_GROWTH,
     STRICT_RATIO,
     UNEXPLAINED_RATIO,
@@ -54,7 +53,7 @@ def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
     ("p_value", "beyond", "verdict"), [(2, -0.1, "none"), (0.5, -0.1, "unknown"), (2, 0.1, "unknown")]
 )
 def test_a_name_withdrawn_that_may_be_chance_leaves_nothing(p_value: float, beyond: float, verdict: str) -> None:
-    first = Search((), (tried("bank", 3.0, p_value * RARE),), a_fit(100.0))
+    first = Search((), (tried("bank", 3.0, p_value * CERTAIN),), a_fit(100.0))
     found = replace(found_with(12.0, "bank", p=1.1 * AGREE), searches=(first,))
     assert decide(found, beyond, -1.0, LIMIT, None)[0] == verdict
 

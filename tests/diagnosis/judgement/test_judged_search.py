@@ -7,13 +7,15 @@ import pytest
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement import judged_search
+from diagnosis.judgement.verdict import CERTAIN
 from tests.diagnosis.judgement.test_verdict import ready
 from tests.support.diagnosis_cases import candidate
 
 CASES = {
     "chance": (0.3, False, "none"),
-    "more than chance": (1e-4, False, "unknown"),
-    "more than chance, with a value by run": (1e-4, True, "none"),
+    "hardly chance": (2 * CERTAIN, False, "none"),
+    "more than chance": (0.5 * CERTAIN, False, "unknown"),
+    "more than chance, with a value by run": (0.5 * CERTAIN, True, "none"),
     "a score that no refit bears out": (1.0, False, "none"),
 }
 """What is found -> probability by its refit, with values by run, verdict."""
