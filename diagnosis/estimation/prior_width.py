@@ -24,7 +24,7 @@ from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.messages import Message
 
-LEAST, MOST = 0.25, 4.0
+LEAST, MOST = 0.25, 2.0
 """Factors that are tried."""
 DOUBT = 0.5
 """Standard deviation of the natural logarithm of the factor before the trials: most ships lie within 60 to 160 %."""
