@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -36,6 +37,7 @@ from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.nlp.grid import default_step
+from fitting.parallel import evaluated_beside
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -237,11 +239,14 @@ def fit_as_read(
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
     known = possible_readings(trials) if straight is None else (straight,)
     ways = [trials_in_gusts(steps, trials, way) for way in known]
-    held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
-    if len(ways) == 1:
+    # each from the same start: from the fit before, coefficients that the trials hardly tell would creep
+    fitted = [partial(fit_without_effects, steps, way, theta, base, noise, gap) for way in ways]
+    beside = evaluated_beside(fitted[1]) if len(ways) > 1 else None
+    held = fitted[0]()
+    if beside is None:
         return held, InputReading(known[0], None, sample, length)
-    try:  # from the same start: from the fit before, coefficients that the trials hardly tell would creep
-        joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
+    try:
+        joined = beside.value
     except BrokenModelError:
         return held, InputReading(False, math.inf, sample, length)
     gap = max(held[2], joined[2])  # both are compared by the same samples

@@ -10,9 +10,11 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
+from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import other_trials, same_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
@@ -20,7 +22,7 @@ from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from fitting.parallel import run_all
+from fitting.parallel import evaluated_beside, run_all
 from mmg.progress import OnProgress, Progress
 
 SHORT = 6
@@ -267,7 +269,7 @@ def select_effects(
         searches.append(s)
         if s.best is None or not s.significant or (named and not s.best.bic_of_both > FURTHER):
             break
-        if named and _doubtful(problem, s.best):
+        if named and _doubtful(problem, now, s.best):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -283,12 +285,22 @@ def select_effects(
     return Selection(tuple(named), null, now, tuple(searches), robust)
 
 
-def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
-    """Whether the runs do not agree on a further effect, or unnamed forms explain more than it does."""
+def _doubtful(problem: SearchProblem, now: Estimate, best: RefittedEffect) -> bool:
+    """Whether the runs do not agree on the ``best`` effect beside those of the fit ``now``, or unnamed forms explain
+    more than it does."""
     if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
         return True
-    rest = unnamed_forms(problem.steps, problem.data, best.fit)
-    return rest.log_bayes - problem.expected_unnamed > max(rest.limit, best.gain)
+    beside = evaluated_beside(partial(_left_and_limit, problem.steps, problem.data, best.fit))
+    if beside.process is not None:
+        problem.unnamed(now)  # meanwhile, since it is asked for next if there is doubt
+    left, limit = beside.value
+    return left - problem.expected_unnamed > max(limit, best.gain)
+
+
+def _left_and_limit(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> tuple[float, float]:
+    """Log Bayes factor of unnamed forms at a ``fit``, and what it exceeds hardly by chance."""
+    rest = unnamed_forms(steps, data, fit)
+    return rest.log_bayes, rest.limit
 
 
 def pruned(

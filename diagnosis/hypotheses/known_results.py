@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.score_test import Slopes
+from diagnosis.hypotheses.unnamed import UnnamedForms
 
 Beside = tuple[int, tuple[Candidate, ...], Candidate]
 """A refit: number of the fit it begins from, the effects named before, the candidate."""
@@ -19,11 +20,13 @@ Beside = tuple[int, tuple[Candidate, ...], Candidate]
 @dataclass
 class KnownResults:
     """Slopes and refits by the fit that they belong to. fits: these fits, so that none takes another's number; tests:
-    slopes by the fit's number; refits: fits with one candidate more."""
+    slopes by the fit's number; refits: fits with one candidate more; left: the last fit of which it is known what
+    unnamed forms explain beside it, and that."""
 
     fits: dict[int, Estimate] = field(default_factory=dict)
     tests: dict[int, tuple[frozenset[Candidate], Slopes]] = field(default_factory=dict)
     refits: dict[Beside, Estimate] = field(default_factory=dict)
+    left: tuple[Estimate, UnnamedForms] | None = None
 
     def slopes(
         self, before: Estimate, candidates: Sequence[Candidate], make: Callable[[Sequence[Candidate]], Slopes]
@@ -38,6 +41,13 @@ class KnownResults:
     def refit(self, before: Estimate, named: Sequence[Candidate], candidate: Candidate) -> Estimate | None:
         """The fit from ``before``, with the effects ``named``, with one ``candidate`` more; None where not known."""
         return self.refits.get((id(before), tuple(named), candidate))
+
+    def unnamed(self, fit: Estimate, make: Callable[[], UnnamedForms]) -> UnnamedForms:
+        """What unnamed forms explain at a ``fit``, which ``make`` gives where it is not known."""
+        if self.left is None or self.left[0] is not fit:
+            self.left = None  # both together would take twice the memory
+            self.left = fit, make()
+        return self.left[1]
 
     def keep(self, before: Estimate, named: Sequence[Candidate], candidate: Candidate, fit: Estimate) -> None:
         """Keep the ``fit`` that ``refit`` of the same ``before``, ``named`` and ``candidate`` then gives."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from diagnosis.estimation.prior_width import TOLD, Width, likely_width, refitted
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import likelihood
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 
 
 def gained(fewer: Estimate, kept: int, more: Estimate, every: int, present: float | None = 1.0) -> float:
@@ -52,6 +54,10 @@ class SearchProblem:
     def gained(self, fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
         """``gained`` by the fit ``more`` with ``every`` columns of effects over ``fewer`` with those ``kept``."""
         return gained(fewer, kept, more, every, self.factor)
+
+    def unnamed(self, fit: Estimate) -> UnnamedForms:
+        """What unnamed forms explain at a ``fit``; the last one is kept."""
+        return self.known.unnamed(fit, partial(unnamed_forms, self.steps, self.data, fit))
 
     def width(self, found: Estimate) -> Width:
         """The most likely width of the stated priors at a fit."""

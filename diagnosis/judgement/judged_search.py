@@ -17,7 +17,7 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unexplained_force import estimated_force
-from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
+from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.verdict import CERTAIN, confirms, decide, supports
 from diagnosis.prepare import Prepared
@@ -162,7 +162,7 @@ def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
 
 def _forms(p: SearchProblem, fit: Estimate) -> UnnamedForms:
     """``_left`` with the priors that the ``fit`` has."""
-    left = unnamed_forms(p.steps, p.data, fit)
+    left = p.unnamed(fit)
     if p.tests is None or fit.free.by_run:
         return left
     try:
