@@ -26,7 +26,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.estimation.prior_width import width_notices
+from diagnosis.estimation.prior_width import MOST, width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
@@ -252,7 +252,7 @@ def _searched(
 
 def _with_wider_priors(p: SearchProblem, fit: Estimate) -> tuple[Estimate, tuple[Message, ...]]:
     """The ``fit`` with priors as wide as the trials have them, where that is wider than stated; and a sentence."""
-    return p.with_wider(fit), width_notices(p.width(fit).factor, p.width_taken(fit))
+    return p.with_wider(fit), width_notices(p.width(fit, MOST).factor, p.width_taken(fit))
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

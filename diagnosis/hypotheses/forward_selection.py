@@ -10,18 +10,16 @@ import numpy as np
 from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import other_trials, same_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_weight
-from diagnosis.hypotheses.unnamed import unnamed_forms
+from diagnosis.hypotheses.unnamed import left_and_limit
 from fitting.parallel import evaluated_beside, run_all
 from mmg.progress import OnProgress, Progress
 
@@ -290,17 +288,11 @@ def _doubtful(problem: SearchProblem, now: Estimate, best: RefittedEffect) -> bo
     more than it does."""
     if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
         return True
-    beside = evaluated_beside(partial(_left_and_limit, problem.steps, problem.data, best.fit))
+    beside = evaluated_beside(partial(left_and_limit, problem.steps, problem.data, best.fit))
     if beside.process is not None:
         problem.unnamed(now)  # meanwhile, since it is asked for next if there is doubt
     left, limit = beside.value
     return left - problem.expected_unnamed > max(limit, best.gain)
-
-
-def _left_and_limit(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> tuple[float, float]:
-    """Log Bayes factor of unnamed forms at a ``fit``, and what it exceeds hardly by chance."""
-    rest = unnamed_forms(steps, data, fit)
-    return rest.log_bayes, rest.limit
 
 
 def pruned(

@@ -11,7 +11,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.prior_width import TOLD, Width, likely_width, refitted_at
+from diagnosis.estimation.prior_width import TOLD, TWICE, Width, likely_width, refitted_at
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import likelihood
@@ -28,7 +28,7 @@ def gained(fewer: Estimate, kept: int, more: Estimate, every: int, present: floa
     gain = likelihood(fewer, kept) - likelihood(more, every)
     if present is None:
         return gain
-    return gain + min(likely_width(more, present).gain - likely_width(fewer, present).gain, 0.0)
+    return gain + min(likely_width(more, present, TWICE).gain - likely_width(fewer, present, TWICE).gain, 0.0)
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class SearchProblem:
         """What unnamed forms explain at a ``fit``; the last one is kept."""
         return self.known.unnamed(fit, partial(unnamed_forms, self.steps, self.data, fit))
 
-    def width(self, found: Estimate) -> Width:
-        """The most likely width of the stated priors at a fit."""
-        return Width(1.0, 0.0, 0.0) if self.factor is None else likely_width(found, self.factor)
+    def width(self, found: Estimate, most: float = TWICE) -> Width:
+        """The most likely width of the stated priors at a fit ``found``, up to the factor ``most``."""
+        return Width(1.0, 0.0, 0.0) if self.factor is None else likely_width(found, self.factor, most)
 
     def with_wider(self, found: Estimate) -> Estimate:
         """The fit with wider priors than stated, where these are more likely."""

@@ -3,6 +3,7 @@ which the inputs were sampled, and not that nothing is missing where outliers hi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES
 from diagnosis.estimation.input_timing import TIMING
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.judgement.verdict import confirms, surely_confirms
@@ -28,6 +30,9 @@ from which the ship that fits is not the ship that was given, so that no effect 
 FAR_WITHOUT = 8.0
 """The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
 half, true coefficients are four or five off."""
+FAR_TOGETHER = -math.log(RARE)
+"""Log likelihood that priors more than twice as wide as stated gain over those twice as wide, from which that nothing is
+missing cannot be said either. Effects that act on all coefficients, as draft and shallow water do together, look so."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
 DELAYS = ("gnss_delay", "control_delay")
@@ -120,7 +125,7 @@ def width_by_size(fit: Estimate) -> float:
 def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     """Why the ship that fits is another one than was given, or nothing."""
     found, ship = result.found, ready.full.ship
-    stated, wide = ready.problem.factor or 1.0, ready.problem.width(found.final).factor
+    stated, wide = ready.problem.factor or 1.0, ready.problem.width(found.final, MOST).factor
     final = deviations(found.final, ship, stated)
     sizes = np.abs(list(final.values()))
     usual = sizes / max(wide, 1.0)
@@ -129,7 +134,8 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     named, most = result.verdict == "named", sizes.max(initial=0.0)
     is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE
     is_far = is_far or min(wide, width_by_size(found.final) * stated) > ANOTHER
-    if (named and is_far) or most > FAR_WITHOUT:
+    beyond_twice = ready.problem.width(found.final, MOST).gain - ready.problem.width(found.final).gain
+    if (named and is_far) or most > FAR_WITHOUT or (not named and beyond_twice > FAR_TOGETHER):
         beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
     before = deviations(found.null, ship, stated)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -19,10 +18,9 @@ from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_cha
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.verdict import CERTAIN, confirms, decide, supports
+from diagnosis.judgement.on_test_trials import OnTestTrials
+from diagnosis.judgement.verdict import CERTAIN, confirms, contradicts, decide, supports
 from diagnosis.prepare import Prepared
-from diagnosis.validation.held_out import compare
-from fitting.parallel import evaluated_beside
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 
@@ -67,17 +65,20 @@ def judged_search(
     called as the work goes on. Returns the selection with its verdict.
     """
     p = replace(ready.problem, tests=tests)
+    on_tests = OnTestTrials(p.steps, tests, options.seed) if tests is not None else None
+    if on_tests is not None:
+        on_tests.begin(ready.null)  # all comparisons ask for it
     before, simulated = _left(p, ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
         store = options.store.part("campaigns") if options.store is not None else None
         simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress, store)
         before = replace(before, chance=simulated.unnamed)
-    result = _judged(p, ready.null, before, simulated, tests, options, progress)
+    result = _judged(p, ready.null, before, simulated, on_tests, options, progress)
     if result.verdict != "named" and any(c.by_run for c in result.found.effects):
         LOGGER.info("searching again with the same surroundings in all runs")
         p = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(p, ready.null, before, simulated, tests, options, progress)
+        again = _judged(p, ready.null, before, simulated, on_tests, options, progress)
         result = replace(again, reasons=(*result.reasons, *again.reasons))
     other = result
     for _ in range(OTHERS):
@@ -86,7 +87,7 @@ def judged_search(
             break
         LOGGER.info(f"searching without {' and '.join(sorted(withdrawn))}")
         p = replace(p, candidates=tuple(c for c in p.candidates if c.effect not in withdrawn))
-        other = _judged(p, ready.null, before, simulated, tests, options, progress)
+        other = _judged(p, ready.null, before, simulated, on_tests, options, progress)
         if other.verdict == "named" and other.held is not None and confirms(other.held):
             return replace(other, reasons=(*result.reasons, *other.reasons), withdrawn=result.found)
     return result
@@ -97,24 +98,23 @@ def _judged(
     null: Estimate,
     before: UnnamedForms,
     simulated: SimulatedChance | None,
-    tests: GriddedTrials | None,
+    tests: OnTestTrials | None,
     options: DiagnosisOptions,
     progress: OnProgress | None,
 ) -> JudgedSearch:
-    """One search and its verdict."""
+    """One search and its verdict. Beside a name that the ``tests`` contradict it does not matter what else is left."""
     found = select_effects(p, null, options.seed, options.workers, progress)
     while tests is not None and len(found.effects) > 1:
         fewer = found.without_last(p)
-        with_it = compare(p.steps, tests, fewer.final, found.final, options.seed)
+        with_it = tests.compare(fewer.final, found.final)
         if with_it is None or supports(with_it, found):
             break
         LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer
-    held = None
-    if tests is not None:
-        held = evaluated_beside(partial(compare, p.steps, tests, found.null, found.final, options.seed))
-    after = _left(p, found.final) if found.effects else before
-    return _answer(found, (before, after), held.value if held else None, p, simulated)
+    held = tests.compare(found.null, found.final) if tests is not None else None
+    stands = bool(found.effects) and not (held is not None and contradicts(found, held))
+    after = _left(p, found.final) if stands else before
+    return _answer(found, (before, after), held, p, simulated)
 
 
 def _answer(

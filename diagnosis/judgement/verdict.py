@@ -57,11 +57,12 @@ def decide(
     """
     if not found.effects:
         return ("unknown" if beyond > 0 else "none"), []
-    reason = _inexact(found, after)
+    if held is not None and contradicts(found, held):
+        reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
+    else:
+        reason = _inexact(found, after)
     if not reason and not (held is not None and confirms(held)):
         reason = _doubt(found, after, limit, held)
-    if not reason and held is not None and _contradicts(found, held):
-        reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
@@ -181,9 +182,11 @@ def _at_bound(found: Selection) -> str:
     return ", ".join(f"{s} = {v:.3g}" for s, v, n in rows if n and s.split(".")[0] in own)
 
 
-def _contradicts(found: Selection, held: HeldOut) -> bool:
+def contradicts(found: Selection, held: HeldOut) -> bool:
     """Whether the test trials speak against the named effects: longer predictions become clearly worse, or neither
-    those nor the likelihood of one-step predictions improves; of an instrument that likelihood alone counts."""
+    those nor the likelihood of one-step predictions improves; of an instrument that likelihood alone counts.
+
+    found: the selection; held: the check on test trials."""
     gain = held.likelihood_gain or 0.0
     sure = _surely_gains(held)
     if sure and _measures(found):

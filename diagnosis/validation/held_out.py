@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -162,31 +162,55 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
     return float(low), float(high)
 
 
-def compare(
-    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
-) -> HeldOut | None:
-    """Errors of test trials by two fits, with intervals by drawing runs again; None without a whole window.
+@dataclass(frozen=True)
+class PredictionErrors:
+    """How well a fit predicts test trials.
 
-    steps: the transition model; data: the test trials; before, after: the fits; seed: of the draws.
+    windows: (W,) mean squared scaled errors of windows; run: (W,) their runs; whole, step: those of whole runs and of
+    single steps; nll: (R,) negative log likelihood of single steps by window of the grid.
     """
-    each = [before] if after is before else [before, after]
-    by_run, judged, found = any(fit.free.by_run for fit in each), data, []
-    if by_run:
-        judged = replace(data, good=data.good & (data.t >= half_times(data))[..., None])
-    fits = [with_values_by_run(steps, data, fit) if fit.free.by_run else fit for fit in each]
-    lengths = (window_length(steps.ship), 0.0, data.h)
-    for fit in fits:
-        acted = acting(steps, data, fit.theta)  # once, for the lengths
-        begin = start_states(steps, acted, fit.theta)
-        (windows, run), (whole, _), (step, _) = (errors(steps, acted, fit.theta, t, by_run, begin) for t in lengths)
-        if not len(windows):
-            return None
-        nll = one_step_likelihood(steps, judged, fit)
-        found.append((windows, float(whole.mean()), float(step.mean()), nll))
-    (a, whole_a, step_a, nll_a), (b, whole_b, step_b, nll_b) = found[0], found[-1]
+
+    windows: np.ndarray
+    run: np.ndarray
+    whole: float
+    step: float
+    nll: np.ndarray
+
+
+def prediction_errors(
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, second_half: bool = False
+) -> PredictionErrors | None:
+    """Errors of test trials by a ``fit``; None without a whole window.
+
+    steps: the transition model; data: the test trials; second_half: of each run only, from whose first half values by
+    run follow.
+    """
+    judged = replace(data, good=data.good & (data.t >= half_times(data))[..., None]) if second_half else data
+    fit = with_values_by_run(steps, data, fit) if fit.free.by_run else fit
+    acted = acting(steps, data, fit.theta)  # once, for the lengths
+    begin = start_states(steps, acted, fit.theta)
+    (windows, run), (whole, _), (step, _) = (
+        errors(steps, acted, fit.theta, t, second_half, begin) for t in (window_length(steps.ship), 0.0, data.h)
+    )
+    if not len(windows):
+        return None
+    nll = one_step_likelihood(steps, judged, fit)
+    return PredictionErrors(windows, run, float(whole.mean()), float(step.mean()), nll)
+
+
+def compare(
+    data: GriddedTrials, before: PredictionErrors | None, after: PredictionErrors | None, seed: int = 0
+) -> HeldOut | None:
+    """Errors of test trials by two fits, with intervals by drawing runs again; None where there are none.
+
+    data: the test trials; before, after: by the two fits; seed: of the draws.
+    """
+    if before is None or after is None:
+        return None
+    a, b, run = before.windows, after.windows, before.run
     rng = np.random.default_rng(seed)
     interval = interval_of(a, b, run, rng)
-    gain = nll_a - nll_b
+    gain = before.nll - after.nll
     gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])
     drawn = gains[rng.choice(len(gains), (DRAWS, len(gains)))].sum(axis=1)
     low, high = np.quantile(drawn, [0.05, 0.95]).tolist()
@@ -200,7 +224,11 @@ def compare(
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
         likelihood_gain=float(gains.sum()) if np.isfinite(gains).all() else None,
         likelihood_interval_90=(low, high) if len(gains) >= FEW and np.isfinite(gains).all() else None,
-        horizons={"1 step": (step_a, step_b), "30 s": mean, "whole run": (whole_a, whole_b)},
+        horizons={
+            "1 step": (before.step, after.step),
+            "30 s": mean,
+            "whole run": (before.whole, after.whole),
+        },
     )
 
 

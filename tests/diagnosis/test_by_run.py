@@ -22,12 +22,13 @@ from diagnosis.hypotheses.refit import refit, robust_p
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.prepare import prepare
-from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, half_times, with_values_by_run
+from diagnosis.validation.held_out import STRIDE, WINDOW, errors, half_times, with_values_by_run
 from tests.diagnosis.estimation.test_by_window import short_trials, three_windows
 from tests.diagnosis.report.test_report import case
 from tests.support.diagnosis_cases import (
     FEW,
     SHIP,
+    compared,
     full_model,
     full_steps,
     problem_of,
@@ -214,7 +215,7 @@ def elsewhere() -> GriddedTrials:
 def held(fits: tuple[SearchProblem, Estimate, Selection]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, found = fits
     data = elsewhere()
-    result = compare(problem.steps, data, null, found.final)
+    result = compared(problem.steps, data, null, found.final)
     assert result is not None
     return data, result
 
@@ -290,7 +291,7 @@ def test_runs_that_are_all_alike_leave_nothing_to_find_and_equal_models_close_no
     np.testing.assert_allclose(
         with_values_by_run(problem.steps, data, same).theta, np.repeat(null.theta[:, None], 3, axis=1), atol=1e-6
     )
-    equal = compare(problem.steps, data, null, same)
+    equal = compared(problem.steps, data, null, same)
     assert equal is not None and equal.reduction == pytest.approx(0.0, abs=1e-5)
     assert equal.interval_90 == pytest.approx((0.0, 0.0), abs=1e-5)
     assert (equal.windows, equal.mse_before) == (h.windows, h.mse_before)
@@ -303,9 +304,9 @@ def test_either_side_of_a_comparison_may_have_values_by_run(
     """As where a further effect is judged beside a current of each run."""
     problem, null, found = fits
     data, h = held
-    both = compare(problem.steps, data, found.final, found.final)
+    both = compared(problem.steps, data, found.final, found.final)
     assert both is not None and both.mse_before == pytest.approx(h.mse_after) and both.reduction == 0.0
-    back = compare(problem.steps, data, found.final, null)
+    back = compared(problem.steps, data, found.final, null)
     assert back is not None and back.mse_before == pytest.approx(h.mse_after) and back.reduction < 0
 
 

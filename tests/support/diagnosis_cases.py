@@ -20,7 +20,9 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.judgement.on_test_trials import OnTestTrials
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
@@ -194,3 +196,10 @@ def fitted_to(problem: SearchProblem, seen: GriddedTrials) -> tuple[TransitionMo
     steps = problem.steps
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
     return steps, seen, estimate(steps, seen, start, iterations=12)
+
+
+def compared(
+    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
+) -> HeldOut | None:
+    """How far the errors of the test trials ``data`` fall from one fit to another."""
+    return OnTestTrials(steps, data, seed).compare(before, after)

@@ -11,6 +11,7 @@ import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
+from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
@@ -72,9 +73,18 @@ def test_coefficients_are_another_ships_only_if_their_sizes_say_so_too(size: flo
     null = off(ready().null)
     final = replace(null, p=np.full(len(null.p), size), covariance=0.9 * np.eye(len(null.p)))
     prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
-    assert prepared.problem.width(final).factor > ANOTHER
+    assert prepared.problem.width(final, MOST).factor > ANOTHER
     assert width_by_size(final) == pytest.approx(size * np.sqrt(len(null.p)))  # as of one that is determined
     found, _, sentence = believed(judged("named", null, final), prepared)
+    assert found == verdict and ("not this ship's" in sentence) == (verdict == "unknown")
+
+
+@pytest.mark.parametrize(("size", "verdict"), [(1.5, "none"), (4.0, "unknown")])
+def test_coefficients_more_than_twice_as_far_off_as_stated_are_not_nothing(size: float, verdict: str) -> None:
+    null = off(ready().null)
+    final = replace(null, p=np.full(len(null.p), size), covariance=0.5 * np.eye(len(null.p)))
+    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
+    found, _, sentence = believed(judged("none", null, final), prepared)
     assert found == verdict and ("not this ship's" in sentence) == (verdict == "unknown")
 
 

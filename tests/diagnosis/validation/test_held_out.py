@@ -16,8 +16,17 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.validation.held_out import STRIDE, WINDOW, compare, errors, one_step_likelihood, scales, start_states
-from tests.support.diagnosis_cases import OFF_NEUTRAL, WHITE, candidate, full_steps, problem_of, pushed_trials, theta_of
+from diagnosis.validation.held_out import STRIDE, WINDOW, errors, one_step_likelihood, scales, start_states
+from tests.support.diagnosis_cases import (
+    OFF_NEUTRAL,
+    WHITE,
+    candidate,
+    compared,
+    full_steps,
+    problem_of,
+    pushed_trials,
+    theta_of,
+)
 
 EFFECT = "current:x=0.03,y=-0.02"
 H = 0.5
@@ -42,7 +51,7 @@ def fits() -> tuple[SearchProblem, Estimate, Estimate]:
 def closed(fits: tuple[SearchProblem, Estimate, Estimate]) -> tuple[GriddedTrials, HeldOut]:
     problem, null, true = fits
     data = others()
-    held = compare(problem.steps, data, null, true)
+    held = compared(problem.steps, data, null, true)
     assert held is not None
     return data, held
 
@@ -73,7 +82,7 @@ def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect(
     problem, null, true = fits
     data, held = closed
     small = true.noise.with_(force=0.5 * true.noise.force)
-    other = compare(problem.steps, data, null, replace(true, noise=small))
+    other = compared(problem.steps, data, null, replace(true, noise=small))
     assert other is not None and other.likelihood_gain == pytest.approx(held.likelihood_gain, abs=1.0)
     once = [one_step_likelihood(problem.steps, data, fit, 1).sum() for fit in (true, replace(true, noise=small))]
     assert abs(once[1] - once[0]) > 30.0  # what it would count for
@@ -124,12 +133,12 @@ def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row(
 
 def test_a_run_that_is_shorter_than_a_window_says_nothing(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, true = fits
-    assert compare(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
+    assert compared(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
 
 
 def test_equal_models_close_nothing(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, _ = fits
-    held = compare(problem.steps, others(OTHERS[:2]), null, null)
+    held = compared(problem.steps, others(OTHERS[:2]), null, null)
     assert held is not None
     assert held.reduction == 0.0 and held.interval_90 == (0.0, 0.0) and held.mse_before == held.mse_after > 0
     assert held.likelihood_gain == 0.0 and held.likelihood_interval_90 is None  # two runs do not scatter enough
@@ -164,8 +173,8 @@ def test_the_interval_is_drawn_with_its_seed_alone(
 ) -> None:
     problem, null, true = fits
     data, held = closed
-    assert compare(problem.steps, data, null, true) == held
-    other = compare(problem.steps, data, null, true, seed=5)
+    assert compared(problem.steps, data, null, true) == held
+    other = compared(problem.steps, data, null, true, seed=5)
     assert other is not None and replace(other, interval_90=(0, 0), likelihood_interval_90=None) == replace(
         held, interval_90=(0, 0), likelihood_interval_90=None
     )
@@ -176,7 +185,7 @@ def test_taking_a_true_effect_away_makes_predictions_worse(
 ) -> None:
     problem, null, true = fits
     data, held = closed
-    back = compare(problem.steps, data, true, null)
+    back = compared(problem.steps, data, true, null)
     assert back is not None and back.reduction < 0 and back.interval_90[1] < 0
     assert back.reduction == pytest.approx(1 - held.mse_before / held.mse_after, rel=1e-9)
     assert held.likelihood_gain is not None
@@ -185,7 +194,7 @@ def test_taking_a_true_effect_away_makes_predictions_worse(
 
 def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
     problem, null, true = fits
-    held = compare(problem.steps, others(OTHERS[1:2]), null, true)
+    held = compared(problem.steps, others(OTHERS[1:2]), null, true)
     assert held is not None and held.windows == 5 and len(held.by_run) == 1
     assert held.reduction > 0.2 and held.likelihood_gain is not None and held.likelihood_gain > 5
     assert held.interval_90[0] - 1e-12 <= held.reduction <= held.interval_90[1] + 1e-12
@@ -213,7 +222,7 @@ def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay(
     data = others(OTHERS[:2])
     exploding = replace(null, theta=theta_of(problem.steps, {"N_r": 5.0}))
     assert np.isnan(one_step_likelihood(problem.steps, data, exploding)).all()
-    held = compare(problem.steps, data, null, exploding)
+    held = compared(problem.steps, data, null, exploding)
     assert held is not None and held.likelihood_gain is None and held.likelihood_interval_90 is None
     assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
 
