@@ -31,8 +31,8 @@ FAR_WITHOUT = 8.0
 """The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
 half, true coefficients are four or five off."""
 FAR_TOGETHER = -math.log(RARE)
-"""Log likelihood that priors more than twice as wide as stated gain over those twice as wide, from which that nothing is
-missing cannot be said either. Effects that act on all coefficients, as draft and shallow water do together, look so."""
+"""Log likelihood that priors more than twice as wide as stated gain over those twice as wide, from which that nothing
+is missing cannot be said either. Effects that act on all coefficients, as draft and shallow water do together, look so."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
 DELAYS = ("gnss_delay", "control_delay")
