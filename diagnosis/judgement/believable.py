@@ -32,7 +32,7 @@ FAR_WITHOUT = 8.0
 half, true coefficients are four or five off."""
 FAR_TOGETHER = -math.log(RARE)
 """Log likelihood that priors more than twice as wide as stated gain over those twice as wide, from which that nothing
-is missing cannot be said either. Effects that act on all coefficients, as draft and shallow water do together, look so."""
+is missing cannot be said either. Effects that act on all coefficients look so, as draft and shallow water together."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
 DELAYS = ("gnss_delay", "control_delay")
