@@ -125,18 +125,20 @@ def width_by_size(fit: Estimate) -> float:
 def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     """Why the ship that fits is another one than was given, or nothing."""
     found, ship = result.found, ready.full.ship
-    stated, wide = ready.problem.factor or 1.0, ready.problem.width(found.final, MOST).factor
-    final = deviations(found.final, ship, stated)
+    named = result.verdict == "named"
+    fit = found.final if named else found.null
+    stated, wide = ready.problem.factor or 1.0, ready.problem.width(fit, MOST)
+    final = deviations(fit, ship, stated)
     sizes = np.abs(list(final.values()))
-    usual = sizes / max(wide, 1.0)
+    usual = sizes / max(wide.factor, 1.0)
     together = float(chi2.sf((usual**2).sum(), len(sizes)))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
-    named, most = result.verdict == "named", sizes.max(initial=0.0)
+    most = sizes.max(initial=0.0)
     is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE
-    is_far = is_far or min(wide, width_by_size(found.final) * stated) > ANOTHER
-    beyond_twice = ready.problem.width(found.final, MOST).gain - ready.problem.width(found.final).gain
+    is_far = is_far or min(wide.factor, width_by_size(fit) * stated) > ANOTHER
+    beyond_twice = wide.gain - ready.problem.width(fit).gain
     if (named and is_far) or most > FAR_WITHOUT or (not named and beyond_twice > FAR_TOGETHER):
-        beside = f"with {' and '.join(c.label for c in found.effects)}" if found.effects else "without any effect"
+        beside = f"with {' and '.join(c.label for c in found.effects)}" if named else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
     before = deviations(found.null, ship, stated)
     left = result.after.beyond_chance > ready.problem.expected_unnamed

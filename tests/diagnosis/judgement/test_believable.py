@@ -32,6 +32,7 @@ def judged(verdict: str, null: Estimate, final: Estimate, left: float = -1.0, he
     """A search with this verdict; left: by how much what is left is beyond chance."""
     unnamed = SimpleNamespace(beyond_chance=left, log_bayes=left)
     effects = (candidate("current"),) if verdict == "named" else ()
+    null = null if effects else final
     return JudgedSearch(Selection(effects, null, final, ()), unnamed, unnamed, held, verdict, (), None)  # type: ignore[arg-type]
 
 
