@@ -37,9 +37,9 @@ CLEAR = 12.0
 """Gain in BIC from which the refits decide which candidate is the best. Below it the convergence of each refit matters
 as much as the data, and BIC penalises several parameters too much. The probabilities of the score test then order the
 candidates: of 102 weak effects of benchmarks.blind 80 % come first, by BIC 72 %."""
-FURTHER = 9.0
-"""Minimum gain in BIC of every effect after the first. Where the first differs somewhat from its model in the library,
-small further effects seem to help."""
+FURTHER, FURTHER_LEVEL = 5.0, 0.01
+"""Minimum gain in BIC of every effect after the first, and largest probability of it by chance. Where the first differs
+somewhat from its model in the library, small further effects seem to help."""
 NEUTRAL = 0.05
 """Probability of an effect by its own standard errors above which it counts as neutral."""
 AGREE = 0.05
@@ -265,9 +265,9 @@ def select_effects(
     for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers, progress=progress)
         searches.append(s)
-        if s.best is None or not s.significant or (named and not s.best.bic_of_both > FURTHER):
+        if s.best is None or not s.significant:
             break
-        if named and _doubtful(problem, now, s.best):
+        if named and (not _is_further(s.best) or _doubtful(problem, now, s.best)):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -281,6 +281,11 @@ def select_effects(
             break
     robust = {c: robust_p(problem.steps, problem.data, now, c) for c in named}
     return Selection(tuple(named), null, now, tuple(searches), robust)
+
+
+def _is_further(best: RefittedEffect) -> bool:
+    """Whether the ``best`` effect is enough more than chance to be named beside others."""
+    return best.bic_of_both > FURTHER and best.p_both < FURTHER_LEVEL
 
 
 def _doubtful(problem: SearchProblem, now: Estimate, best: RefittedEffect) -> bool:
