@@ -34,9 +34,9 @@ SURE = 0.005
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
-"""Gain in BIC from which the refits decide which candidate is the best. Below it the convergence of each refit matters
-as much as the data, and BIC penalises several parameters too much. The probabilities of the score test then order the
-candidates: of 102 weak effects of benchmarks.blind 80 % come first, by BIC 72 %."""
+"""Gain in BIC from which the refits decide which candidate is the best. Below it the score test does: how far a refit
+converged matters as much there, and BIC penalises parameters too much (of 102 weak effects 80 % come first, by BIC 72).
+"""
 FURTHER, FURTHER_LEVEL = 5.0, 0.01
 """Minimum gain in BIC of every effect after the first, and largest probability of it by chance. Where the first differs
 somewhat from its model in the library, small further effects seem to help."""
@@ -259,9 +259,7 @@ def select_effects(
     null: the fit without effects; seed, workers, progress: as of ``search``. A later effect may make an earlier one
     superfluous, which is then left out again. Returns the effects and the fits.
     """
-    named: list[Candidate] = []
-    now, searches = null, []
-    again: dict[Candidate, float] = {}
+    named, now, searches, again = list[Candidate](), null, list[Search](), dict[Candidate, float]()
     for _ in range(MOST + 2):
         s = search(problem, now, named, seed=seed, workers=workers, progress=progress)
         searches.append(s)
