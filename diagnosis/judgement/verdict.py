@@ -88,7 +88,7 @@ def supports(held: HeldOut, found: Selection) -> bool:
     found: the selection with it."""
     certain = _is_certain(found, found.effects[-1:])
     maybe = (held.likelihood_gain or 0.0) > 0 or certain
-    worse = _worse(held) and not (certain and _may_be_there(found, found.effects[-1:]))
+    worse = _worse(held) and not (certain and _may_be_there(found, found.effects[-1:], held))
     return held.reduction > 0 or _surely_gains(held) or (maybe and not worse)
 
 
@@ -108,13 +108,16 @@ def _is_certain(found: Selection, effects: Sequence[Candidate]) -> bool:
     return all(by_chance.get(c, 1.0) < CERTAIN for c in effects)
 
 
-def _may_be_there(found: Selection, effects: Sequence[Candidate]) -> bool:
+def _may_be_there(found: Selection, effects: Sequence[Candidate], held: HeldOut) -> bool:
     """Whether the test trials were asked for each of the ``effects`` in the direction in which it was found, with what
     the training trials left open taken out, and do not exclude it. Predictions by coefficients as they were estimated
-    are worse or better by their errors, too: the true ship, begun at the logged rows, lost to a false one in 30 s."""
+    are worse or better by their errors, too: the true ship, begun at the logged rows, lost to a false one in 30 s. But
+    single steps of ``held`` that lose more than the effects gained are none of a true ship."""
     best = {s.best.candidate: s.best for s in found.searches if s.best is not None}
     asked = [(best[c].by_others, best[c].gain) if c in best else (NOTHING, 0.0) for c in effects]
-    return all(again.expected > 0 and not again.denies(gain) for again, gain in asked)
+    lost = -(held.likelihood_gain or 0.0)
+    within = lost <= sum(gain for _, gain in asked)
+    return within and all(again.expected > 0 and not again.denies(gain) for again, gain in asked)
 
 
 def _worse(held: HeldOut) -> bool:
@@ -191,7 +194,7 @@ def contradicts(found: Selection, held: HeldOut) -> bool:
     sure = _surely_gains(held)
     if sure and _measures(found):
         return False
-    if _is_certain(found, found.effects) and (not _worse(held) or _may_be_there(found, found.effects)):
+    if _is_certain(found, found.effects) and (not _worse(held) or _may_be_there(found, found.effects, held)):
         return False
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)

@@ -212,15 +212,20 @@ def test_a_name_that_no_chance_explains_must_surely_be_contradicted(test: HeldOu
 
 
 @pytest.mark.parametrize(
-    ("again", "verdict"),
-    [(FoundAgain(0.7, 2.4), "named"), (FoundAgain(-0.5, 6.0), "unknown"), (NOTHING, "unknown")],
+    ("again", "gain", "verdict"),
+    [
+        (FoundAgain(0.7, 2.4), -9.0, "named"),
+        (FoundAgain(-0.5, 6.0), -9.0, "unknown"),
+        (NOTHING, -9.0, "unknown"),
+        (FoundAgain(0.7, 2.4), -350.0, "unknown"),  # more than was gained by it
+    ],
 )
 def test_test_trials_contradict_a_certain_name_where_they_exclude_it_or_cannot_be_asked(
-    again: FoundAgain, verdict: str
+    again: FoundAgain, gain: float, verdict: str
 ) -> None:
     """Windows and steps hang on all coefficients as they were estimated, and so do their errors on the errors of
     these."""
-    test = held(-1.1 * NOTED_GROWTH, (-0.2, -0.01), -9.0, (-15.0, -2.0))
+    test = held(-1.1 * NOTED_GROWTH, (-0.2, -0.01), gain, (1.5 * gain, 0.5 * gain))
     best = replace(tried("fouling", 43.0, 1e-11), again=again)
     found = replace(found_with(12.0, "fouling"), searches=(Search((), (best,), a_fit(100.0)),))
     assert decide(found, 9.0, -1.0, LIMIT, test)[0] == verdict
