@@ -55,6 +55,11 @@ class Candidate:
         return " ".join([self.effect, *([self.form] if self.form else []), *(["by run"] if self.by_run else [])])
 
     @property
+    def measures(self) -> bool:
+        """Whether it is a fault of an instrument, not of the ship or her surroundings."""
+        return self.effect in EFFECTS and EFFECTS[self.effect].measures
+
+    @property
     def symbols(self) -> tuple[str, ...]:
         """Symbol of each column (p,) among the ship's coefficients."""
         return tuple(c.symbol for c in self.columns)

@@ -18,7 +18,7 @@ from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_weight
+from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import left_and_limit
 from fitting.parallel import evaluated_beside, run_all
 from mmg.progress import OnProgress, Progress
@@ -31,6 +31,8 @@ LEVEL = 0.03
 """Probability of a false alarm in one search over all candidates."""
 SURE = 0.005
 """Probability by the trials alone below which those that took no part do not speak against an effect."""
+IMMATERIAL = 0.15
+"""Share of its typical size up to which an uncertain fault of an instrument is none: every log is off by .15 %."""
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
@@ -66,6 +68,18 @@ class RefittedEffect:
     p_value: float
     p_refit: float = 1.0
     again: FoundAgain = NOTHING
+
+    @property
+    def size(self) -> np.ndarray:
+        """By how much its parameters differ from neutral, in typical sizes (p,)."""
+        values = np.array([self.fit.value(*x) for x in self.candidate.columns])
+        return np.asarray((values - self.candidate.neutral) / self.candidate.typical)
+
+    @property
+    def is_material(self) -> bool:
+        """Whether it is certain, or more than what every instrument is off, where it is a fault of one."""
+        small = self.candidate.measures and np.abs(self.size).max(initial=0.0) <= IMMATERIAL
+        return not small or self.p_value < CERTAIN
 
     @property
     def p_both(self) -> float:
@@ -133,7 +147,7 @@ class Selection:
         """The selection without the effect found last, the others refitted to ``problem``."""
         kept = self.effects[:-1]
         start = {x: self.final.value(*x) for c in kept for x in c.columns}
-        before = without_effects(self.final, problem, kept)
+        before = problem.without(self.final, kept)
         final = refit(problem.steps, problem.data, problem.base, before, list(kept), start)
         robust = {c: robust_p(problem.steps, problem.data, final, c) for c in kept}
         return Selection(kept, self.null, final, self.searches, robust)
@@ -153,8 +167,7 @@ def search(
     after each refit. Returns the tests and the refits; the best is looked for in the problem's tests as well.
     """
     p = problem
-    known = {c.effect for c in named}
-    rest = [c for c in p.candidates if c.effect not in known]
+    rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
     scores = score_tests(p.known.slopes(before, rest, partial(slopes, p.steps, p.data, before)), rest, seed)
     excited = [s for s in scores if s.excited]
     by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:SHORT]
@@ -178,7 +191,7 @@ def search(
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen if not fits[s.candidate]]
     place = {s.candidate: i for i, s in enumerate(chosen)}
     refitted = sorted([*kept_ones, *run_all(refit_task, tasks, workers, note)], key=lambda one: place[one.candidate])
-    ordered = in_order(refitted, {s.candidate: s for s in scores})
+    ordered = in_order([one for one in refitted if one.is_material], {s.candidate: s for s in scores})
     if ordered:
         ordered[0] = replace(ordered[0], again=_found_again(p, before, ordered[0]))
     return Search(tuple(scores), tuple(ordered), before)
@@ -189,13 +202,12 @@ def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> Fo
     c = best.candidate
     if p.tests is None or c.by_run or before.free.by_run or c.effect in CURVED:
         return NOTHING
-    phi = (np.array([best.fit.value(*x) for x in c.columns]) - c.neutral) / c.typical
     with_it = dict(zip(best.fit.free.columns, best.fit.p, strict=True))
     kept = dict(zip(before.free.columns, before.p, strict=True))
     shift = np.array([with_it.get(column, value) - value for column, value in kept.items()])
     try:
-        own = same_trials(p.steps, p.data, before).effect(c, phi, shift)
-        return other_trials(p.steps, p.tests, before).effect(c, phi, shift).scaled(own)
+        own = same_trials(p.steps, p.data, before).effect(c, best.size, shift)
+        return other_trials(p.steps, p.tests, before).effect(c, best.size, shift).scaled(own)
     except (BrokenModelError, np.linalg.LinAlgError):
         return NOTHING
 
@@ -310,21 +322,9 @@ def pruned(
     for c in named:
         rest = [e for e in named if e != c]
         start = {x: now.value(*x) for e in rest for x in e.columns}
-        without = refit(problem.steps, problem.data, problem.base, without_effects(now, problem, rest), rest, start)
+        without = refit(problem.steps, problem.data, problem.base, problem.without(now, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
         lost = 2 * problem.gained(without, kept, now, every)
         if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now
-
-
-def without_effects(now: Estimate, problem: SearchProblem, kept: Sequence[Candidate]) -> Estimate:
-    """The fit ``now`` of ``problem`` as a start of one with the effects ``kept``, the others at neutral values."""
-    theta, remains = now.theta.copy(), {c.effect for c in kept}
-    for c in problem.candidates:
-        if c.effect not in remains:
-            for s, value in zip(c.symbols, c.neutral, strict=True):
-                theta[problem.steps.ship.symbols.index(s)] = value
-    if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
-        theta = theta[:, 0].copy()
-    return replace(now, theta=theta)

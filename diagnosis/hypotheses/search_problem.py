@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -75,6 +76,17 @@ class SearchProblem:
         wider than stated, else that of ``base``."""
         factor = self.width(found).factor
         return factor if factor > TOLD else self.factor or 1.0
+
+    def without(self, found: Estimate, kept: Sequence[Candidate]) -> Estimate:
+        """The fit ``found`` as a start of one with the effects ``kept``, the others at neutral values."""
+        theta, remains = found.theta.copy(), {c.effect for c in kept}
+        for c in self.candidates:
+            if c.effect not in remains:
+                for s, value in zip(c.symbols, c.neutral, strict=True):
+                    theta[self.steps.ship.symbols.index(s)] = value
+        if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
+            theta = theta[:, 0].copy()
+        return replace(found, theta=theta)
 
     @property
     def cost(self) -> float:

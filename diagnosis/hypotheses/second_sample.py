@@ -11,6 +11,13 @@ SHOWN, OTHER_SIZE = 0.05, 0.005
 """Probability by chance above which trials do not show what was found in others, and that below which they exclude its
 size."""
 
+CERTAIN = 1e-4
+"""Probability by chance of every name, by training and test trials together, that excludes chance. Then windows and
+steps of the test trials must surely become worse to contradict, since what they show of a weak effect is uncertain,
+too; a name that is withdrawn leaves something unexplained, though no unnamed form does; and a fault of an instrument
+may be small.
+"""
+
 EXCESS = 2.0
 """How many times better those that took no part would show something than the trials do from which they are not asked:
 no linear response tells so much."""

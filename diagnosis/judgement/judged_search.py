@@ -13,13 +13,13 @@ from diagnosis.hypotheses.forward_selection import LEVEL, Selection, select_effe
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import both_by_weight
+from diagnosis.hypotheses.second_sample import CERTAIN, both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.on_test_trials import OnTestTrials
-from diagnosis.judgement.verdict import CERTAIN, confirms, contradicts, decide, supports
+from diagnosis.judgement.verdict import confirms, contradicts, decide, supports
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress

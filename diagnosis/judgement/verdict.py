@@ -11,10 +11,9 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
-from diagnosis.hypotheses.second_sample import NOTHING, SHOWN
+from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, SHOWN
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
-from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.states import STATES
 
@@ -26,10 +25,6 @@ predictions become worse. Where test trials show no gain beyond chance at all, n
 BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
 """Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
 alone. A constant error of v, for example, is nearly one of the heading alone."""
-CERTAIN = 1e-4
-"""Probability by chance of every name, by training and test trials together, that excludes chance. Then windows and
-steps of the test trials must surely become worse to contradict, since what they show of a weak effect is uncertain,
-too; and a name that is withdrawn leaves something unexplained, though no unnamed form does."""
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
 """Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
 even if they do."""
@@ -77,7 +72,7 @@ def _names(effects: Sequence[Candidate]) -> str:
 def _measures(found: Selection) -> bool:
     """Whether a named effect is one of the instruments. A window of the test trials begins at a logged row, which is
     then itself late or off: only predictions over one step, from a state filtered over the past, tell."""
-    return any(EFFECTS[c.effect].measures for c in found.effects if c.effect in EFFECTS)
+    return any(c.measures for c in found.effects)
 
 
 def supports(held: HeldOut, found: Selection) -> bool:

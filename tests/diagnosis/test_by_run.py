@@ -17,7 +17,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Search, Selection, select_effects, without_effects
+from diagnosis.hypotheses.forward_selection import Search, Selection, select_effects
 from diagnosis.hypotheses.refit import refit, robust_p
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
@@ -152,9 +152,9 @@ def test_without_the_effect_coefficients_are_those_of_all_runs_again(
     fits: tuple[SearchProblem, Estimate, Selection],
 ) -> None:
     problem, _, found = fits
-    kept = without_effects(found.final, problem, found.effects)
+    kept = problem.without(found.final, found.effects)
     np.testing.assert_array_equal(kept.theta, found.final.theta)
-    none = without_effects(found.final, problem, [])
+    none = problem.without(found.final, [])
     assert none.theta.ndim == 1
     current = [problem.steps.ship.symbols.index(s) for s in ("current.x", "current.y")]
     np.testing.assert_array_equal(none.theta[current], 0.0)

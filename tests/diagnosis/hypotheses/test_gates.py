@@ -19,6 +19,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import (
     AGREE,
+    IMMATERIAL,
     NEUTRAL,
     RefittedEffect,
     ScoreTest,
@@ -28,6 +29,7 @@ from diagnosis.hypotheses.forward_selection import (
 )
 from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.second_sample import CERTAIN
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import full_steps, problem_of, pushed_by, pushed_trials, short_data
 
@@ -102,8 +104,25 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
     monkeypatch.setattr(hypotheses, "refit", refitted)
     monkeypatch.setattr(SearchProblem, "gained", lambda self, fewer, kept, more, every: fewer.nll - more.nll)
     monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
-    monkeypatch.setattr(hypotheses, "without_effects", lambda now, problem, kept: now)
+    monkeypatch.setattr(SearchProblem, "without", lambda self, found, kept: found)
     return made
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "p_value", "material"),
+    [
+        ("log_scale", 0.9 * IMMATERIAL, 2 * CERTAIN, False),
+        ("log_scale", -1.1 * IMMATERIAL, 2 * CERTAIN, True),
+        ("log_scale", 0.9 * IMMATERIAL, 0.5 * CERTAIN, True),  # small, but beyond chance
+        ("fouling", 0.1 * IMMATERIAL, 2 * CERTAIN, True),  # no instrument
+    ],
+)
+def test_a_small_fault_of_an_instrument_is_none_unless_chance_is_excluded(
+    name: str, size: float, p_value: float, material: bool
+) -> None:
+    c = candidate(name, neutral=0.5)
+    one = RefittedEffect(c, fit_of([c], 90.0, [0.5 + size]), 9.0, 5.0, p_value)
+    assert one.size == pytest.approx([size]) and one.is_material is material
 
 
 def test_an_effect_that_only_helped_the_fit_to_a_better_place_goes_although_it_is_the_newest(fits: Fits) -> None:

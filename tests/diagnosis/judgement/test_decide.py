@@ -11,10 +11,9 @@ from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Search, Selection
-from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
+from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, FoundAgain
 from diagnosis.judgement.verdict import (
     BESIDE_INSTRUMENT_FAULT,
-    CERTAIN,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
+from diagnosis.hypotheses.second_sample import CERTAIN
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement import judged_search
-from diagnosis.judgement.verdict import CERTAIN
 from tests.diagnosis.judgement.test_verdict import ready
 from tests.support.diagnosis_cases import candidate
 
