@@ -91,6 +91,18 @@ class Calibration:
         shared = slice(len(self.p))
         return self.spread.model[shared, shared]
 
+    def less_sure(self, more: np.ndarray) -> Calibration:
+        """The same estimate with ``more`` (P, P) added to its covariance."""
+        covariance = self.covariance + more
+        sizes = self.prior.std * np.sqrt(np.diag(covariance))
+        rows = {
+            s: self.ship.coefficients[s].with_(std=float(v)) for s, v in zip(self.prior.symbols, sizes, strict=True)
+        }
+        ship = replace(self.ship, coefficients={**self.ship.coefficients, **rows})
+        whole, shared = self.spread.covariance.copy(), slice(len(self.p))
+        whole[shared, shared] = covariance
+        return replace(self, covariance=covariance, spread=replace(self.spread, covariance=whole), ship=ship)
+
     @property
     def iterate(self) -> dict[str, np.ndarray]:
         """From which a fit can be resumed: scaled estimates "p" of all that was fitted, constants of the runs last,

@@ -37,6 +37,7 @@ from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.disturbance_choice import choose_disturbance
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
+from fitting.selection.two_estimates import Second, begin_second, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings
 from fitting.solvers.interrupts import Later, unless_interrupted
@@ -66,7 +67,8 @@ class FitOptions:
     that made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that
     of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; beside:
     the process that does meanwhile what can wait, and draws figures; None: this one does all, and they are drawn when
-    the result is saved.
+    the result is saved. estimator: "both" takes the mean with a ``second`` estimator of the same coefficients, where
+    there is one and nothing else is fitted than coefficients to trials, "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -86,6 +88,14 @@ class FitOptions:
     name: str = ""
     prior_mean: UncertainMean | None = None
     beside: ProcessBeside | None = None
+    estimator: str = "both"
+    second: Second | None = None
+
+    def asks_second(self, settings: Settings) -> bool:
+        """Whether the second estimator is asked: it knows no other data than trials, and refits, profiles and held
+        values are those of multiple shooting alone; settings: of the solver."""
+        asked = (self.captive, self.per_run, self.bootstrap, self.profile, self.try_disturbance, self.auto, self.hold)
+        return self.estimator == "both" and not any(asked) and settings.time_limit is None
 
 
 @with_one_thread
@@ -107,7 +117,7 @@ def calibrate(
     """
     began = time.perf_counter()
     settings, options = settings or Settings(loss=None, weight=None), options or FitOptions()
-    ship = with_instruments(ship, options.instruments)
+    given, ship = ship, with_instruments(ship, options.instruments)
     train, remarks = training_trials(trials, validation)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)
@@ -120,8 +130,11 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
+    other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
     by_day = _estimated(model, constants, train, settings, options, progress, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
+    if other and found.converged:
+        found = later.made("second estimate", lambda: with_second(found, other.value), found)
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
     none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}

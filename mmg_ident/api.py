@@ -141,9 +141,13 @@ def calibrate(
     ship as given has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be
     identified.
     """
+    from dataclasses import replace
+
+    from diagnosis.filter_estimate import filter_estimate
     from fitting import pipeline
 
     start = _ship(ship)
+    options = replace(options or pipeline.FitOptions(), second=filter_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result

@@ -104,6 +104,12 @@ def fit(
         float | None,
         Option(help="Share of its information with which a run counts, 0 to 1; default chosen by runs left out."),
     ] = None,
+    estimator: Annotated[
+        str,
+        Option(
+            help="windows: multiple shooting alone; both: the mean with what a Kalman filter says, as a rule better."
+        ),
+    ] = "both",
     captive: Annotated[
         Path | None, Option(help="Table of captive-test points u,v,r,n,delta,X,Y,N whose forces are fitted too.")
     ] = None,
@@ -155,6 +161,8 @@ def fit(
         loss=loss,
         weight=run_weight,
     )
+    if estimator not in ("both", "windows"):
+        raise UserError(f"--estimator {estimator}: unknown; choose one of both, windows")
     points = _captive_points(captive, captive_sigma)
     if name_fault(name):
         raise UserError(f"--name {name!r}: {name_fault(name)}")
@@ -193,6 +201,7 @@ def fit(
             command=command_line(),
             name=name or _own_name(earlier),
             beside=beside,
+            estimator=estimator,
         )
         reading = time.perf_counter() - began
         for line in start.notices:

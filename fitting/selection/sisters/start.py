@@ -71,13 +71,4 @@ def with_uncertain_mean(found: Calibration, mean: UncertainMean | None) -> Calib
     at = [found.prior.symbols.index(s) for s in mean.symbols]
     unit, shared = found.prior.std[at], slice(len(found.p))
     pull = found.spread.model[shared, shared][:, at]
-    covariance = found.covariance + pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T
-    sizes = found.prior.std * np.sqrt(np.diag(covariance))
-    rows = {
-        s: found.ship.coefficients[s].with_(std=float(size)) for s, size in zip(found.prior.symbols, sizes, strict=True)
-    }
-    ship = replace(found.ship, coefficients={**found.ship.coefficients, **rows})
-    whole = found.spread.covariance.copy()
-    whole[shared, shared] = covariance
-    spread = replace(found.spread, covariance=whole)
-    return replace(found, covariance=covariance, spread=spread, ship=ship)
+    return found.less_sure(pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)

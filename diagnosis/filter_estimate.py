@@ -1,0 +1,37 @@
+"""Coefficients by a Kalman filter: the fit without effects with which a diagnosis begins, for a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cases.evidence.kinematics import consistency
+from cases.trial import Trial
+from diagnosis.estimation.map_estimate import BrokenModelError
+from diagnosis.estimation.parameters import mean_over_windows
+from diagnosis.inputs import diagnosable_trials
+from diagnosis.prepare import prepare, with_sensor_faults
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+
+def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
+    """Values of the free coefficients of ``ship`` by symbol, from ``trials``, or why there are none.
+
+    The most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of the next
+    sample tell; priors are the values and standard deviations of the ship, as in a calibration.
+    """
+    rows = {
+        s: c.with_(prior_value=None, prior_std=None) for s, c in ship.coefficients.items() if c.prior_std is not None
+    }
+    ship = ship.without_network().with_coefficients(rows)
+    try:
+        kept, _ = diagnosable_trials(trials)
+        ship, _ = with_sensor_faults(ship, consistency(kept, ship))
+        ready = prepare(ship, kept)
+    except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
+        return f"a filter could not be fitted ({error})"
+    theta = mean_over_windows(ready.null.theta)
+    found = dict(zip(ready.full.ship.symbols, theta.tolist(), strict=True))
+    return {s: found[s] for s in ready.null.free.symbols if "." not in s}
