@@ -1,0 +1,62 @@
+"""Coefficients by a Kalman filter for a calibration: what they are, and why there may be none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.trial import Trial
+from diagnosis.filter_estimate import filter_estimate
+from fitting.pipeline import FitOptions
+from fitting.settings import Settings
+from mmg_ident import calibrate
+from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
+
+TRUE = {"X_0F": 1.1, "N_r": 0.95}
+"""True coefficients over those of the ship that is fitted."""
+
+
+@pytest.fixture(scope="module")
+def trials() -> list[Trial]:
+    """Runs of a ship whose coefficients are off, with random forces and sensor noise."""
+    ship = SHIP.with_values({s: f * SHIP.coefficients[s].value for s, f in TRUE.items()})
+    return pushed_trials(7, ship=ship)
+
+
+def test_it_finds_the_coefficients_of_a_ship_that_is_pushed_about(trials: list[Trial]) -> None:
+    found = filter_estimate(FEW, trials)
+    assert not isinstance(found, str) and set(found) == set(FEW.free)
+    for s, factor in TRUE.items():
+        c = SHIP.coefficients[s]
+        assert abs(found[s] - factor * c.value) < 0.5 * abs(factor - 1) * abs(c.value) + 0.2 * c.std
+
+
+def test_the_priors_are_those_of_the_calibration_at_hand_not_of_one_before_it(trials: list[Trial]) -> None:
+    c = FEW.coefficients["N_r"]
+    sure = FEW.with_coefficients({"N_r": c.with_(std=1e-4 * c.std, prior_value=3 * c.value, prior_std=c.std)})
+    found = filter_estimate(sure, trials)
+    assert not isinstance(found, str) and found["N_r"] == pytest.approx(c.value, rel=1e-3)
+
+
+def test_it_says_why_there_is_no_estimate(trials: list[Trial]) -> None:
+    still = [replace(t, columns={**t.columns, "n": 0 * t["n"] + 10.0, "delta": 0 * t["delta"]}) for t in trials]
+    found = filter_estimate(FEW, still)
+    assert isinstance(found, str) and "never change" in found
+
+
+def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
+    options = FitOptions(next_trial=False, instruments=(), per_campaign=("none",))
+    settings = Settings(loss="gaussian", weight=1.0, passes=2)
+    alone = calibrate(FEW, trials, settings=settings, options=replace(options, estimator="windows"))
+    both = calibrate(FEW, trials, settings=settings, options=options)
+    other = filter_estimate(FEW, trials)
+    assert not isinstance(other, str)
+    for s in FEW.free:
+        mean = 0.5 * (alone.ship.coefficients[s].value + other[s])
+        c = both.ship.coefficients[s]
+        assert c.value == pytest.approx(np.clip(mean, c.lower, c.upper), rel=1e-6)
+        assert c.std >= alone.ship.coefficients[s].std
+    codes = [{m["code"] for m in result.to_dict()["messages"]} for result in (alone, both)]
+    assert "two_estimates" not in codes[0] and "two_estimates" in codes[1]

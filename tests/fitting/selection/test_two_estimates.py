@@ -1,0 +1,99 @@
+"""The mean of two estimates: halfway between them, less sure by half their difference, and when it is not asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.effects import freeing_effects
+from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.pipeline import FitOptions
+from fitting.selection.two_estimates import begin_second, with_second
+from fitting.settings import Settings
+from mmg.ship import Ship
+from tests.support.calibrated import small_result
+
+
+def calibration() -> Calibration:
+    """A calibration of six coefficients."""
+    objects = small_result().objects
+    assert objects is not None
+    return objects.calibration
+
+
+def test_estimates_meet_halfway_and_half_their_difference_is_uncertain() -> None:
+    found = calibration()
+    prior, first = found.prior, found.ship.values[[found.ship.symbols.index(s) for s in found.prior.symbols]]
+    other = dict(zip(prior.symbols, (first + 0.3 * prior.std).tolist(), strict=True))
+    del other["N_r"]  # of which the second estimator says nothing
+    mean = with_second(found, other)
+    moved = np.array([0.15 if s != "N_r" else 0.0 for s in prior.symbols])
+    np.testing.assert_allclose(mean.p - found.p, moved, atol=1e-9)
+    for s, m in zip(prior.symbols, moved, strict=True):
+        before, after = found.ship.coefficients[s], mean.ship.coefficients[s]
+        assert after.value == pytest.approx(before.value + m * prior.std[prior.symbols.index(s)])
+        unit = prior.std[prior.symbols.index(s)]
+        assert after.std == pytest.approx(np.hypot(before.std, m * unit), rel=1e-6)
+        assert after.verdict == before.verdict
+    np.testing.assert_allclose(mean.covariance, found.covariance + np.outer(moved, moved), atol=1e-9)
+    shared = slice(len(prior.symbols))
+    np.testing.assert_array_equal(mean.spread.covariance[shared, shared], mean.covariance)
+    (notice,) = [m for m in mean.notices if m.code == "two_estimates"]
+    assert "mean of two estimates" in notice and "standard errors" in notice
+
+
+def test_a_mean_stays_within_the_bounds() -> None:
+    found = calibration()
+    far = {s: float(v) for s, v in zip(found.prior.symbols, found.prior.upper + 50 * found.prior.std, strict=True)}
+    finite = np.isfinite(found.prior.upper)
+    assert finite.any()
+    mean = with_second(found, far)
+    for i in np.flatnonzero(finite):
+        assert mean.ship.coefficients[found.prior.symbols[i]].value <= found.prior.upper[i] + 1e-12
+
+
+def test_why_there_is_no_second_estimate_is_said() -> None:
+    found = calibration()
+    alone = with_second(found, "a filter could not be fitted (for a reason)")
+    np.testing.assert_array_equal(alone.p, found.p)
+    assert alone.ship is found.ship and alone.covariance is found.covariance
+    assert [str(m) for m in alone.notices if m.code == "two_estimates"] == [
+        "the estimate is that of multiple shooting alone: a filter could not be fitted (for a reason)"
+    ]
+    unknown = replace(found, covariance=np.full_like(found.covariance, np.inf))
+    assert with_second(unknown, {"X_0F": 1.0}) is unknown
+
+
+def nothing(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
+    """An estimator of no coefficient."""
+    return {}
+
+
+def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
+    ship = small_result().start
+    asked = begin_second(nothing, ship, (), None)
+    assert asked is not None and asked.value == {}
+    assert begin_second(None, ship, (), None) is None
+    assert begin_second(nothing, freeing_effects(ship, ["current"]), (), None) is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"estimator": "windows"},
+        {"bootstrap": 3},
+        {"profile": ("X_0F",)},
+        {"per_run": ("current",)},
+        {"try_disturbance": True},
+        {"auto": True},
+        {"hold": True},
+        {"captive": object()},
+    ],
+)
+def test_it_is_not_asked_where_more_is_fitted_or_less(options: dict[str, object]) -> None:
+    assert FitOptions().asks_second(Settings()) and not FitOptions().asks_second(Settings(time_limit=9.0))
+    assert not FitOptions(**options).asks_second(Settings())  # type: ignore[arg-type]
