@@ -19,6 +19,7 @@ import numpy as np
 from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.parallel import Awaited, ProcessBeside, begun_beside
+from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -35,8 +36,9 @@ def begin_second(
     second: Second | None, ship: Ship, trials: Sequence[Trial], beside: ProcessBeside | None
 ) -> Awaited[Mapping[str, float] | str] | None:
     """What the ``second`` estimator says of ``ship`` on ``trials``, begun by the process ``beside``; None without one,
-    and for a ship of which more than coefficients is free."""
-    if second is None or any("." in s for s in ship.free):
+    and for a ship of which more is free than coefficients and faults of instruments."""
+    own = {s.partition(".")[0] for s in ship.free if "." in s}
+    if second is None or not all(name in EFFECTS and EFFECTS[name].measures for name in own):
         return None
     return begun_beside(beside, partial(second, ship, trials))
 
