@@ -8,12 +8,18 @@ import numpy as np
 
 from cases.evidence.kinematics import consistency
 from cases.trial import Trial
+from diagnosis.estimation.gridded_trials import possible_readings
 from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import prepare, with_sensor_faults
+from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.ship import Ship
+
+FINE = 0.25
+"""Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
+one reading is fitted then, not both."""
 
 
 def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
@@ -29,7 +35,9 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
     try:
         kept, _ = diagnosable_trials(trials)
         ship, _ = with_sensor_faults(ship, consistency(kept, ship))
-        ready = prepare(ship, kept)
+        step = default_step(kept, ship.particulars["L"])
+        is_fine = max(t.dt for t in kept) <= FINE * step
+        ready = prepare(ship, kept, straight=possible_readings(kept)[-1] if is_fine else None)
     except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
         return f"a filter could not be fitted ({error})"
     theta = mean_over_windows(ready.null.theta)
