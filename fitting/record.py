@@ -72,7 +72,7 @@ class EffectValue:
 
 @dataclass(frozen=True)
 class EffectTest:
-    """Whether a freed effect is more than chance (``diagnosis.freed_effects``).
+    """Whether a freed effect is more than chance (``diagnosis.calibration.freed_effects``).
 
     p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
     for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol

@@ -7,6 +7,7 @@ A *model* is a ship, the name of one of the library, a ship file, a run folder, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -138,22 +139,18 @@ def calibrate(
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
     options: uncertainty, instruments, next trial and more (``fitting.pipeline.FitOptions``); progress: called at each
     iteration. Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the
-    ship as given has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be
-    identified.
+    ship has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be identified.
     """
-    from dataclasses import replace
-
-    from diagnosis.filter_estimate import filter_estimate
+    from diagnosis.calibration.filter_estimate import filter_estimate
+    from diagnosis.calibration.freed_effects import with_effect_tests
     from fitting import pipeline
+    from fitting.solvers.interrupts import unless_interrupted
 
     start = _ship(ship)
     options = replace(options or pipeline.FitOptions(), second=filter_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
-    from diagnosis.freed_effects import with_effect_tests
-    from fitting.solvers.interrupts import unless_interrupted
-
     return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
 
 

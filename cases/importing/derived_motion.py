@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
+from mmg.errors import UserError
 from mmg.messages import Message
 
 BAND = 3
@@ -35,13 +36,24 @@ class Smoothed:
     rate_std: float
 
 
+FEWEST = 4
+"""Values from which a path can be smoothed: three differences."""
+TOO_FEW = (
+    "positions or headings are too few, or too far apart in size, to derive velocities from; give u, v and r, or check "
+    "the file"
+)
+
+
 def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:
     """A smooth path through ``value`` (N,) every h [s], NaN where nothing was measured, and its measured ``rate``.
 
-    h: step [s]; rate: (N,) per second, or None. Of the sizes of noise and motion the most likely are taken.
+    h: step [s]; rate: (N,) per second, or None. Of the sizes of noise and motion the most likely are taken. Raises
+    UserError where no sizes smooth the values.
     """
     n = len(value)
     known = np.isfinite(value)
+    if known.sum() < FEWEST:
+        raise UserError(TOO_FEW)
     centre, unit = float(np.nanmean(value)), max(float(np.nanmax(value) - np.nanmin(value)), 1e-9)
     y = np.where(known, (value - centre) / unit, 0.0)  # steps and ranges of one
     slope = np.zeros(n) if rate is None else np.where(np.isfinite(rate), rate * h / unit, 0.0)
@@ -85,7 +97,10 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     logs = start.copy()
     logs[free] = best.x
     A, b, _ = parts(logs)
-    root = cholesky_banded(A)
+    try:
+        root = cholesky_banded(A)
+    except np.linalg.LinAlgError:
+        raise UserError(TOO_FEW) from None
     x = cho_solve_banded((root, False), b)
     error = _rate_std(root, known)
     return Smoothed(x * unit + centre, np.gradient(x) * unit / h, error * unit / h)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cases.importing.derived_motion import derived_velocities, smoothed
+from mmg.errors import UserError
 from tests.support import raw_logs
 
 
@@ -60,3 +61,11 @@ def test_speed_and_course_alone_suffice() -> None:
     columns = {"sog": sog * raw_logs.KNOT, "cog": np.radians(cog), "psi": truth["psi"], "r": truth["r"]}
     new, std, _ = derived_velocities(truth.t, columns)
     assert max(np.abs(new[c] - truth[c]).max() for c in "uv") < 1e-9 and set(std) == {"u", "v"}
+
+
+@pytest.mark.parametrize("values", [{0: 0.0, 700: 1e-300, 1499: 1e300}, {3: 1.0}, {0: 0.0, 1499: 1.0}])
+def test_values_that_no_sizes_smooth_are_refused_in_a_line(values: dict[int, float]) -> None:
+    wild = np.full(1500, np.nan)
+    wild[list(values)] = list(values.values())
+    with pytest.raises(UserError, match="too few, or too far apart in size"):
+        smoothed(0.1, wild)

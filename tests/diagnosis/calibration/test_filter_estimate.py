@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from diagnosis.filter_estimate import filter_estimate
+from diagnosis.calibration.filter_estimate import filter_estimate
 from fitting.pipeline import FitOptions
 from fitting.settings import Settings
 from mmg_ident import calibrate

@@ -12,9 +12,9 @@ import pytest
 import mmg_ident
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis import freed_effects
+from diagnosis.calibration import freed_effects
+from diagnosis.calibration.freed_effects import effect_tests, with_effect_tests
 from diagnosis.estimation.candidates import find
-from diagnosis.freed_effects import effect_tests, with_effect_tests
 from diagnosis.hypotheses.refit import refit
 from diagnosis.prepare import prepare
 from fitting.pipeline import FitOptions
