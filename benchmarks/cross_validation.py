@@ -33,10 +33,11 @@ from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.pipeline import FitOptions, calibrate
+from fitting.pipeline import FitOptions
 from fitting.prediction.score import pooled_sigma, score
 from fitting.selection.left_out_runs import METRICS, Jackknifed, RunScores, folds_by, sharing_rows
 from fitting.settings import Settings
+from mmg_ident.api import calibrate
 
 ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
 LABELS = {"window": "30 s windows", "paper": "100 s restarts"}

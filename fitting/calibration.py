@@ -105,10 +105,10 @@ class Calibration:
 
     @property
     def iterate(self) -> dict[str, np.ndarray]:
-        """From which a fit can be resumed: scaled estimates "p" of all that was fitted, constants of the runs last,
-        states "nodes" (B, S), "sigma" (6,), and where the last solve began (``Resumption``)."""
-        p = np.concatenate([self.p, self.constants.p]) if self.constants else self.p
-        nodes = self.problem.split(self.solution.x)[0]
+        """From which a fit can be resumed: scaled estimates "p" of all that was fitted, as the solver ended, constants
+        of the runs last, states "nodes" (B, S), "sigma" (6,), and where the last solve began (``Resumption``)."""
+        nodes, p = self.problem.split(self.solution.x)
+        p = np.clip(p, *self.problem.p_bounds())
         return {"p": p, "nodes": nodes, "sigma": self.sigma, **self.resumption.arrays}
 
 

@@ -26,12 +26,15 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
     """Values of the free coefficients of ``ship`` by symbol, from ``trials``, or why there are none.
 
     The most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of the next
-    sample tell; priors are the values and standard deviations of the ship, as in a calibration.
+    sample tell; free faults of instruments are found anew by the kinematics of the trials. Priors are the values
+    and standard deviations of the ship, as in a calibration.
     """
     rows = {
         s: c.with_(prior_value=None, prior_std=None) for s, c in ship.coefficients.items() if c.prior_std is not None
     }
     ship = ship.without_network().with_coefficients(rows)
+    for name in {s.partition(".")[0] for s in ship.free if "." in s}:
+        ship = ship.without_effect(name)
     try:
         kept, _ = diagnosable_trials(trials)
         ship, _ = with_sensor_faults(ship, consistency(kept, ship))

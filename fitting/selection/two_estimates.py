@@ -49,7 +49,8 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     it is, with a notice, where ``second`` says why it has none."""
 
     def noted(calibration: Calibration, words: str) -> Calibration:
-        return replace(calibration, notices=(*calibration.notices, Message(words, "two_estimates")))
+        """The notice comes first, so that those of a run that goes on have the same order."""
+        return replace(calibration, notices=(Message(words, "two_estimates"), *calibration.notices))
 
     if isinstance(second, str):
         return noted(found, f"the estimate is that of multiple shooting alone: {second}")

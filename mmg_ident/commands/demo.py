@@ -82,8 +82,9 @@ def _calibrate(
     """The calibration, in ``folder``/run, and how it compares with the hidden ship."""
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.demo_trials import SHIP, compare_with_truth
-    from fitting.pipeline import FitOptions, calibrate
+    from fitting.pipeline import FitOptions
     from fitting.settings import Settings
+    from mmg_ident.api import calibrate
 
     start = load_ship(SHIP)
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")

@@ -12,8 +12,9 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import compare_with_truth, hidden_ship
 from cases.simulation.simulate import write_trial
-from fitting.pipeline import FitOptions, calibrate
+from fitting.pipeline import FitOptions
 from fitting.settings import Settings
+from mmg_ident import calibrate
 from mmg_ident.commands.main import main
 from tests.support.synthetic_runs import runs
 
