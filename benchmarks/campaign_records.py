@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cross_validation import grouped, lines_of
-from benchmarks.record import record, table
+from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
@@ -68,10 +68,8 @@ def row_of(name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.nd
 
 def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
     """The row called ``name``, from the file at ``path`` or made now and added to it."""
-    known = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
-    for row in known:
-        if row["name"] == name:
-            return dict(row)
+    if known := kept_row(path, name):
+        return known
     row = row_of(name, train, out, sigma)
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")

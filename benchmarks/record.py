@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import platform
 import re
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 RESULTS = Path(__file__).with_name("RESULTS.md")
 
@@ -31,6 +33,12 @@ def record(title: str, command: str, lines: list[str]) -> None:
     pattern = re.compile(rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", re.S | re.M)
     text = pattern.sub(lambda _: body + "\n", text) if pattern.search(text) else text.rstrip() + "\n\n" + body + "\n"
     RESULTS.write_text(text, encoding="utf-8")
+
+
+def kept_row(path: Path, name: str) -> dict[str, Any] | None:
+    """The row called ``name`` among the JSON lines of the file at ``path``; None without one."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return next((dict(row) for row in map(json.loads, lines) if row["name"] == name), None)
 
 
 def table(header: list[str], rows: list[list[str]]) -> list[str]:

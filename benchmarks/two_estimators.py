@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cross_validation import grouped, lines_of
-from benchmarks.record import record, table
+from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
@@ -69,10 +69,8 @@ def mean_of(first: Ship, second: Ship) -> Ship:
 
 def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
     """Scores of the trials ``out`` by each of NAMES, from the file at ``path`` or made now and added to it."""
-    known = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
-    for row in known:
-        if row["name"] == name:
-            return dict(row)
+    if known := kept_row(path, name):
+        return known
     began = time.perf_counter()
     shooting = by_shooting(train)
     middle = time.perf_counter()
