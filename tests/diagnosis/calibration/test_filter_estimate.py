@@ -11,6 +11,7 @@ from cases.trial import Trial
 from diagnosis.calibration.filter_estimate import filter_estimate
 from fitting.pipeline import FitOptions
 from fitting.settings import Settings
+from fitting.uncertainty.without_trials import without_trials
 from mmg_ident import calibrate
 from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
 
@@ -60,3 +61,9 @@ def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
         assert c.std >= alone.ship.coefficients[s].std
     codes = [{m["code"] for m in result.to_dict()["messages"]} for result in (alone, both)]
     assert "two_estimates" not in codes[0] and "two_estimates" in codes[1]
+    assert alone.objects is not None and both.objects is not None
+    first, mean = alone.objects.calibration, both.objects.calibration
+    at = [first.ship.symbols.index(s) for s in first.prior.symbols]
+    moved = [without_trials(c, both.objects.trials).run[:, at] / first.prior.std for c in (first, mean)]
+    assert np.isfinite(moved[0]).all()  # without a run the second estimate keeps its distance
+    np.testing.assert_allclose(moved[1] - moved[0], np.tile(mean.p - first.p, (len(trials), 1)), atol=1e-6)
