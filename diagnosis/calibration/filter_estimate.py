@@ -17,6 +17,8 @@ from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.ship import Ship
 
+MOST = 40_000
+"""Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB)."""
 FINE = 0.25
 """Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
 one reading is fitted then, not both."""
@@ -39,6 +41,9 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
         kept, _ = diagnosable_trials(trials)
         ship, _ = with_sensor_faults(ship, consistency(kept, ship))
         step = default_step(kept, ship.particulars["L"])
+        steps = sum(float(t["t"][-1] - t["t"][0]) for t in kept) / step
+        if steps > MOST:
+            return f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})"
         is_fine = max(t.dt for t in kept) <= FINE * step
         ready = prepare(ship, kept, straight=possible_readings(kept)[-1] if is_fine else None)
     except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:

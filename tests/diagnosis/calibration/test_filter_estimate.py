@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import diagnosis.calibration.filter_estimate as module
 from cases.trial import Trial
 from diagnosis.calibration.filter_estimate import filter_estimate
 from fitting.pipeline import FitOptions
@@ -41,10 +42,13 @@ def test_the_priors_are_those_of_the_calibration_at_hand_not_of_one_before_it(tr
     assert not isinstance(found, str) and found["N_r"] == pytest.approx(c.value, rel=1e-3)
 
 
-def test_it_says_why_there_is_no_estimate(trials: list[Trial]) -> None:
+def test_it_says_why_there_is_no_estimate(trials: list[Trial], monkeypatch: pytest.MonkeyPatch) -> None:
     still = [replace(t, columns={**t.columns, "n": 0 * t["n"] + 10.0, "delta": 0 * t["delta"]}) for t in trials]
     found = filter_estimate(FEW, still)
     assert isinstance(found, str) and "never change" in found
+    monkeypatch.setattr(module, "MOST", 100)
+    much = filter_estimate(FEW, trials)
+    assert isinstance(much, str) and "memory" in much
 
 
 def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
