@@ -26,7 +26,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.pipeline import FitOptions, calibrate
+from fitting.pipeline import FitOptions
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.bands import bands_of
@@ -36,6 +36,7 @@ from fitting.result import FitResult
 from fitting.selection.left_out_runs import folds_by
 from mmg.ship import Ship
 from mmg.states import STATES
+from mmg_ident.api import calibrate
 
 FOLDS = 5
 KINDS = ((30.0, 15.0), (100.0, 100.0))
