@@ -17,12 +17,13 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import grouped, lines_of
+from benchmarks.cross_validation import lines_of, scores_of_folds
 from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
 from cases.io.read import read_trials
@@ -32,7 +33,6 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.score import pooled_sigma, score
 from fitting.selection.campaigns.by_campaign import CampaignQuestion, by_campaign
-from fitting.selection.left_out_runs import RunScores, folds_by
 from fitting.settings import Settings
 from mmg.rollout import Simulator
 
@@ -79,22 +79,9 @@ def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], si
 
 def fold_lines(path: Path, past: bool) -> list[str]:
     """Tables of the runs left out in five folds, by kind; past: with 30 s of past."""
-    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
-    labels, groups = grouped(trials)
-    sigma, files, kept = pooled_sigma(trials), {words: dict[str, list[float]]() for words in VARIANTS}, []
-    for k, out in enumerate(folds_by(labels, groups, 5)):
-        rest = [t for i, t in enumerate(trials) if i not in out]
-        row = made(path, f"fold {k}", rest, [trials[i] for i in out], sigma)
-        kept.append(" and ".join(row["kept"]) or "nothing")
-        for words in VARIANTS:
-            files[words] |= row["files"][words + (", past" if past else "")]
-    scores = {}
-    for words, found in files.items():
-        window, paper, count = np.array([found[t.name] for t in trials]).T
-        window, paper = (np.where(count > 0, v, np.nan) for v in (window, paper))
-        names, kinds = tuple(t.name for t in trials), tuple(t.kind for t in trials)
-        scores[words] = RunScores(names, kinds, window, paper, count, sigma)
-    head = f"{len(trials)} records in 5 folds{', with 30 s of past' if past else ''}; kept: {', '.join(kept)}."
+    scores, rows = scores_of_folds(VARIANTS, partial(made, path), ", past" if past else "")
+    kept = ", ".join(" and ".join(row["kept"]) or "nothing" for row in rows)
+    head = f"35 records in 5 folds{', with 30 s of past' if past else ''}; kept: {kept}."
     return [head, "", *lines_of(scores)]
 
 

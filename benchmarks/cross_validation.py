@@ -20,7 +20,7 @@ import hashlib
 import json
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -153,6 +153,30 @@ def lines_of(scores: dict[str, RunScores]) -> list[str]:
 def _cell(mean: Jackknifed, change: Jackknifed, first: bool) -> str:
     words = f"{mean.value:.4f} ± {mean.error:.4f}"
     return words if first else f"{words} ({100 * change.value:+.1f} ± {100 * change.error:.1f} %)"
+
+
+def scores_of_folds(
+    variants: Sequence[str], made: Callable[[str, Sequence[Trial], Sequence[Trial], np.ndarray], dict], ending: str
+) -> tuple[dict[str, RunScores], list[dict]]:
+    """Scores by variant of all records of Train-TZRB+, left out in five folds, and the rows that hold them.
+
+    made: from the name of a fold, trials to fit, trials left out and sigma (6,) a row whose "files" has the scores of
+    each of the ``variants`` with an ``ending`` to its name.
+    """
+    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+    labels, groups = grouped(trials)
+    sigma, rows = pooled_sigma(trials), []
+    for k, out in enumerate(folds_by(labels, groups, 5)):
+        rest = [t for i, t in enumerate(trials) if i not in out]
+        rows.append(made(f"fold {k}", rest, [trials[i] for i in out], sigma))
+    names, kinds = tuple(t.name for t in trials), tuple(t.kind for t in trials)
+    scores = {}
+    for variant in variants:
+        files = {name: found for row in rows for name, found in row["files"][variant + ending].items()}
+        window, paper, count = np.array([files[name] for name in names]).T
+        window, paper = (np.where(count > 0, v, np.nan) for v in (window, paper))
+        scores[variant] = RunScores(names, kinds, window, paper, count, sigma)
+    return scores, rows
 
 
 def hold_out_lines(rows: Rows, mark: str, variants: Sequence[str]) -> list[str]:

@@ -16,12 +16,13 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import grouped, lines_of
+from benchmarks.cross_validation import lines_of, scores_of_folds
 from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
 from cases.evidence.kinematics import consistency
@@ -35,7 +36,6 @@ from diagnosis.prepare import prepare, with_sensor_faults
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.score import pooled_sigma, score
 from fitting.selection.campaigns.by_campaign import CampaignQuestion, by_campaign
-from fitting.selection.left_out_runs import RunScores, folds_by
 from fitting.settings import Settings
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -90,21 +90,8 @@ def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], si
 
 def fold_lines(path: Path, past: bool) -> list[str]:
     """Tables of the runs left out in five folds, by kind; past: with 30 s of past."""
-    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
-    labels, groups = grouped(trials)
-    sigma, files = pooled_sigma(trials), {words: dict[str, list[float]]() for words in NAMES}
-    for k, out in enumerate(folds_by(labels, groups, 5)):
-        rest = [t for i, t in enumerate(trials) if i not in out]
-        row = made(path, f"fold {k}", rest, [trials[i] for i in out], sigma)
-        for words in NAMES:
-            files[words] |= row["files"][words + (", past" if past else "")]
-    scores = {}
-    for words, found in files.items():
-        window, paper, count = np.array([found[t.name] for t in trials]).T
-        window, paper = (np.where(count > 0, v, np.nan) for v in (window, paper))
-        names, kinds = tuple(t.name for t in trials), tuple(t.kind for t in trials)
-        scores[words] = RunScores(names, kinds, window, paper, count, sigma)
-    return [f"{len(trials)} records in 5 folds{', with 30 s of past' if past else ''}.", "", *lines_of(scores)]
+    scores, _ = scores_of_folds(NAMES, partial(made, path), ", past" if past else "")
+    return [f"35 records in 5 folds{', with 30 s of past' if past else ''}.", "", *lines_of(scores)]
 
 
 def hold_out_lines(path: Path) -> list[str]:

@@ -39,7 +39,7 @@ from fitting.selection.disturbance_choice import choose_disturbance
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, begin_second, with_second
 from fitting.selection.window_choice import choose_window
-from fitting.settings import Settings
+from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Later, unless_interrupted
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
@@ -288,6 +288,7 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
             f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
             "fitted together; leave out --per-campaign or --per-run"
         )
+    check_estimator(options.estimator)
     check_request(options.bootstrap, options.profile, ship.free)
     if options.per_run and len(train) == 1:
         same = f"--with {' --with '.join(options.per_run)}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from mmg.errors import UserError
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -50,3 +52,13 @@ class Start:
     distance: float
     restarted: bool = False
     apart: dict[str, float] = field(default_factory=dict)
+
+
+ESTIMATORS = ("both", "windows")
+"""The mean of two estimates (``fitting.selection.two_estimates``), or multiple shooting alone."""
+
+
+def check_estimator(name: str) -> None:
+    """Raises UserError unless ``name`` is one of ESTIMATORS."""
+    if name not in ESTIMATORS:
+        raise UserError(f"estimator {name}: unknown; choose one of {', '.join(ESTIMATORS)}")

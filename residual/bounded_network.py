@@ -58,6 +58,15 @@ class TwoLayers(nn.Module):
         h1 = hidden(features / self.feature_scale[:, None], self.W1, self.b1)
         return self.scale[:, None] * (self.W3 @ hidden(h1, self.W2, self.b2))
 
+    def plain(self) -> tuple[torch.Tensor, ...]:
+        """W1 (H, F), b1 (H,), W2 (H, H), b2 (H,), W3 (3, H), b3 (3,) of layers W tanh(.) + b of the same output."""
+        W3 = self.scale[:, None] * self.W3
+        return (
+            self.W1 / self.feature_scale, self.b1,
+            self.W2, self.b2 - self.W2 @ torch.tanh(self.b1),
+            W3, -(W3 @ torch.tanh(self.b2)),
+        )  # fmt: skip
+
     @torch.no_grad()
     def bound(self) -> np.ndarray:
         """What |du|, |dv|, |dr| never exceed, whatever the inputs (3,): scale_j sum_i |W3_ji| (1 + |tanh b2_i|)."""

@@ -32,14 +32,8 @@ def network() -> Residual:
 
 
 def folded(residual: Residual) -> dict[str, torch.Tensor]:
-    """W1 (H, F), b1 (H,), W2 (H, H), b2 (H,), W3 (3, H), b3 (3,) of plain layers with the same output."""
-    W3 = residual.scale[:, None] * residual.W3
-    layers = (
-        residual.W1 / residual.feature_scale, residual.b1,
-        residual.W2, residual.b2 - residual.W2 @ torch.tanh(residual.b1),
-        W3, -(W3 @ torch.tanh(residual.b2)),
-    )  # fmt: skip
-    return dict(zip(NAMES, (a.detach() for a in layers), strict=True))
+    """Its plain layers by name."""
+    return dict(zip(NAMES, (a.detach() for a in residual.plain()), strict=True))
 
 
 def main(folder: Path) -> None:

@@ -25,7 +25,6 @@ from mmg.ship import Ship
 
 Second = Callable[[Ship, Sequence[Trial]], "Mapping[str, float] | str"]
 """Another estimator: of a ship on trials, values of free coefficients by symbol, or why there are none."""
-ESTIMATORS = ("both", "windows")
 SHARE = 0.5
 """Of the second estimate."""
 SHOWN = 3

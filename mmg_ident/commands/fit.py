@@ -143,6 +143,7 @@ def fit(
     from cases.shipfiles.ship_file import load_ship
     from fitting.parallel import process_beside, spread_beside
     from fitting.report.run_folder import check_target, reserved
+    from fitting.settings import check_estimator
 
     began = time.perf_counter()
     settings = _settings(
@@ -161,8 +162,7 @@ def fit(
         loss=loss,
         weight=run_weight,
     )
-    if estimator not in ("both", "windows"):
-        raise UserError(f"--estimator {estimator}: unknown; choose one of both, windows")
+    check_estimator(estimator)
     points = _captive_points(captive, captive_sigma)
     if name_fault(name):
         raise UserError(f"--name {name!r}: {name_fault(name)}")

@@ -196,13 +196,7 @@ class FusedRollout:
         extra = padded(M) - M
         if extra:
             start, controls = (torch.cat([a, a[..., -1:].expand(*a.shape[:-1], extra)], -1) for a in (start, controls))
-        W3 = residual.scale[:, None] * residual.W3
-        layers = (
-            residual.W1 / residual.feature_scale, residual.b1,
-            residual.W2, residual.b2 - residual.W2 @ torch.tanh(residual.b1),
-            W3, -(W3 @ torch.tanh(residual.b2)),
-        )  # fmt: skip
-        states = _Rollout.apply(self, controls, h, method == "euler", start, *layers)
+        states = _Rollout.apply(self, controls, h, method == "euler", start, *residual.plain())
         return states[..., :M] if extra else states
 
 

@@ -11,9 +11,10 @@ import pytest
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from fitting.calibration import Calibration
-from fitting.pipeline import FitOptions
+from fitting.pipeline import FitOptions, calibrate
 from fitting.selection.two_estimates import begin_second, with_second
 from fitting.settings import Settings
+from mmg.errors import UserError
 from mmg.ship import Ship
 from tests.support.calibrated import small_result
 
@@ -98,3 +99,8 @@ def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
 def test_it_is_not_asked_where_more_is_fitted_or_less(options: dict[str, object]) -> None:
     assert FitOptions().asks_second(Settings()) and not FitOptions().asks_second(Settings(time_limit=9.0))
     assert not FitOptions(**options).asks_second(Settings())  # type: ignore[arg-type]
+
+
+def test_an_unknown_estimator_is_refused_before_anything_is_fitted() -> None:
+    with pytest.raises(UserError, match="estimator best: unknown; choose one of both, windows"):
+        calibrate(small_result().start, (), options=FitOptions(estimator="best"))
