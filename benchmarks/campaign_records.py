@@ -23,10 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import lines_of, scores_of_folds
+from benchmarks.cross_validation import lines_of, scores_of_folds, trials_of
 from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
-from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -89,7 +88,7 @@ def fast_lines(path: Path) -> list[str]:
     """Tables of all records left out in turn, one Newton step from a single calibration on all of them."""
     known = path.with_suffix(".fast.json")
     if not known.exists():
-        trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+        trials = trials_of(splits.TRAIN_TZRB_PLUS)
         ship, settings = (
             with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",)),
             Settings(loss=None, weight=None),
@@ -110,8 +109,8 @@ def fast_lines(path: Path) -> list[str]:
 
 def hold_out_lines(path: Path) -> list[str]:
     """Tables of the five hold-outs."""
-    held, small = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT)), read_trials(splits.find(splits.TRAIN_TZRB))
-    large = read_trials(splits.find(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT))
+    held, small = trials_of(splits.DEVELOPMENT_HOLDOUT), trials_of(splits.TRAIN_TZRB)
+    large = trials_of(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT)
     columns: dict[str, dict[str, list[float]]] = {}
     told = []
     for words, train in (("Train-TZRB", small), ("Train-TZRB+ without them", large)):

@@ -3,14 +3,16 @@
 All 35 records of Train-TZRB+ in folds that spread each day and kind (``--folds 5``), or whole days and kinds left out
 (``--folds day-kind``); records that share rows stay together. Each fold is what ``mmg fit`` does by default, or with
 the options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, in
-units of the sigma of all records. Variants are compared with the first one, file by file.
+units of the sigma of all records, without and with 30 s of past. Variants are compared with the first one, file by
+file. Broken stretches (``mmg check``: frozen or jumping columns, a ship moved by hand while her propeller rests) are
+left out of what is fitted and what is scored, as by ``mmg fit`` and ``mmg score``; ``--unchecked`` leaves none out.
 This is a measure and trains nothing that is judged on the five hold-outs; ``--without-hold-outs`` leaves them out
 altogether, which choices of method must do; ``--hold-outs`` scores them once by ships fitted on Train-TZRB and on the
 rest of Train-TZRB+, with the sigma of Train-TZRB.
 
 Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...], VARIANT being "default" or options as
-"loss=student,window=50,adapt=30,measurement=velocity_lag+gyro,campaigns=none". Finished folds are kept in --rows and
-not made again.
+"loss=student,window=50,estimator=windows,measurement=velocity_lag+gyro,campaigns=none". Finished folds are kept in
+--rows and not made again.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import hashlib
 import json
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +31,7 @@ import numpy as np
 
 from benchmarks.record import record, table
 from cases import published_splits as splits
+from cases.checks.trusted import as_they_are, without_broken
 from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -42,7 +45,12 @@ from mmg_ident.api import calibrate
 ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
 LABELS = {"window": "30 s windows", "paper": "100 s restarts"}
 SETTINGS = {"loss": str, "weight": float, "window": float, "step": float, "horizon": float, "passes": int}
-"""Options of a variant that are settings of the calibration; "adapt", "measurement" and "campaigns" are the others."""
+"""Options of a variant that are settings of the calibration; OTHERS are the others."""
+OTHERS = ("estimator", "measurement", "campaigns")
+PAST = 30.0
+"""s before a window that a prediction may use."""
+WITH_PAST = ", past"
+"""Ending of the names of scores with that past."""
 
 
 def options_of(variant: str) -> dict[str, Any]:
@@ -50,8 +58,8 @@ def options_of(variant: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for word in [] if variant == "default" else variant.split(","):
         key, _, value = word.partition("=")
-        if key == "adapt":
-            found[key] = float(value)
+        if key == "estimator":
+            found[key] = value
         elif key == "measurement":
             found[key] = tuple(v for v in value.split("+") if v != "none")
         elif key == "campaigns":
@@ -59,10 +67,14 @@ def options_of(variant: str) -> dict[str, Any]:
         elif key in SETTINGS and hasattr(Settings(), key):
             found[key] = SETTINGS[key](value)
         else:
-            raise SystemExit(
-                f"{variant}: {key!r} is none of {', '.join([*SETTINGS, 'adapt', 'measurement', 'campaigns'])}"
-            )
+            raise SystemExit(f"{variant}: {key!r} is none of {', '.join([*SETTINGS, *OTHERS])}")
     return found
+
+
+def trials_of(names: Iterable[str], unchecked: bool = False) -> list[Trial]:
+    """Records by their ``names`` without their broken stretches, or with them if ``unchecked``."""
+    found = read_trials(splits.find(names))
+    return as_they_are(found) if unchecked else without_broken(found)
 
 
 def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:
@@ -75,8 +87,7 @@ def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:
 def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
     """Scores of the trials ``out`` by a ship fitted on ``train`` with the options of a ``variant``; sigma (6,)."""
     began, chosen = time.perf_counter(), options_of(variant)
-    adapt = chosen.pop("adapt", None)
-    options = FitOptions(next_trial=False)
+    options = FitOptions(next_trial=False, estimator=chosen.pop("estimator", "both"))
     if "measurement" in chosen:
         options = replace(options, instruments=chosen.pop("measurement"))
     if "campaigns" in chosen:
@@ -86,12 +97,11 @@ def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma
     )
     assert found.objects is not None
     seconds = time.perf_counter() - began
-    rows = score(found.objects.after, out, sigma, adapt=adapt).trials
-    return {
-        "converged": found.converged,
-        "seconds": seconds,
-        "files": {row.name: [row.window, row.paper, row.windows] for row in rows},
-    }
+    files = {}
+    for past in (None, PAST):
+        rows = score(found.objects.after, out, sigma, adapt=past).trials
+        files["files" + (WITH_PAST if past else "")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
+    return {"converged": found.converged, "seconds": seconds, **files}
 
 
 class Rows:
@@ -120,14 +130,15 @@ class Rows:
 
 
 def cross_validated(
-    rows: Rows, mark: str, variant: str, trials: Sequence[Trial], folds: Sequence[Sequence[int]]
+    rows: Rows, mark: str, variant: str, trials: Sequence[Trial], folds: Sequence[Sequence[int]], ending: str = ""
 ) -> tuple[RunScores, float, bool]:
-    """Scores of all ``trials`` by ships that did not see them, mean seconds of a fit, whether all fits converged."""
+    """Scores of all ``trials`` by ships that did not see them, mean seconds of a fit, whether all fits converged; with
+    the past of a window where the ``ending`` says so."""
     sigma, found, seconds, converged = pooled_sigma(trials), {}, [], True
     for out in folds:
         rest = [t for i, t in enumerate(trials) if i not in out]
         row = rows.made(mark, variant, rest, [trials[i] for i in out], sigma)
-        found |= row["files"]
+        found |= row["files" + ending]
         seconds.append(row["seconds"])
         converged &= row["converged"]
     window, paper, count = np.array([found[t.name] for t in trials]).T
@@ -163,7 +174,7 @@ def scores_of_folds(
     made: from the name of a fold, trials to fit, trials left out and sigma (6,) a row whose "files" has the scores of
     each of the ``variants`` with an ``ending`` to its name.
     """
-    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+    trials = trials_of(splits.TRAIN_TZRB_PLUS)
     labels, groups = grouped(trials)
     sigma, rows = pooled_sigma(trials), []
     for k, out in enumerate(folds_by(labels, groups, 5)):
@@ -179,14 +190,16 @@ def scores_of_folds(
     return scores, rows
 
 
-def hold_out_lines(rows: Rows, mark: str, variants: Sequence[str]) -> list[str]:
+def hold_out_lines(rows: Rows, mark: str, variants: Sequence[str], unchecked: bool) -> list[str]:
     """Tables of the five hold-outs by ships fitted on Train-TZRB and on the rest of Train-TZRB+."""
-    held, small = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT)), read_trials(splits.find(splits.TRAIN_TZRB))
-    large = read_trials(splits.find(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT))
+    held, small = (trials_of(names, unchecked) for names in (splits.DEVELOPMENT_HOLDOUT, splits.TRAIN_TZRB))
+    large = trials_of([n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT], unchecked)
     columns: dict[str, dict] = {}
     for variant in variants:
         for words, train in (("Train-TZRB", small), ("Train-TZRB+ without them", large)):
-            columns[f"{words}, {variant}"] = rows.made(mark, variant, train, held, pooled_sigma(small))["files"]
+            row = rows.made(mark, variant, train, held, pooled_sigma(small))
+            for ending in ("", WITH_PAST):
+                columns[f"{words}, {variant}{ending}"] = row["files" + ending]
     body = [[t.name, *(f"{c[t.name][0]:.4f} / {c[t.name][1]:.4f}" for c in columns.values())] for t in held]
     means = [np.mean([v[:2] for v in c.values()], axis=0) for c in columns.values()]
     body.append(["mean of files", *(f"{a:.4f} / {b:.4f}" for a, b in means)])
@@ -197,40 +210,49 @@ def hold_out_lines(rows: Rows, mark: str, variants: Sequence[str]) -> list[str]:
     ]
 
 
+def fold_lines(rows: Rows, mark: str, variants: Sequence[str], trials: Sequence[Trial], how: str) -> list[str]:
+    """Tables of all ``trials`` left out in folds; how: number of folds, or day-kind."""
+    labels, groups = grouped(trials)
+    if how == "day-kind":
+        folds = [tuple(i for i, k in enumerate(labels) if k == label) for label in dict.fromkeys(labels)]
+    else:
+        folds = folds_by(labels, groups, int(how))
+    lines, remarks = [], []
+    for ending in ("", WITH_PAST):
+        found, remarks = {}, []
+        for variant in variants:
+            found[variant], seconds, converged = cross_validated(rows, mark, variant, trials, folds, ending)
+            remarks.append(f"{variant}: {seconds:.0f} s a fit, {'all' if converged else 'NOT all'} converged")
+        lines += [f"With {PAST:g} s of past:" if ending else "Without a past:", "", *lines_of(found)]
+    head = (
+        f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over files; "
+    )
+    head += f"in brackets the change against the first variant and its error. {'; '.join(remarks)}."
+    return [head, "", *lines]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cross_validation", description=__doc__)
     parser.add_argument("variants", nargs="*", default=["default"])
     parser.add_argument("--folds", default="5", help="number of folds, or day-kind: each of them left out as a whole")
     parser.add_argument("--without-hold-outs", action="store_true")
     parser.add_argument("--hold-outs", action="store_true", help="score the five hold-outs instead")
+    parser.add_argument("--unchecked", action="store_true", help="fit and score broken stretches too")
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of finished folds")
     parser.add_argument("--mark", default="", help="word kept with the rows: others are made for another one")
     parser.add_argument("--title", help="record the tables in RESULTS.md under this title")
     given = parser.parse_args()
     for variant in given.variants:
         options_of(variant)
-    rows = Rows(given.rows)
-    options = [f"--folds {given.folds}", *(["--without-hold-outs"] if given.without_hold_outs else [])]
+    rows, mark = Rows(given.rows), given.mark + ("unchecked" if given.unchecked else "checked")
+    options = ["--unchecked"] * given.unchecked
     if given.hold_outs:
-        options, lines = ["--hold-outs"], hold_out_lines(rows, given.mark, given.variants)
+        options += ["--hold-outs"]
+        lines = hold_out_lines(rows, mark, given.variants, given.unchecked)
     else:
+        options += [f"--folds {given.folds}", *["--without-hold-outs"] * given.without_hold_outs]
         names = [n for n in splits.TRAIN_TZRB_PLUS if not (given.without_hold_outs and n in splits.DEVELOPMENT_HOLDOUT)]
-        trials = read_trials(splits.find(names))
-        labels, groups = grouped(trials)
-        if given.folds == "day-kind":
-            folds = [tuple(i for i, k in enumerate(labels) if k == label) for label in dict.fromkeys(labels)]
-        else:
-            folds = folds_by(labels, groups, int(given.folds))
-        found, remarks = {}, []
-        for variant in given.variants:
-            found[variant], seconds, converged = cross_validated(rows, given.mark, variant, trials, folds)
-            remarks.append(f"{variant}: {seconds:.0f} s a fit, {'all' if converged else 'NOT all'} converged")
-        lines = [
-            f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over "
-            "files; in brackets the change against the first variant and its error. " + "; ".join(remarks) + ".",
-            "",
-            *lines_of(found),
-        ]
+        lines = fold_lines(rows, mark, given.variants, trials_of(names, given.unchecked), given.folds)
     command = " ".join(["python -m benchmarks.cross_validation", *given.variants, *options])
     if given.title:
         record(given.title, command, lines)

@@ -22,11 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import lines_of, scores_of_folds
+from benchmarks.cross_validation import PAST, WITH_PAST, lines_of, scores_of_folds, trials_of
 from benchmarks.record import kept_row, record, table
 from cases import published_splits as splits
 from cases.evidence.kinematics import consistency
-from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -41,8 +40,6 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 NAMES = ("multiple shooting", "filter", "mean of both")
-PAST = 30.0
-"""s of past that a prediction may use."""
 ROWS = Path(tempfile.gettempdir()) / "mmg_two_estimators.jsonl"
 
 
@@ -80,7 +77,7 @@ def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], si
     for words, ship in zip(NAMES, (shooting, filtered, mean_of(shooting, filtered)), strict=True):
         for past in (None, PAST):
             rows = score(Simulator(ship), out, sigma, adapt=past).trials
-            files[words + (", past" if past else "")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
+            files[words + (WITH_PAST if past else "")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
     row = {"name": name, "seconds": seconds, "files": files}
     with path.open("a", encoding="utf-8") as file:
         file.write(json.dumps(row) + "\n")
@@ -90,14 +87,14 @@ def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], si
 
 def fold_lines(path: Path, past: bool) -> list[str]:
     """Tables of the runs left out in five folds, by kind; past: with 30 s of past."""
-    scores, _ = scores_of_folds(NAMES, partial(made, path), ", past" if past else "")
+    scores, _ = scores_of_folds(NAMES, partial(made, path), WITH_PAST if past else "")
     return [f"35 records in 5 folds{', with 30 s of past' if past else ''}.", "", *lines_of(scores)]
 
 
 def hold_out_lines(path: Path) -> list[str]:
     """A table of the five hold-outs."""
-    held, small = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT)), read_trials(splits.find(splits.TRAIN_TZRB))
-    large = read_trials(splits.find(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT))
+    held, small = trials_of(splits.DEVELOPMENT_HOLDOUT), trials_of(splits.TRAIN_TZRB)
+    large = trials_of(n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT)
     rows = []
     for words, train in (("Train-TZRB", small), ("Train-TZRB+ without them", large)):
         found = made(path, words, train, held, pooled_sigma(small))["files"]
