@@ -224,10 +224,8 @@ def fold_lines(rows: Rows, mark: str, variants: Sequence[str], trials: Sequence[
             found[variant], seconds, converged = cross_validated(rows, mark, variant, trials, folds, ending)
             remarks.append(f"{variant}: {seconds:.0f} s a fit, {'all' if converged else 'NOT all'} converged")
         lines += [f"With {PAST:g} s of past:" if ending else "Without a past:", "", *lines_of(found)]
-    head = (
-        f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over files; "
-    )
-    head += f"in brackets the change against the first variant and its error. {'; '.join(remarks)}."
+    head = f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over "
+    head += f"files; in brackets the change against the first variant and its error. {'; '.join(remarks)}."
     return [head, "", *lines]
 
 
