@@ -11,8 +11,9 @@ altogether, which choices of method must do; ``--hold-outs`` scores them once by
 rest of Train-TZRB+, with the sigma of Train-TZRB.
 
 Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...], VARIANT being "default" or options as
-"loss=student,window=50,estimator=windows,measurement=velocity_lag+gyro,campaigns=none". Finished folds are kept in
---rows and not made again.
+"loss=student,window=50,estimator=windows,measurement=velocity_lag+gyro,campaigns=none". rows=all fits broken stretches
+too, but scores as the others do; runs=train-tzrb fits those of Train-TZRB alone. Finished folds are kept in --rows and
+not made again.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
 LABELS = {"window": "30 s windows", "paper": "100 s restarts"}
 SETTINGS = {"loss": str, "weight": float, "window": float, "step": float, "horizon": float, "passes": int}
 """Options of a variant that are settings of the calibration; OTHERS are the others."""
-OTHERS = ("estimator", "measurement", "campaigns")
+OTHERS = ("estimator", "rows", "runs", "measurement", "campaigns")
 PAST = 30.0
 """s before a window that a prediction may use."""
 WITH_PAST = ", past"
@@ -58,7 +59,7 @@ def options_of(variant: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for word in [] if variant == "default" else variant.split(","):
         key, _, value = word.partition("=")
-        if key == "estimator":
+        if key in ("estimator", "rows", "runs"):
             found[key] = value
         elif key == "measurement":
             found[key] = tuple(v for v in value.split("+") if v != "none")
@@ -87,6 +88,10 @@ def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:
 def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
     """Scores of the trials ``out`` by a ship fitted on ``train`` with the options of a ``variant``; sigma (6,)."""
     began, chosen = time.perf_counter(), options_of(variant)
+    if chosen.pop("runs", "every") == "train-tzrb":
+        train = [t for t in train if t.name in splits.TRAIN_TZRB]
+    if chosen.pop("rows", "sound") == "all":
+        train = as_they_are(read_trials([Path(t.path) for t in train]))
     options = FitOptions(next_trial=False, estimator=chosen.pop("estimator", "both"))
     if "measurement" in chosen:
         options = replace(options, instruments=chosen.pop("measurement"))
