@@ -130,8 +130,11 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
+    question = _begun(
+        CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress), options
+    )
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
-    by_day = _estimated(model, constants, train, settings, options, progress, later)
+    by_day = _estimated(question, constants, options, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     if other and found.converged:
         found = later.made("second estimate", lambda: with_second(found, other.value), found)
@@ -222,26 +225,26 @@ def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str
     return rows
 
 
+def _begun(question: CampaignQuestion, options: FitOptions) -> CampaignQuestion:
+    """The ``question`` with the kinematics of its trials begun beside, before longer work that is awaited later."""
+    if options.beside and not (options.hold or options.per_run) and asks_kinematics(question):
+        work = partial(kinematics_of, question.trials, question.ship)
+        return replace(question, kinematics=begun_beside(options.beside, work))
+    return question
+
+
 def _estimated(
-    model: Ship,
-    constants: tuple[str, ...],
-    train: Sequence[Trial],
-    settings: Settings,
-    options: FitOptions,
-    progress: OnProgress | None,
-    later: Later,
+    question: CampaignQuestion, constants: tuple[str, ...], options: FitOptions, later: Later
 ) -> CampaignFit:
-    """The calibration of ``model``, with values by campaign where they pay; without with constants of runs, or with
-    coefficients that are held."""
+    """The calibration of the ship in ``question``, with values by campaign where they pay; without with constants of
+    runs, or with coefficients that are held."""
+    model, train, settings, progress = question.ship, question.trials, question.settings, question.progress
     warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
     held = tuple(options.start) if options.hold else ()
     if held or constants:
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
-    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    if options.beside and asks_kinematics(question):
-        question = replace(question, kinematics=begun_beside(options.beside, partial(kinematics_of, train, model)))
     if options.beside:
         begun_beside(options.beside, prepare_figures)
     found = first_estimate(model, train, settings, progress, warm, options.captive)

@@ -141,16 +141,17 @@ def calibrate(
     iteration. Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the
     ship has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be identified.
     """
-    from diagnosis.calibration.filter_estimate import filter_estimate
-    from diagnosis.calibration.freed_effects import with_effect_tests
+    from diagnosis.calibration.second_estimate import second_estimate
     from fitting import pipeline
     from fitting.solvers.interrupts import unless_interrupted
 
     start = _ship(ship)
-    options = replace(options or pipeline.FitOptions(), second=filter_estimate)
+    options = replace(options or pipeline.FitOptions(), second=second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
+    from diagnosis.calibration.freed_effects import with_effect_tests
+
     return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
 
 
