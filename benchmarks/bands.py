@@ -19,10 +19,10 @@ import numpy as np
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials, drawn_ship
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 from benchmarks.record import record, table
+from benchmarks.sound_records import trials_of
 from cases import published_splits as splits
 from cases.checks.duplicates import duplicates
 from cases.io.groups import group_trials
-from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -90,7 +90,7 @@ HEADER = ["windows", *STATES, "mean"]
 
 def records() -> None:
     """All records, each predicted by a calibration on the other folds."""
-    trials = read_trials(splits.find(splits.TRAIN_TZRB_PLUS))
+    trials = trials_of(splits.TRAIN_TZRB_PLUS)
     days = group_trials(trials, "day")
     labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
     groups = list(range(len(trials)))
@@ -151,7 +151,7 @@ def manoeuvres() -> None:
     """Manoeuvres of a kind that the calibration did not have."""
     counted: Counted = {}
     known = [n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT]
-    trials = read_trials(splits.find(known))
+    trials = trials_of(known)
     found = fitted(load_ship("esso_osaka_3m"), [t for t in trials if t.kind in ("zigzag", "random")])
     turnings = [t for t in trials if t.kind == "turning"]
     count_inside(found, turnings, ["records: turnings from zigzags and random runs"] * len(turnings), counted, (False,))

@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import lines_of, scores_of_folds, trials_of
+from benchmarks.cross_validation import lines_of, scores_of_folds
 from benchmarks.record import kept_row, record, table
+from benchmarks.sound_records import trials_of
 from cases import published_splits as splits
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship

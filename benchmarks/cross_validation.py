@@ -31,8 +31,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.record import record, table
+from benchmarks.sound_records import trials_of
 from cases import published_splits as splits
-from cases.checks.trusted import as_they_are, without_broken
+from cases.checks.trusted import as_they_are
 from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -70,12 +71,6 @@ def options_of(variant: str) -> dict[str, Any]:
         else:
             raise SystemExit(f"{variant}: {key!r} is none of {', '.join([*SETTINGS, *OTHERS])}")
     return found
-
-
-def trials_of(names: Iterable[str], unchecked: bool = False) -> list[Trial]:
-    """Records by their ``names`` without their broken stretches, or with them if ``unchecked``."""
-    found = read_trials(splits.find(names))
-    return as_they_are(found) if unchecked else without_broken(found)
 
 
 def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:

@@ -3,7 +3,7 @@
 Run from the repository root: python -m benchmarks.real_gap [wind] [starts] [calm] [reversal] [components] [unlogged]
 [faults] [nothing] [days] (default: all; about half an hour on two cores).
 Trained on Train-TZRB and, for the faults, on five other records of
-Train-TZRB+; checked on the five development hold-outs, on which nothing is fitted or chosen.
+Train-TZRB+; checked on the five development hold-outs, on which nothing is fitted or chosen. Broken stretches are left out, as by ``mmg diagnose``.
 
 * wind: the ship without its wind model; wind_force must be named, and the test trials predicted better.
 * starts: the same from three other starting points of the coefficients, drawn from their priors.
@@ -27,9 +27,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.record import record, table
+from benchmarks.sound_records import trials_of
 from cases.io.groups import group_trials
-from cases.io.read import read_trials
-from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB, find
+from cases.published_splits import DEVELOPMENT_HOLDOUT, TRAIN_TZRB
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.model_changes import reduced_ship
 from cases.shipfiles.ship_file import load_ship
@@ -119,7 +119,7 @@ def reversal(train: Sequence[Trial], test: Sequence[Trial]) -> list[list[str]]:
     rows = {s: ship.coefficients.get(s, c) for s, c in coefficient_table(components, ship.particulars).items()}
     rows |= {s: c for s, c in ship.coefficients.items() if "." in s}
     bare = replace(ship, components=components, coefficients=rows)
-    astern = [*(t for t in train if float((t["n"] < -0.5).mean()) > 0.05), *read_trials(find(OTHERS[-1:]))]
+    astern = [*(t for t in train if float((t["n"] < -0.5).mean()) > 0.05), *trials_of(OTHERS[-1:])]
     return [row("reversal side force taken out", gap(bare, astern, test))]
 
 
@@ -215,7 +215,7 @@ def fault_case(task: tuple[Ship, str, str | None, Sequence[Trial]]) -> list[str]
     """[first candidate, named effects, ...] of records (one of them, or all) with a fault or none, in that order."""
     ship, words, one, train = task
     put = FAULTS[words][1] if words in FAULTS else (lambda t: t)
-    trials = [put(t) for t in read_trials(find(OTHERS)) if one in (None, t.name)]
+    trials = [put(t) for t in trials_of(OTHERS) if one in (None, t.name)]
     d = diagnose(ship, trials, options=DiagnosisOptions(learn=False), calibrated_on=train)
     return [d.candidates[0].name, *(e.name for e in d.effects)]
 
@@ -256,7 +256,7 @@ PARTS = {f.__name__: f for f in (wind, starts, calm, reversal, components, unlog
 def main() -> None:
     began = time.perf_counter()
     chosen = [a for a in sys.argv[1:] if a in PARTS] or list(PARTS)
-    train, test = read_trials(find(TRAIN_TZRB)), read_trials(find(DEVELOPMENT_HOLDOUT))
+    train, test = trials_of(TRAIN_TZRB), trials_of(DEVELOPMENT_HOLDOUT)
     rows = []
     for name in chosen:
         for line in PARTS[name](train, test):

@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import PAST, WITH_PAST, lines_of, scores_of_folds, trials_of
+from benchmarks.cross_validation import PAST, WITH_PAST, lines_of, scores_of_folds
 from benchmarks.record import kept_row, record, table
+from benchmarks.sound_records import trials_of
 from cases import published_splits as splits
 from cases.evidence.kinematics import consistency
 from cases.shipfiles.model_changes import with_instruments
