@@ -2,8 +2,8 @@
 
 Run from the repository root: python -m benchmarks.real_gap [wind] [starts] [calm] [reversal] [components] [unlogged]
 [faults] [nothing] [days] (default: all; about half an hour on two cores).
-Trained on Train-TZRB and, for the faults, on five other records of
-Train-TZRB+; checked on the five development hold-outs, on which nothing is fitted or chosen. Broken stretches are left out, as by ``mmg diagnose``.
+Trained on Train-TZRB and, for the faults, on five other records of Train-TZRB+; checked on the five development
+hold-outs, on which nothing is fitted or chosen. Broken stretches are left out, as by ``mmg diagnose``.
 
 * wind: the ship without its wind model; wind_force must be named, and the test trials predicted better.
 * starts: the same from three other starting points of the coefficients, drawn from their priors.
