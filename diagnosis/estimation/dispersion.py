@@ -15,11 +15,14 @@ def memory_steps(length: float, h: float) -> int:
     return max(1, round(MEMORY * time_scale(length) / h))
 
 
-def dispersion(columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndarray, lags: int) -> float:
+def dispersion(
+    columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndarray, lags: int, rows: np.ndarray | None = None
+) -> float:
     """Variance of the slopes g (c,) of some columns over their information S (c, c), in the mean, at least 1.
 
     columns: (K + 1, R, 6, c) whitened, free parameters projected out; white: (K + 1, R, 6) negative residual; lags:
-    steps over which residuals may be correlated. The variance is that of Newey & West (1987), about what the columns
+    steps over which residuals may be correlated; rows: (k,) grid times of which alone columns and residual are given,
+    which are zero at all others. The variance is that of Newey & West (1987), about what the columns
     explain.
     """
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
@@ -30,6 +33,9 @@ def dispersion(columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndar
     along = columns @ root
     size = (root.T @ g) * values[kept] / (1 + values[kept])
     each = np.einsum("krca,krc->kra", along, white + along @ size)
+    if rows is not None:
+        given, each = each, np.zeros((rows[-1] + 1, *each.shape[1:]))
+        each[rows] = given
     lags = min(lags, len(each) - 1)
     weight = 1 - np.arange(1, lags + 1) / (lags + 1)
     covariances = [(each[lag:] * each[:-lag]).sum() for lag in range(1, lags + 1)]

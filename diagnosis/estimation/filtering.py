@@ -6,6 +6,7 @@ The functions in numpy are the portable path, and what the code must agree with 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -52,6 +53,15 @@ class DrivenColumns:
         return cls(np.zeros((K1 - 1, R, 0, c)), observed, np.arange(c))
 
     @property
+    def width(self) -> int:
+        """How many columns they are."""
+        return self.forcing.shape[3]
+
+    def blocks(self) -> Iterator[DrivenColumns]:
+        """These columns, at once."""
+        yield self
+
+    @property
     def dense_observed(self) -> np.ndarray:
         """What every column adds to the logged columns, (K + 1, R, 6, c)."""
         out = np.zeros((*self.observed.shape[:3], self.forcing.shape[3]))
@@ -66,23 +76,30 @@ def filtered(s: LinearSystem) -> Filtered:
 
 
 def whitened(
-    s: LinearSystem, f: Filtered, columns: DrivenColumns, out: np.ndarray | None = None, with_states: bool = False
+    s: LinearSystem,
+    f: Filtered,
+    columns: DrivenColumns,
+    out: np.ndarray | None = None,
+    with_states: bool = False,
+    rows: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and their predicted states
     (K + 1, R, n, c), an empty array where these are not wanted.
 
     s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
-    states are wanted.
+    states are wanted; rows: (k,) rising grid times of which responses are wanted, the only ones in what is returned
+    and in ``out`` (default: all).
     """
     if out is None:
-        out = np.empty((*s.good.shape, columns.forcing.shape[3]))
+        out = np.empty((len(s.good) if rows is None else len(rows), *s.good.shape[1:], columns.width))
     code = _kernel()
     if code:
-        return out, code.whitened(s, f, columns, out, with_states)
+        return out, code.whitened(s, f, columns, out, with_states, rows)
     forcing, observed = columns.forcing, columns.dense_observed
     if columns.scale is not None:
         forcing, observed = forcing * columns.scale[:, None], observed * columns.scale[:, None]
-    out[...], states = kalman.responses(s, f, forcing, observed, columns.start)
+    every, states = kalman.responses(s, f, forcing, observed, columns.start)
+    out[...] = every if rows is None else every[rows]
     return out, states if with_states else np.empty(0)
 
 
@@ -130,7 +147,8 @@ class _DrivenColumns(ctypes.Structure):
     """The struct Columns of the C code."""
 
     _fields_ = [(name, ctypes.c_longlong) for name in ("c", "m", "d", "apart")] + [
-        (name, ctypes.c_void_p) for name in ("forcing", "scale", "observed", "start", "observing", "white", "states")
+        (name, ctypes.c_void_p)
+        for name in ("forcing", "scale", "observed", "start", "observing", "white", "states", "place")
     ]
 
 
@@ -176,7 +194,13 @@ class Kernel:
         return f
 
     def whitened(
-        self, s: LinearSystem, f: Filtered, columns: DrivenColumns, out: np.ndarray, with_states: bool
+        self,
+        s: LinearSystem,
+        f: Filtered,
+        columns: DrivenColumns,
+        out: np.ndarray,
+        with_states: bool,
+        rows: np.ndarray | None = None,
     ) -> np.ndarray:
         """As the function; returns the states."""
         K, R, n = s.T.shape[:3]
@@ -186,15 +210,20 @@ class Kernel:
         arrays = [None if a is None else _real(a) for a in given]
         at = np.ascontiguousarray(columns.observing, dtype=np.int64)
         apart = out.strides[2] // out.itemsize
-        rows = out if out.strides == _strides(out.shape[:3], apart) else np.empty(out.shape)
+        made = out if out.strides == _strides(out.shape[:3], apart) else np.empty(out.shape)
+        place = None
+        if rows is not None:
+            place = np.full(K + 1, -1, dtype=np.int64)
+            place[rows] = np.arange(len(rows))
         request = _DrivenColumns(
-            c, m, len(at), rows.strides[2] // rows.itemsize,
+            c, m, len(at), made.strides[2] // made.itemsize,
             *(None if a is None else a.ctypes.data for a in arrays),
-            at.ctypes.data, rows.ctypes.data, states.ctypes.data if with_states else None,
+            at.ctypes.data, made.ctypes.data, states.ctypes.data if with_states else None,
+            None if place is None else place.ctypes.data,
         )  # fmt: skip
         self._run("responses", s, f, ctypes.byref(request))
-        if rows is not out:
-            out[...] = rows
+        if made is not out:
+            out[...] = made
         return states
 
     def observations(self, s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:

@@ -157,6 +157,7 @@ typedef struct {
   const double *forcing, *scale, *observed, *start;
   const long long* observing;
   double *white, *states;
+  const long long* place;
 } Columns;
 #define CHUNK 16
 EXPORT int responses(const System* s, const Columns* f) {
@@ -177,10 +178,11 @@ EXPORT int responses(const System* s, const Columns* f) {
       const long long i = k * R + r;
       const unsigned char* good = s->good + 6 * i;
       const int blind = nothing(good);
-      double* white = f->white + i * 6 * f->apart + from;
+      const long long at = f->place ? f->place[k] : k;
+      double* white = f->white + (at * R + r) * 6 * f->apart + from;
       if (f->states) for (long long a = 0; a < n; a++)
         memcpy(f->states + (i * n + a) * c + from, x + a * np, own * sizeof(double));
-      if (blind) for (int l = 0; l < 6; l++) memset(white + l * f->apart, 0, own * sizeof(double));
+      if (blind) for (int l = 0; l < 6 && at >= 0; l++) memset(white + l * f->apart, 0, own * sizeof(double));
       else {
         product(6, n, nv, s->Z + i * 6 * n, n, 1, X, W, 0);
         for (long long e = 0; e < f->d; e++) {
@@ -189,7 +191,7 @@ EXPORT int responses(const System* s, const Columns* f) {
             if (good[l]) w[l * np + j] += scale[j] * f->observed[(i * 6 + l) * f->d + e];
         }
         product(6, 6, nv, s->root + 36 * i, 6, 1, W, U, 0);
-        for (int l = 0; l < 6; l++) memcpy(white + l * f->apart, u + l * np, own * sizeof(double));
+        for (int l = 0; l < 6 && at >= 0; l++) memcpy(white + l * f->apart, u + l * np, own * sizeof(double));
       }
       if (k == K) break;
       if (k > last) continue;

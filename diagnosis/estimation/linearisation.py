@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from diagnosis.estimation.filtering import DrivenColumns, adjoint, by_rates, fil
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
+from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.model import settled
 from mmg.motion.froude import state_scale
@@ -74,7 +74,7 @@ class Point:
         return Point(self.theta, NO_PRIORS, np.zeros(0), self.path, self.noise)
 
 
-ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns]]
+ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns | ProductColumns]]
 """More columns of a linearisation, in parts, side by side."""
 
 
@@ -83,9 +83,10 @@ class Linearisation:
     """Model and filter about a point; P free parameters and extra columns, n states of the filter.
 
     steps, data, at, active: model, trials, point and active states that it was made of; white: (K + 1, R, 6, P + 1)
-    whitened responses of the columns per prior std, and last the negative residual; states: (K + 1, R, n) predicted
-    states of the residual, which is the column ``residual``; size: (R, P) prior std of the free parameters, 0 in
-    windows where they do not act; nll: as of an ``Estimate``. What follows is made when it is first asked for.
+    whitened responses of the columns per prior std, and last the negative residual, or those at the grid times ``rows``
+    alone; left: (K + 1, R, 6) of the residual; states: (K + 1, R, n) predicted states of the residual, which is the
+    column ``residual``; size: (R, P) prior std of the free parameters, 0 in windows where they do not act; nll: as of
+    an ``Estimate``. What follows is made when it is first asked for.
     """
 
     steps: TransitionModel
@@ -96,10 +97,12 @@ class Linearisation:
     system: LinearSystem
     filter: Filtered
     white: np.ndarray
+    left: np.ndarray
     states: np.ndarray
     residual: DrivenColumns
     size: np.ndarray
     nll: float
+    rows: np.ndarray | None = None
 
     @cached_property
     def adjoint(self) -> Adjoint:
@@ -137,7 +140,7 @@ class Linearisation:
     def smoothed(self, dp: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), when the free parameters
         have moved by dp (P,) [prior std] (default: not at all)."""
-        white, states = self.white[..., -1], self.states
+        white, states = self.left, self.states
         if dp is not None and len(dp):
             move = self.size * dp
             pushed, seen = self.residual.forcing.copy(), self.residual.observed.copy()
@@ -204,11 +207,13 @@ def linearise_and_filter(
     at: Point,
     active: np.ndarray | None = None,
     extra: ExtraColumns | None = None,
+    is_brief: bool = False,
 ) -> Linearisation:
     """Linearise the model ``steps`` about the point ``at`` and whiten its columns and its residual from ``data``.
 
     active: (A,) positions of the states that take part (default: ``active_states``); extra: further columns, whose
-    gradient of log det is taken as zero.
+    gradient of log det is taken as zero; is_brief: of ``white``, which is zero where nothing is compared, only grid
+    times at which something is in any window are kept.
     """
     free, path, noise, theta = at.free, at.path, at.noise, at.theta
     if active is None:
@@ -219,17 +224,20 @@ def linearise_and_filter(
     system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
-    parts = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
+    parts: list[DrivenColumns | ProductColumns] = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
     parts += extra(linear) if extra is not None else []
-    ends = np.cumsum([0, *(part.forcing.shape[3] for part in parts)])
-    white = np.empty((*data.good.shape, ends[-1] + 1))
-    for part, (begin, end) in zip(parts, pairwise(ends), strict=True):
-        whitened(system, filter_run, part, white[..., begin:end])
     residual = _residual(steps, data, at, linear, active)
-    _, states = whitened(system, filter_run, residual, white[..., -1:], with_states=True)
-    nll = 0.5 * float(filter_run.log_det.sum() + (white[..., -1] ** 2).sum() + at.p @ at.p) + noise.neg_log_prior
+    left, states = (x[..., 0] for x in whitened(system, filter_run, residual, with_states=True))
+    rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
+    last = left if rows is None else left[rows]
+    white, end = np.empty((*last.shape, sum(part.width for part in parts) + 1)), 0
+    for block in (block for part in parts for block in part.blocks()):
+        begin, end = end, end + block.width
+        whitened(system, filter_run, block, white[..., begin:end], rows=rows)
+    white[..., -1] = last
+    nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
-        steps, data, at, active, linear, system, filter_run, white, states[..., 0], residual, size, nll
+        steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
     )
 
 

@@ -21,6 +21,7 @@ from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
+from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
 from diagnosis.hypotheses.smooth_basis import Forms, evaluated
@@ -109,28 +110,22 @@ class Dictionary:
         )
         self.kinds = tuple(kind for kind, _ in self.labels)
 
-    def columns(self, linear: LinearModel) -> list[DrivenColumns]:
+    def columns(self, linear: LinearModel) -> list[ProductColumns | DrivenColumns]:
         """The columns for ``linearise_and_filter``, of the ``linear`` model: what acts on the ship, then the errors of
         the sensors."""
         forms, push = self.forces, linear.force * self.noise.force
-        acting_on = [(push, forms.values)]
+        shapes = forms.values[[forms.at(name) for name in SHAPES]]
+        parts: list[ProductColumns | DrivenColumns] = [ProductColumns(push, forms.values)]
         for action, size in self.scaled(linear, self.actions):
-            shapes = forms.values[[forms.at(name) for name in SHAPES]]
-            acting_on.append((size * action.step[..., None], np.concatenate([shapes, action.delayed])))
-        acting_on.append((push[..., 1:], self.swings.values))
+            parts.append(ProductColumns(size * action.step[..., None], np.concatenate([shapes, action.delayed])))
+        parts.append(ProductColumns(push[..., 1:], self.swings.values))
         scaled = self.scaled(linear, self.by_place)
-        acting_on += [(size * action.step[..., None], self.place.values) for action, size in scaled]
+        parts += [ProductColumns(size * action.step[..., None], self.place.values) for action, size in scaled]
         errors = self._errors(linear)
-        K, R, A = linear.F.shape[:3]
-        forcing, end = np.empty((K, R, A, len(self.kinds) - len(errors))), 0
-        for pushes, values in acting_on:  # (K, R, A, f) times (m, K, R), written side by side
-            begin, end = end, end + len(values) * pushes.shape[3]
-            place = forcing[..., begin:end].reshape(K, R, A, len(values), pushes.shape[3])
-            np.multiply(pushes[:, :, :, None], np.moveaxis(values, 0, -1)[:, :, None, :, None], out=place)
-        observed = np.zeros((K + 1, R, 6, len(errors)))
+        observed = np.zeros((len(linear.F) + 1, linear.F.shape[1], 6, len(errors)))
         for i, (channel, values, _) in enumerate(errors):
             observed[:, :, channel, i] = values
-        return [DrivenColumns.pushing(forcing), DrivenColumns.misread(observed)]
+        return [*parts, DrivenColumns.misread(observed)]
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (C,) of 1/2 log det F along each column, of the linearisation ``at`` with these columns."""

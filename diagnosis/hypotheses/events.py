@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.filtering import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation
+from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
 from diagnosis.hypotheses.projection import projected
@@ -56,7 +57,7 @@ class Events:
     """
 
     kinds: tuple[str, ...]
-    columns: tuple[DrivenColumns, ...]
+    columns: tuple[DrivenColumns | ProductColumns, ...]
     forms: Dictionary
     stretches: np.ndarray
     waves: np.ndarray
@@ -69,10 +70,12 @@ class Events:
         steps = max(1, round(STRETCH * time_scale(length) / data.h), -(-int(data.steps.sum()) // MOST))
         own = np.arange(K)[:, None] // steps == np.arange(-(-K // steps))
         W = own.shape[1]
-        kinds, columns, allowed = [], [], {}
+        kinds: list[str] = []
+        columns: list[DrivenColumns | ProductColumns] = []
+        allowed: dict[str, float] = {}
         for name, (action, size) in zip(forms.actions, forms.scaled(linear, forms.actions), strict=True):
             late = action.step * (size * action.delayed[DELAYS.index(LATE)])[..., None]
-            columns.append(DrivenColumns.pushing(late[..., None] * own[:, None, None, :]))
+            columns.append(ProductColumns(late[..., None], own.T[:, :, None]))
             kinds += [f"delay of {name}{AT_TIMES}"] * W
             parts = UNKNOWN * data.sample * action.per_second / (size or np.inf)
             allowed[kinds[-1]] = float(parts[DELAYS.index(LATE)])
@@ -88,7 +91,7 @@ class Events:
         k = time_scale(length)
         waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
         for action, size in forms.scaled(linear, _streams(forms)):
-            columns.append(DrivenColumns.pushing((action.step * size)[..., None] * waves[:, None, None, :]))
+            columns.append(ProductColumns((action.step * size)[..., None], waves.T[:, :, None]))
             kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
         return cls(tuple(kinds), tuple(columns), forms, own, waves, allowed)
 

@@ -20,6 +20,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
@@ -218,11 +219,11 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     timing = timing_columns(steps, data, found, active)
     length, events = float(steps.ship.particulars["L"]), []
 
-    def columns_of(linear: LinearModel) -> list[DrivenColumns]:
+    def columns_of(linear: LinearModel) -> list[ProductColumns | DrivenColumns]:
         events.append(Events.of(data, forms, linear, length))
         return [DrivenColumns.pushing(timing), *forms.columns(linear), *events[0].columns]
 
-    linearised = linearise_and_filter(steps, data, found, active, columns_of)
+    linearised = linearise_and_filter(steps, data, found, active, columns_of, is_brief=True)
     p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
     P, C = len(p), len(p) + len(forms.kinds)
     by_free = linearised.logdet_gradient.sum(axis=0)[:P]
@@ -237,7 +238,8 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
     for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR) or k == UNLOGGED):
         own = np.flatnonzero([k == name for k in forms.kinds])
         columns = white[..., P + own] - white[..., :P] @ rest.taken[:, own]
-        ratios[name] = dispersion(columns, white[..., -1], rest.g[own], rest.S[np.ix_(own, own)], lags)
+        S = rest.S[np.ix_(own, own)]
+        ratios[name] = dispersion(columns, white[..., -1], rest.g[own], S, lags, linearised.rows)
     others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds)
     ratios |= {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
