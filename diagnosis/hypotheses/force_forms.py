@@ -81,21 +81,21 @@ class ForceForms:
             for i, name in enumerate(known.names)
             if spread[i] and not name.startswith("air") and " over " not in name
         }
-        self.own = self._with_smooth(products, known)
+        self.own = self._with_smooth(products, known, data.inside)
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
         products = _scaled(self._products(data, middle), self._middle, self._factor)
-        return self._with_smooth(products, self._variables(data, middle))
+        return self._with_smooth(products, self._variables(data, middle), data.inside)
 
-    def _with_smooth(self, products: Forms, known: Forms) -> Forms:
-        """The ``products``, and the smooth functions of the ``known`` variables."""
-        alone = (basis.on(known.only((name,)), f"{name} alone") for name, basis in self._alone.items())
-        return sum(alone, products + self._smooth.on(known, "smooth"))
+    def _with_smooth(self, products: Forms, known: Forms, inside: np.ndarray) -> Forms:
+        """The ``products``, and the smooth functions of the ``known`` variables where a step is ``inside`` (K, R)."""
+        alone = [basis.on(known.only((name,)), f"{name} alone", inside) for name, basis in self._alone.items()]
+        return Forms.together([products, self._smooth.on(known, "smooth", inside), *alone])
 
     def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """Smooth functions of the place of trials ``data`` with states ``middle`` (K, R, S)."""
-        return self._place.on(_places(middle), "place")
+        return self._place.on(_places(middle), "place", data.inside)
 
     def after_the_rudder(self, data: GriddedTrials) -> Forms:
         """What the rudders set swinging in trials ``data``: deflection, from where it would come to rest, and speed of

@@ -3,7 +3,7 @@ on the trials (principal components): an orthogonal basis whose size falls from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -21,9 +21,11 @@ class Forms:
     values: np.ndarray
     gradients: np.ndarray
 
-    def __add__(self, other: Forms) -> Forms:
-        join = (np.concatenate([getattr(self, k), getattr(other, k)]) for k in ("values", "gradients"))
-        return Forms((*self.names, *other.names), *join)
+    @classmethod
+    def together(cls, some: Sequence[Forms]) -> Forms:
+        """All of ``some``, one after the other."""
+        join = (np.concatenate([getattr(forms, k) for forms in some]) for k in ("values", "gradients"))
+        return cls(tuple(name for forms in some for name in forms.names), *join)
 
     def at(self, name: str) -> int:
         """Position of a ``name``."""
@@ -43,11 +45,12 @@ def evaluated(
     names, shape = tuple(expressions), mask.shape
     each = ca.vertcat(*expressions.values())
     function = ca.Function("forms", list(arguments), [each, ca.densify(ca.jacobian(each, arguments[0]))])
-    flat = [v.reshape(mask.size, -1).T for v in values]
-    value, J = (np.array(x) for x in function.map(mask.size)(*flat))
-    value = value.reshape(len(names), *shape)
-    # CasADi lays the blocks of its columns side by side: (m, points, 6)
-    return Forms(names, value, J.reshape(len(names), mask.size, 6).reshape(len(names), *shape, 6))
+    count = int(mask.sum())
+    made = function.map(count)(*(v.reshape(*shape, -1)[mask].T for v in values))
+    value, gradient = np.zeros((len(names), *shape)), np.zeros((len(names), *shape, 6))
+    value[:, mask] = np.array(made[0])
+    gradient[:, mask] = np.array(made[1]).reshape(len(names), count, 6)  # CasADi lays the blocks side by side
+    return Forms(names, value, gradient)
 
 
 def spread_of(values: np.ndarray) -> np.ndarray:
@@ -80,17 +83,17 @@ class SmoothBasis:
         kept = kept[sizes[kept] > 1e-9]
         self._mix = vectors[:, kept].T / np.sqrt(sizes[kept].max(initial=1e-300))
 
-    def on(self, known: Forms, name: str) -> Forms:
-        """The functions of the variables ``known``, by ``name`` and number."""
-        shape, own = known.values.shape[1:], np.flatnonzero(self._weight.any(axis=0))
-        values = known.values.reshape(len(known.values), -1) - self._centre[:, None]
-        angle = self._weight @ values + self._phase[:, None]
+    def on(self, known: Forms, name: str, mask: np.ndarray) -> Forms:
+        """The functions of the variables ``known``, by ``name`` and number; mask: (K, R) where they exist, else 0."""
+        own = np.flatnonzero(self._weight.any(axis=0))
+        angle = self._weight @ (known.values[:, mask] - self._centre[:, None]) + self._phase[:, None]
         found = self._mix @ (np.cos(angle) - self._mean[:, None])
         steep = -np.sin(angle, out=angle)
-        gradient = np.zeros((len(found), values.shape[1], known.gradients.shape[-1]))
+        slope = np.zeros((*found.shape, known.gradients.shape[-1]))
         for v in own:
-            along = known.gradients[v].reshape(values.shape[1], -1)
+            along = known.gradients[v][mask]
             if along.any():  # the past of an input has none
-                gradient += ((self._mix * self._weight[:, v]) @ steep)[..., None] * along
-        values, gradient = found.reshape(-1, *shape), gradient.reshape(-1, *shape, gradient.shape[-1])
-        return Forms(tuple(f"{name} {i + 1}" for i in range(len(values))), values, gradient)
+                slope += ((self._mix * self._weight[:, v]) @ steep)[..., None] * along
+        values, gradients = (np.zeros((len(found), *mask.shape, *x.shape[2:])) for x in (found, slope))
+        values[:, mask], gradients[:, mask] = found, slope
+        return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -88,7 +88,7 @@ class UnnamedSlopes:
 
     def by_chance(self, seed: int) -> np.ndarray:
         """Slopes (DRAWS, C) by the law of the model: normal to first order, sensors off by what is tolerated."""
-        normal, off = np.random.default_rng(seed).standard_normal((2, DRAWS, len(self.g)))
+        normal, off = _normal(seed, len(self.g))
         drawn, count = np.zeros_like(normal), len(self.dictionary.kinds)
         kinds = np.array(self.events)
         for part in (np.arange(count), *(count + np.flatnonzero(kinds == kind) for kind in dict.fromkeys(self.events))):
@@ -181,6 +181,14 @@ class UnnamedForms:
         both = np.vstack([self.chance, [self.log_bayes, self.single]])
         rarest = np.minimum(*(_as_large(x) for x in both.T))
         return float((rarest <= rarest[-1]).mean())
+
+
+@lru_cache(maxsize=1)
+def _normal(seed: int, count: int) -> np.ndarray:
+    """Standard normal numbers (2, DRAWS, count), the same for each hypothesis."""
+    drawn = np.random.default_rng(seed).standard_normal((2, DRAWS, count))
+    drawn.flags.writeable = False
+    return drawn
 
 
 def _as_large(draws: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ import pytest
 import mmg.effects
 from benchmarks.disturbed_trials import process
 from cases.shipfiles.effects import with_effects
+from diagnosis.estimation.dispersion import dispersion
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
@@ -121,9 +122,10 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     small = 1e-4
     ends = [half_log_det(steps, data, path, symbol, sign * small) for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / (2 * small)
-    pushing, misread = words.columns(linearised.linear)
-    forcing = np.concatenate([pushing.forcing, np.zeros((*data.inside.shape, 6, len(misread.observing)))], axis=3)
-    observed = np.concatenate([np.zeros((*data.good.shape, pushing.forcing.shape[3])), misread.observed], axis=3)
+    *pushing, misread = [block for part in words.columns(linearised.linear) for block in part.blocks()]
+    errors = np.zeros((*data.inside.shape, 6, len(misread.observing)))
+    forcing = np.concatenate([*(block.forcing for block in pushing), errors], axis=3)
+    observed = np.concatenate([*(block.dense_observed for block in pushing), misread.observed], axis=3)
     theta = steps.ship.values.copy()
     theta[steps.ship.symbols.index(f"probe.{symbol}")] = small
     moved = steps.linearise(path.z, data.controls, theta, path.force[:-1], np.zeros(0, dtype=int), np.arange(6))
@@ -258,3 +260,22 @@ def test_what_a_sensor_may_be_off_anyway_is_no_evidence() -> None:
         assert log_bayes(g, S, every, tolerance) == pytest.approx(expected, rel=1e-9)
     small, large = (log_bayes(np.array([30.0 * z]), S, every, tolerance) for z in (3.5, 9.0))
     assert small < log_bayes(np.array([105.0]), S, every) - 2 and large > 3
+
+
+def test_what_is_kept_of_compared_times_alone_says_the_same(
+    without_effects: tuple[SearchProblem, Estimate],
+) -> None:
+    """Rows of times at which nothing is compared are zero, so that sums, smoothing and dispersion do without them."""
+    problem, null = without_effects
+    steps, data = problem.steps, problem.data.thinned(4)
+    whole, brief = (linearise_and_filter(steps, data, null, is_brief=some) for some in (False, True))
+    assert brief.rows is not None and len(brief.rows) < 0.4 * len(whole.white)
+    np.testing.assert_array_equal(brief.white, whole.white[brief.rows])
+    assert np.square(whole.white).sum() == pytest.approx(np.square(brief.white).sum(), rel=1e-12)
+    assert brief.nll == whole.nll
+    for one, other in zip(brief.smoothed(), whole.smoothed(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    columns, residual = whole.white[..., :3], whole.white[..., -1]
+    g, S = np.ones(3), 0.1 * np.einsum("krca,krcb->ab", columns, columns)  # so that it varies more than S says
+    few = dispersion(columns[brief.rows], residual[brief.rows], g, S, 9, brief.rows)
+    assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
