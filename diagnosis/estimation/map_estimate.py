@@ -33,6 +33,8 @@ BREAKS_DOWN = (
 )
 
 
+STALLED = 0.5
+"""Expected gain of log likelihood up to which a rough fit that gains nothing ends: hypotheses differ by more."""
 FEW_COMPARED = 0.7
 """Share of grid times compared below which it pays to take them out before columns are multiplied."""
 
@@ -134,12 +136,15 @@ def estimate(
     iterations: int = 8,
     tolerance: float = 0.05,
     fixed_noise: bool = False,
+    is_rough: bool = False,
 ) -> Estimate:
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is. Returns the likeliest accepted point. Raises BrokenModelError
-    where the model cannot be followed along the trials from its first coefficients, and OutOfTimeError.
+    linearisations. fixed_noise: the noise stays as it is; is_rough: it stops, not converged, where an iteration gained
+    less than the tolerance and the next is expected to gain less than STALLED, too. Returns the likeliest accepted
+    point. Raises BrokenModelError where the model cannot be followed along the trials from its first coefficients, and
+    OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -158,17 +163,22 @@ def estimate(
         if best is not None and (
             here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
         ):
+            if is_rough and best.gain < STALLED:
+                break
             reductions, share = reductions + 1, 0.3 * share
             now = best.moved(steps.ship, data, share, best.at.noise)
             continue
         assert here is not None
         share, reductions = 1.0, 0
+        before = np.inf if best is None else best.nll
         best, noise = _iteration(here, now, data, active, typical)
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         noise = now.noise if fixed_noise else noise
         pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
         settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         converged = best.gain < tolerance and settled_noise
+        if is_rough and best.gain < STALLED and before - best.nll < tolerance:
+            break
         now = best.moved(steps.ship, data, 1.0, noise)
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse
     at, A = likeliest.at, likeliest.A

@@ -13,7 +13,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.found_again import other_trials, same_trials
+from diagnosis.hypotheses.found_again import same_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
@@ -207,7 +207,7 @@ def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> Fo
     shift = np.array([with_it.get(column, value) - value for column, value in kept.items()])
     try:
         own = same_trials(p.steps, p.data, before).effect(c, best.size, shift)
-        return other_trials(p.steps, p.tests, before).effect(c, best.size, shift).scaled(own)
+        return p.followed(before, p.tests).effect(c, best.size, shift).scaled(own)
     except (BrokenModelError, np.linalg.LinAlgError):
         return NOTHING
 
@@ -246,7 +246,7 @@ def refit_candidate(
     elif c.effect in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
     start |= dict(zip(c.columns, first, strict=True))
-    fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start)
+    fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
     return refitted_effect(problem, before, named, score, count, fit)
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.found_again import OtherTrials
 from diagnosis.hypotheses.score_test import Slopes
 from diagnosis.hypotheses.unnamed import UnnamedForms
 
@@ -20,12 +21,14 @@ Beside = tuple[int, tuple[Candidate, ...], Candidate]
 @dataclass
 class KnownResults:
     """Slopes and refits by the fit that they belong to. fits: these fits, so that none takes another's number; tests:
-    slopes by the fit's number; refits: fits with one candidate more; left: the last fit of which it is known what
+    slopes by the fit's number; refits: fits with one candidate more; others: trials that took no part, followed by
+    that fit; left: the last fit of which it is known what
     unnamed forms explain beside it, and that."""
 
     fits: dict[int, Estimate] = field(default_factory=dict)
     tests: dict[int, tuple[frozenset[Candidate], Slopes]] = field(default_factory=dict)
     refits: dict[Beside, Estimate] = field(default_factory=dict)
+    others: dict[int, OtherTrials] = field(default_factory=dict)
     left: tuple[Estimate, UnnamedForms] | None = None
 
     def slopes(
@@ -41,6 +44,12 @@ class KnownResults:
     def refit(self, before: Estimate, named: Sequence[Candidate], candidate: Candidate) -> Estimate | None:
         """The fit from ``before``, with the effects ``named``, with one ``candidate`` more; None where not known."""
         return self.refits.get((id(before), tuple(named), candidate))
+
+    def followed(self, fit: Estimate, make: Callable[[], OtherTrials]) -> OtherTrials:
+        """Trials that took no part, followed by a ``fit``, which ``make`` gives where they are not known."""
+        if id(fit) not in self.others:
+            self.fits[id(fit)], self.others[id(fit)] = fit, make()
+        return self.others[id(fit)]
 
     def unnamed(self, fit: Estimate, make: Callable[[], UnnamedForms]) -> UnnamedForms:
         """What unnamed forms explain at a ``fit``, which ``make`` gives where it is not known."""

@@ -35,11 +35,12 @@ def refit(
     effects: Sequence[Candidate],
     start: Mapping[Column, float],
     iterations: int = 8,
+    is_rough: bool = False,
 ) -> Estimate:
     """Fit with these ``effects``, from the fit ``before`` with fewer.
 
     steps: the transition model; data: the trials; base: priors of the coefficients; start: first values of the effects'
-    parameters; iterations: linearisations at most. Returns the fit.
+    parameters; iterations: linearisations at most; is_rough: as of ``estimate``. Returns the fit.
 
     Where an effect has a prior among those of ``base``, as known from other trials, that is set aside. Where the ship
     explodes at the first values of new effects, these are moved towards neutral.
@@ -51,23 +52,23 @@ def refit(
     for share in SHARES:
         begin = np.where(new, more.mean + share * (first - more.mean), first)
         try:
-            return _fitted(steps, data, free, before, more.columns, begin, iterations)
+            start_at = _start(steps, data, free, before, more.columns, begin)
+            return estimate(steps, data, start_at, iterations, is_rough=is_rough)
         except UserError:
             if share == SHARES[-1]:
                 raise
     raise AssertionError("the last share returns or raises")
 
 
-def _fitted(
+def _start(
     steps: TransitionModel,
     data: GriddedTrials,
     free: Priors,
     before: Estimate,
     columns: Sequence[Column],
     first: np.ndarray,
-    iterations: int,
-) -> Estimate:
-    """The fit of ``free`` from the fit ``before``, with first values of these columns."""
+) -> Point:
+    """Where the fit of ``free`` starts: from the fit ``before``, with first values of these columns."""
     theta = set_values(steps.ship, data, before.theta, columns, first)
     p = (get_values(steps.ship, data, theta, free.columns) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
@@ -76,7 +77,7 @@ def _fitted(
     if len(asleep):
         controls = acting(steps, data, theta).controls
         path = path.along(steps.with_passive_states(path.z, controls, theta, path.push, asleep))
-    return estimate(steps, data, Point(theta, free, p, path, before.noise), iterations)
+    return Point(theta, free, p, path, before.noise)
 
 
 def wald_p(found: Estimate, effect: Candidate) -> float:

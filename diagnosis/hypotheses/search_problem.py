@@ -14,6 +14,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.prior_width import TOLD, TWICE, Width, likely_width, refitted_at
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.hypotheses.found_again import OtherTrials, other_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import likelihood
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
@@ -59,6 +60,10 @@ class SearchProblem:
     def unnamed(self, fit: Estimate) -> UnnamedForms:
         """What unnamed forms explain at a ``fit``; the last one is kept."""
         return self.known.unnamed(fit, partial(unnamed_forms, self.steps, self.data, fit))
+
+    def followed(self, fit: Estimate, tests: GriddedTrials) -> OtherTrials:
+        """The trials ``tests`` that took no part, followed by a ``fit``."""
+        return self.known.followed(fit, partial(other_trials, self.steps, tests, fit))
 
     def width(self, found: Estimate, most: float = TWICE) -> Width:
         """The most likely width of the stated priors at a fit ``found``, up to the factor ``most``."""

@@ -10,7 +10,6 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection, select_effects
-from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, both_by_weight
@@ -166,7 +165,7 @@ def _forms(p: SearchProblem, fit: Estimate) -> UnnamedForms:
     if p.tests is None or fit.free.by_run:
         return left
     try:
-        return replace(left, again=other_trials(p.steps, p.tests, fit).force(estimated_force(left)))
+        return replace(left, again=p.followed(fit, p.tests).force(estimated_force(left)))
     except (BrokenModelError, np.linalg.LinAlgError):
         return left
 
