@@ -54,6 +54,11 @@ class Simulator:
         return compile_rollout(self._function, self.model.first, 1) if self.compiled else None
 
     @property
+    def is_stepwise(self) -> bool:
+        """Whether it goes step by step in Python, for want of compiled code: fast with many points side by side."""
+        return self._many is None
+
+    @property
     def interpreted_because(self) -> str:
         """Why it runs without compiled code, when it does; else empty."""
         return self._batch[1]

@@ -214,12 +214,9 @@ class Intervals:
         """
         m, P, size, Q_ = nodes.shape[0], self.P, self.S, self.Q
         rows, columns = self.functions.hessian_at
-        nonzeros = np.empty((len(rows), 4, m))
-        c = _pad(self.controls[k, :, :m])
-        for i in range(4):
-            part = self.functions.hessian(_pad(sweep.q[k][i]), c, theta, _pad(mu[i]))[0]
-            assert part is not None
-            nonzeros[:, i] = part[:, :m]
+        c = np.tile(self.controls[k, :, :m], 4)  # all stages side by side
+        at, pull = (np.concatenate(list(stages), axis=1) for stages in (sweep.q[k], mu))
+        nonzeros = self.functions.hessian.at(at, c, theta, pull)[0].reshape(len(rows), 4, m)
         H_qq = np.zeros((m, 4, Q_, Q_))
         both = np.moveaxis(nonzeros[self._both], 0, 2).swapaxes(0, 1)
         H_qq[:, :, rows[self._both], columns[self._both]] = both
@@ -255,7 +252,7 @@ class Blocks:
         h: float,
         group: np.ndarray,
         window: np.ndarray,
-        block: int = 128,
+        block: int = 512,
     ) -> None:
         self.P, self.window = functions.P, window
         changes = np.flatnonzero((np.diff(group) != 0) | (np.diff(steps) > 0)) + 1

@@ -207,14 +207,20 @@ class Bands:
         keep = np.zeros(len(batch.steps), dtype=bool)
         keep[rows[1:] - 1] = True
 
-        def states(theta: np.ndarray) -> np.ndarray:
+        def states(theta: np.ndarray, batch: WindowBatch) -> np.ndarray:
             start = simulator.start(batch.logged, batch.inputs[0], theta)
             return simulator.run(start, batch.inputs, batch.steps, theta, keep=keep)[:, :6]
 
-        centre = states(simulator.ship.values)
-        for draw in self.root.T:
-            total += np.nan_to_num((states(simulator.ship.values + SHRINK * draw) - centre) / SHRINK) ** 2
-        return total / self.root.shape[1]
+        own = simulator.ship.values
+        centre, M = states(own, batch), batch.steps.shape[1]
+        draws = own[:, None] + SHRINK * self.root
+        count = draws.shape[1] if simulator.is_stepwise else 1  # side by side: in Python many points at once are faster
+        wide = batch.times_over(count)
+        for some in np.split(draws, draws.shape[1] // count, axis=1):
+            theta = some[:, 0] if count == 1 else np.repeat(some, M, axis=1)
+            for end in np.split(states(theta, wide), count, axis=2):
+                total += np.nan_to_num((end - centre) / SHRINK) ** 2
+        return total / draws.shape[1]
 
 
 def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:

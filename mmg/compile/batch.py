@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ from mmg.compile import codegen, vector_math
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.self_test import alike, by_virtual_machine, points
+from mmg.compile.vectorised import FEWEST, VectorisedFunction
 
 FLAGS: tuple[str, ...] = (
     "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
@@ -34,6 +35,14 @@ class BatchFunction:
     function: ca.Function
     library: ctypes.CDLL | None
     _mapped: dict = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def _by_numpy(self) -> VectorisedFunction | None:
+        """The function by numpy, None where numpy lacks an operation of it."""
+        try:
+            return VectorisedFunction(self.function)
+        except NotImplementedError:
+            return None
 
     def __call__(self, *inputs: np.ndarray, outputs: Sequence[bool] | None = None) -> list[np.ndarray | None]:
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)
@@ -61,8 +70,10 @@ class BatchFunction:
         return results
 
     def _interpreted(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray | None]:
-        """The same through CasADi's virtual machine, zero-copy buffers, one map over the points."""
+        """The same by numpy at many points, else by CasADi's virtual machine, zero-copy buffers, one map over them."""
         f = self.function
+        if points >= FEWEST and self._by_numpy is not None:
+            return list(self._by_numpy(points, inputs))
         shared = tuple(a.ndim == 1 for a in inputs)
         key = (points, shared)
         if key not in self._mapped:
