@@ -130,7 +130,7 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
-    question = _begun(
+    question = _with_kinematics(
         CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress), options
     )
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
@@ -225,7 +225,7 @@ def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str
     return rows
 
 
-def _begun(question: CampaignQuestion, options: FitOptions) -> CampaignQuestion:
+def _with_kinematics(question: CampaignQuestion, options: FitOptions) -> CampaignQuestion:
     """The ``question`` with the kinematics of its trials begun beside, before longer work that is awaited later."""
     if options.beside and not (options.hold or options.per_run) and asks_kinematics(question):
         work = partial(kinematics_of, question.trials, question.ship)

@@ -141,7 +141,7 @@ def calibrate(
     iteration. Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the
     ship has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be identified.
     """
-    from diagnosis.calibration.second_estimate import second_estimate
+    from diagnosis.calibration.on_demand import second_estimate, tests_of_effects
     from fitting import pipeline
     from fitting.solvers.interrupts import unless_interrupted
 
@@ -150,9 +150,7 @@ def calibrate(
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
-    from diagnosis.calibration.freed_effects import with_effect_tests
-
-    return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
+    return unless_interrupted(lambda: tests_of_effects(result, start)) or result.without_parts("tests of effects")
 
 
 def score(

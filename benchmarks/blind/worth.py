@@ -26,7 +26,7 @@ from benchmarks.blind.solve import blind_ship
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.io.site import read_site
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.parameters import active_states

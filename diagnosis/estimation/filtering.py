@@ -6,67 +6,17 @@ The functions in numpy are the portable path, and what the code must agree with 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from diagnosis.estimation import kalman
+from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
 from mmg.compile.cache import load_library
 from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.progress import LOGGER
-
-
-@dataclass(frozen=True)
-class DrivenColumns:
-    """c columns whose responses are wanted.
-
-    forcing: (K, R, m, c) what a column adds over a step to the first m states; observed: (K + 1, R, 6, d) what the
-    columns ``observing`` (d,) add to the logged columns, the others add nothing; scale: (R, c) by which forcing and
-    observed are multiplied (None: 1); start: (R, n, c) first states (None: 0).
-    """
-
-    forcing: np.ndarray
-    observed: np.ndarray
-    observing: np.ndarray
-    scale: np.ndarray | None = None
-    start: np.ndarray | None = None
-
-    @classmethod
-    def dense(cls, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None) -> DrivenColumns:
-        """DrivenColumns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
-        return cls(forcing, observed, np.arange(observed.shape[3]), None, start)
-
-    @classmethod
-    def pushing(cls, forcing: np.ndarray) -> DrivenColumns:
-        """DrivenColumns that act on the states alone. forcing: as of the class."""
-        K, R = forcing.shape[:2]
-        return cls(forcing, np.zeros((K + 1, R, 6, 0)), np.zeros(0, dtype=int))
-
-    @classmethod
-    def misread(cls, observed: np.ndarray) -> DrivenColumns:
-        """DrivenColumns that act on what is logged alone. observed: as of the class, with d = c."""
-        K1, R, _, c = observed.shape
-        return cls(np.zeros((K1 - 1, R, 0, c)), observed, np.arange(c))
-
-    @property
-    def width(self) -> int:
-        """How many columns they are."""
-        return self.forcing.shape[3]
-
-    def blocks(self) -> Iterator[DrivenColumns]:
-        """These columns, at once."""
-        yield self
-
-    @property
-    def dense_observed(self) -> np.ndarray:
-        """What every column adds to the logged columns, (K + 1, R, 6, c)."""
-        out = np.zeros((*self.observed.shape[:3], self.forcing.shape[3]))
-        out[..., self.observing] = self.observed
-        return out
 
 
 def filtered(s: LinearSystem) -> Filtered:

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.stats import f as f_law
 
-from diagnosis.estimation.filtering import DrivenColumns, filtered, observations, whitened
+from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation.filtering import filtered, observations, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel
 from diagnosis.estimation.linearisation import linearise_and_filter

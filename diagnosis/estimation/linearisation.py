@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
-from diagnosis.estimation.filtering import DrivenColumns, adjoint, by_rates, filtered, smoothed, whitened
+from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
+from diagnosis.estimation.filtering import adjoint, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
-from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.model import settled
 from mmg.motion.froude import state_scale

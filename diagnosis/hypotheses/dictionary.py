@@ -17,11 +17,10 @@ import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import DIFFERENCE
 from diagnosis.estimation.linearisation import Linearisation, Point
-from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
 from diagnosis.hypotheses.smooth_basis import Forms, evaluated

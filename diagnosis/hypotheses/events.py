@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation
-from diagnosis.estimation.product_columns import ProductColumns
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
 from diagnosis.hypotheses.projection import projected

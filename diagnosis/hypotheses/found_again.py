@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Linearisation, Point, linearise_and_filter
@@ -91,7 +91,7 @@ class OtherTrials:
         active = active_states(steps, at.free.symbols, at.theta)
         timing = timing_columns(steps, data, at, active)
         middle = 0.5 * (at.path.z[:-1] + at.path.z[1:])
-        force, gradient = found.on(data, middle), found.gradient_on(data, middle)
+        force, gradient = found.with_gradient_on(data, middle)
 
         def columns_of(linear: LinearModel) -> list[DrivenColumns]:
             size = at.free.std * (found.taken @ found.mean.ravel())

@@ -17,7 +17,7 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter

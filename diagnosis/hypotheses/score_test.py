@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
-from diagnosis.estimation.filtering import DrivenColumns
+from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.input_timing import timing_columns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
@@ -94,7 +94,8 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     )
     point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
     timing = timing_columns(steps, data, point, active)
-    linearised = linearise_and_filter(steps, data, point, active, lambda _: [DrivenColumns.pushing(timing)])
+    pushed = DrivenColumns.pushing(timing)
+    linearised = linearise_and_filter(steps, data, point, active, lambda _: [pushed], is_brief=True)
     P, c = len(free.symbols), timing.shape[3]
     every, broken = linearised.white, ~np.isfinite(linearised.white).all(axis=(0, 1, 2))
     broken[[*range(P), -1]] = False  # the fit itself is finite, or there is none
@@ -115,7 +116,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         at = i.stop
         ratio = 1.0
         if EFFECTS[candidate.effect].measures:
-            ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags)
+            ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
         ratio += _by_timing(rest.S[i, i], rest.S[i, :c])
         if ratio > 1.0:
             ratios[candidate] = ratio
@@ -163,8 +164,8 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
     ratio = s.dispersion.get(c, 1.0)
     T = float(phi[seen] @ s.g[at][seen]) / ratio
     d = draws[:, at][:, seen]
-    null = chi2.sf(np.einsum("da,ab,db->d", d, inverse, d), degrees)
-    p = float(chi2.sf(T, degrees))
+    null = chdtrc(degrees, np.einsum("da,ab,db->d", d, inverse, d))  # chi2.sf without its checks of each call
+    p = float(chdtrc(degrees, T))
     if len(at) == 1 and c.neutral[0] <= c.lower[0]:  # it can only be positive
         null, p = np.where(d[:, 0] > 0, 0.5 * null, 1.0), 0.5 * p
         if phi[0] <= 0:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation import filtering, kalman
-from diagnosis.estimation.filtering import DrivenColumns, Kernel, agrees
+from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation.filtering import Kernel, agrees
 from diagnosis.estimation.kalman import Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
 from mmg.compile.cache import load_library

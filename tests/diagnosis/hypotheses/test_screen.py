@@ -235,8 +235,8 @@ def test_a_candidate_whose_response_explodes_is_not_tested_and_the_others_are(mo
     alone = {r.candidate: r for r in score_tests(slopes(problem.steps, problem.data, null, both[1:]), both[1:])}
     whole = module.linearise_and_filter
 
-    def explodes(*given: Any) -> Any:
-        found = whole(*given)
+    def explodes(*given: Any, **more: Any) -> Any:
+        found = whole(*given, **more)
         first = len(null.free.symbols)
         found.white[..., first : first + 2] = np.nan  # both parameters of the current
         return found

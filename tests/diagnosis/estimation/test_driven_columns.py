@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.estimation import product_columns
-from diagnosis.estimation.product_columns import ProductColumns
+from diagnosis.estimation import driven_columns
+from diagnosis.estimation.driven_columns import ProductColumns
 
 
 @pytest.mark.parametrize("windows", [1, 3])
 @pytest.mark.parametrize("most", [1, 4 * 3 * 2 * 5 * 2, 10**6])
 def test_blocks_are_the_products_in_their_order(most: int, windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """values: of each window, or the same in all."""
-    monkeypatch.setattr(product_columns, "BLOCK", most)
+    monkeypatch.setattr(driven_columns, "BLOCK", most)
     rng = np.random.default_rng(0)
     pushes, values = rng.standard_normal((4, 3, 2, 5)), rng.standard_normal((7, 4, windows))
     columns = ProductColumns(pushes, values)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from diagnosis.calibration.filter_estimate import filter_estimate
-from diagnosis.calibration.second_estimate import second_estimate
+from diagnosis.calibration.on_demand import second_estimate
 from tests.support.diagnosis_cases import FEW, pushed_trials
 
 
@@ -16,5 +16,5 @@ def test_it_is_the_estimate_by_a_filter() -> None:
 
 
 def test_the_modules_of_a_diagnosis_are_not_read_to_name_it() -> None:
-    words = "import sys, diagnosis.calibration.second_estimate; print('diagnosis.prepare' in sys.modules)"
+    words = "import sys, diagnosis.calibration.on_demand; print('diagnosis.prepare' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True).stdout.split() == ["False"]
