@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cross_validation import lines_of, scores_of_folds
+from benchmarks.cross_validation import PAST, WITH_PAST, lines_of, scores_of_folds
 from benchmarks.record import kept_row, record, table
 from benchmarks.sound_records import trials_of
 from cases import published_splits as splits
@@ -38,8 +38,6 @@ from mmg.rollout import Simulator
 
 VARIANTS = ("without campaigns", "with campaigns")
 PARTS = ("hold-outs", "fast", "folds")
-PAST = 30.0
-"""s of past that a prediction may use."""
 ROWS = Path(tempfile.gettempdir()) / "mmg_campaign_records.jsonl"
 
 
@@ -55,7 +53,7 @@ def row_of(name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.nd
         simulator = Simulator(calibration.ship)
         for past in (None, PAST):
             rows = score(simulator, out, sigma, adapt=past).trials
-            files[words + ("" if past is None else ", past")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
+            files[words + (WITH_PAST if past else "")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
     kept = list(fit.calibration.constants.symbols) if fit.calibration.constants else []
     return {
         "name": name,
@@ -79,7 +77,7 @@ def made(path: Path, name: str, train: Sequence[Trial], out: Sequence[Trial], si
 
 def fold_lines(path: Path, past: bool) -> list[str]:
     """Tables of the runs left out in five folds, by kind; past: with 30 s of past."""
-    scores, rows = scores_of_folds(VARIANTS, partial(made, path), ", past" if past else "")
+    scores, rows = scores_of_folds(VARIANTS, partial(made, path), WITH_PAST if past else "")
     kept = ", ".join(" and ".join(row["kept"]) or "nothing" for row in rows)
     head = f"35 records in 5 folds{', with 30 s of past' if past else ''}; kept: {kept}."
     return [head, "", *lines_of(scores)]

@@ -64,7 +64,7 @@ def force_order(steps: TransitionModel, data: GriddedTrials, found: Estimate, se
     """Test a fit ``found`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
     active = active_states(steps, found.free.symbols, found.theta)
     here = linearise_and_filter(steps, data, found.fixed(), active)
-    return order_of(here.system, here.filter, here.white[..., -1], found.noise, data.h, seed)
+    return order_of(here.system, here.filter, here.left, found.noise, data.h, seed)
 
 
 def order_of(

@@ -249,12 +249,12 @@ def column_positions(steps: TransitionModel, free: Priors) -> np.ndarray:
 def linearised_if_finite(
     steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray | None = None
 ) -> Linearisation | None:
-    """``linearise_and_filter`` of these arguments, or None where the ship explodes or a column has no noise.
+    """``linearise_and_filter`` of these arguments, brief, or None where the ship explodes or a column has no noise.
 
     steps: the model; data: the trials; at: the point; active: (A,) positions of the states that take part.
     """
     try:
-        here = linearise_and_filter(steps, data, at, active)
+        here = linearise_and_filter(steps, data, at, active, is_brief=True)
     except np.linalg.LinAlgError:
         return None
     return here if np.isfinite(here.nll) else None

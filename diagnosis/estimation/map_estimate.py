@@ -35,8 +35,6 @@ BREAKS_DOWN = (
 
 STALLED = 0.5
 """Expected gain of log likelihood up to which a rough fit that gains nothing ends: hypotheses differ by more."""
-FEW_COMPARED = 0.7
-"""Share of grid times compared below which it pays to take them out before columns are multiplied."""
 
 
 class BrokenModelError(UserError):
@@ -112,9 +110,7 @@ def _iteration(
     here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, typical: NoiseModel
 ) -> tuple[_Iteration, NoiseModel]:
     """The Gauss-Newton step from a linearisation, and the noise updated."""
-    compared = data.good.any(axis=2)
-    seen = here.white[compared] if compared.mean() < FEW_COMPARED else here.white  # the other rows are zero
-    flat = seen.reshape(-1, len(at.p) + 1)
+    flat = here.white.reshape(-1, len(at.p) + 1)
     gram = flat.T @ flat
     A = gram[:-1, :-1] + np.eye(len(at.p))
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)

@@ -132,8 +132,7 @@ def with_gust_memory(steps: TransitionModel, data: GriddedTrials, found: Estimat
 def residuals(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
     """Whitened residuals (K + 1, R, 6) of the fit ``found`` of ``steps`` to ``data``, 0 where nothing is compared."""
     active = active_states(steps, found.free.symbols, found.theta)
-    white = linearise_and_filter(steps, data, found.fixed(), active).white
-    return np.where(data.good, white[..., -1], 0.0)
+    return np.where(data.good, linearise_and_filter(steps, data, found.fixed(), active).left, 0.0)
 
 
 def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:

@@ -260,4 +260,4 @@ def one_step_likelihood(
         z[..., active] += share * mean[..., : len(active)]
         path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)
     assert best is not None
-    return np.asarray(0.5 * (best.filter.log_det + (best.white[..., -1] ** 2).sum(axis=(0, 2))))
+    return np.asarray(0.5 * (best.filter.log_det + (best.left**2).sum(axis=(0, 2))))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from benchmarks.disturbed_trials import drawn_ship
+from diagnosis.estimation import map_estimate
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
-from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import STALLED, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time
@@ -298,11 +299,11 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
     start = initial_point(steps, data, steps.ship.values, priors_of(SHIP, FREE), NOISE)
     calls: list[float] = []
 
-    def breaking(*args: object) -> Linearisation:
+    def breaking(*args: object, **more: object) -> Linearisation:
         calls.append(0.0)
         if len(calls) in broken and way == "raises":
             raise np.linalg.LinAlgError("Matrix is not positive definite")
-        found = linearise_and_filter(*args)  # type: ignore[arg-type]
+        found = linearise_and_filter(*args, **more)  # type: ignore[arg-type]
         return replace(found, nll=np.nan) if len(calls) in broken else found
 
     monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
@@ -313,3 +314,14 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
     broken = {1}
     with pytest.raises(UserError, match="breaks down along these trials"):
         estimate(steps, data, start)
+
+
+def test_a_rough_fit_ends_where_nothing_is_gained_and_is_as_likely(monkeypatch: pytest.MonkeyPatch, one: tuple) -> None:
+    """With a tolerance that no step meets, only that nothing is gained can end it before its last linearisation."""
+    steps, data, found, _ = one
+    start = replace(found, p=found.p + 0.3)
+    fits = [estimate(steps, data, start, 30, tolerance=1e-9, is_rough=rough) for rough in (False, True)]
+    assert fits[1].iterations < fits[0].iterations and not fits[1].converged
+    assert abs(fits[1].nll - fits[0].nll) < STALLED
+    monkeypatch.setattr(map_estimate, "STALLED", 0.0)  # then no expected gain is small enough
+    assert estimate(steps, data, start, 30, tolerance=1e-9, is_rough=True).iterations == fits[0].iterations

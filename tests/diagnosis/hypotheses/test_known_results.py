@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.hypotheses import forward_selection
+from diagnosis.hypotheses import forward_selection, search_problem
 from diagnosis.hypotheses.forward_selection import refit_candidate, search
 from diagnosis.hypotheses.known_results import KnownResults
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
@@ -51,3 +51,12 @@ def test_what_was_found_at_another_fit_or_beside_other_effects_is_not_taken(monk
     fit = next(one.fit for one in found.refitted if one.candidate == first)
     search(problem, fit, [first])
     assert refitted[2:] == ["hull_memory"]
+
+
+def test_trials_that_took_no_part_are_followed_once_by_each_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, null = problem_of(pushed_trials(1))
+    followed: list[object] = []
+    monkeypatch.setattr(search_problem, "other_trials", lambda *given: followed.append(given) or len(followed))
+    other = replace(null, p=null.p.copy())
+    found = [problem.followed(fit, problem.data) for fit in (null, other, null, other)]
+    assert found == [1, 2, 1, 2] and [given[2] for given in followed] == [null, other]  # type: ignore[index]

@@ -234,11 +234,11 @@ def test_a_smoothed_path_about_which_the_filter_breaks_down_is_approached_by_les
     data, calls = others(OTHERS[:2]), []
     right = one_step_likelihood(problem.steps, data, null)
 
-    def breaking(*given: Any) -> Linearisation:
+    def breaking(*given: Any, **more: Any) -> Linearisation:
         calls.append(given)
         if len(calls) == 2:
             raise np.linalg.LinAlgError("Matrix is not positive definite")
-        return linearise_and_filter(*given)
+        return linearise_and_filter(*given, **more)
 
     monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
     near = one_step_likelihood(problem.steps, data, null)

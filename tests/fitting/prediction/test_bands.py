@@ -98,6 +98,15 @@ def test_uncertain_coefficients_widen_the_bands() -> None:
     assert (other[-1] > one[-1]).all()
 
 
+def test_draws_side_by_side_without_compiled_code_give_the_same_variance() -> None:
+    rows = {"Y_v": {"std": 0.5 * abs(simulator().ship.coefficients["Y_v"].value)}}
+    unsure = bands(coefficients=rows, correlation={"symbols": ["Y_v"], "matrix": [[1.0]]})
+    plain = Simulator(hidden_ship(), compiled=False)
+    found = [predict(s, trials(2)[1], 30.0, 30.0, bands=unsure)[0][0].std for s in (simulator(), plain)]
+    assert plain.is_stepwise and unsure.root.shape[1] > 1 and found[0] is not None and found[1] is not None
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-7, atol=1e-9)
+
+
 def test_draws_have_the_covariance_that_was_stored() -> None:
     ship = simulator().ship
     rows = {"Y_v": {"std": 0.02}, "N_r": {"std": 0.01}}
