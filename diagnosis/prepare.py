@@ -18,19 +18,13 @@ from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.prior_width import narrowed
-from diagnosis.estimation.residual_checks import (
-    finer_step,
-    lag_correlation,
-    residuals,
-    spectral_line,
-    with_correlation_time,
-    with_gust_memory,
-)
+from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.first_fit import MAX_FITS, fit_without_effects
 from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
@@ -44,15 +38,6 @@ from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
 
-CORRELATED, APART, LEAST = 0.25, (2.0, 5.0), 100
-"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared:
-the first of these at which it is less than half, or less so that LEAST grid times are left. On the records of the 3 m
-tanker the correlation is .65. The latent force is then three times what it is with samples every 3, 5 or 10 s, and
-predictions are worse. With white errors it is below .05."""
-FEW = 20
-"""Grid times that must be left where the interval is known from other trials."""
-MAX_FITS = 12
-"""Linearisations of the first fit."""
 CLEAR = 3.0
 """Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
 RUNS = 3
@@ -256,51 +241,6 @@ def fit_as_read(
     ]
     gain = fits[0][1].nll - fits[1][1].nll
     return (joined if gain > 0 else held), InputReading(gain > 0, abs(gain), sample, length)
-
-
-def fit_without_effects(
-    steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
-) -> tuple[GriddedTrials, Estimate, int, float, tuple[float, float]]:
-    """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
-
-    steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
-    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns
-    (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
-    """
-    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
-    null, p = _first_fit(steps, data, theta, base, noise, p)
-    dense = (data, residuals(steps, data, null))
-    correlation = lag_correlation(*dense)
-    apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
-    for seconds in APART if gap or crowded else ():
-        wanted = gap or max(1, round(seconds * time_scale(steps.ship.particulars["L"]) / data.h))
-        apart = min(wanted, max(1, dense[0].samples // (FEW if gap else LEAST)))
-        if apart > 1:
-            data = dense[0].thinned(apart)
-            null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
-            left = lag_correlation(data, residuals(steps, data, null))
-        if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
-            break
-    null = null if noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
-    if not null.converged:  # the slopes of all tests are those at the optimum
-        null = estimate(steps, data, null, MAX_FITS)
-    line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
-    return data, null, apart, correlation, line
-
-
-def _first_fit(
-    steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, p: np.ndarray
-) -> tuple[Estimate, np.ndarray]:
-    """The fit from coefficients ``p`` [prior std] or, where the ship explodes with them, from the prior means; and from
-    which."""
-    try:
-        return estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS), p
-    except BrokenModelError:
-        if not p.any():
-            raise
-        LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
-    p = np.zeros(len(p))
-    return estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS), p
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

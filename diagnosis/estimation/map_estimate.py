@@ -6,6 +6,7 @@ free parameters, smooths path and latent force, and updates the noise by the fix
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,16 @@ BREAKS_DOWN = (
 
 STALLED = 0.5
 """Expected gain of log likelihood up to which a rough fit that gains nothing ends: hypotheses differ by more."""
+IN_VAIN = 4
+"""Linearisations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
+
+IsEnough = Callable[[Linearisation, float], bool]
+"""Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
+
+
+def never(here: Linearisation, gain: float) -> bool:
+    """No fit ends early. here, gain: as of ``IsEnough``."""
+    return False
 
 
 class BrokenModelError(UserError):
@@ -133,14 +144,16 @@ def estimate(
     tolerance: float = 0.05,
     fixed_noise: bool = False,
     is_rough: bool = False,
+    is_enough: IsEnough = never,
 ) -> Estimate:
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations. fixed_noise: the noise stays as it is; is_rough: it stops, not converged, where an iteration gained
-    less than the tolerance and the next is expected to gain less than STALLED, too. Returns the likeliest accepted
-    point. Raises BrokenModelError where the model cannot be followed along the trials from its first coefficients, and
-    OutOfTimeError.
+    linearisations or IN_VAIN that gained less than the tolerance. fixed_noise: the noise stays as it is; is_rough: it
+    stops, not converged, where an iteration gained less than the tolerance and the next is expected to gain less than
+    STALLED, too; is_enough: or where this says so of a linearisation and the gain that is expected from it. Returns the
+    likeliest accepted point. Raises BrokenModelError where the model cannot be followed along the trials from its first
+    coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -149,8 +162,8 @@ def estimate(
     now = Point(theta, start.free, p, start.path, start.noise)
     best: _Iteration | None = None
     likeliest: _Iteration | None = None
-    share, reductions, converged, used = 1.0, 0, False, 0
-    while used < iterations and not converged:
+    share, reductions, converged, used, last = 1.0, 0, False, 0, 0
+    while used < iterations and not converged and used - last < IN_VAIN:
         check_time()
         used += 1
         here = linearised_if_finite(steps, data, now, active)
@@ -168,12 +181,13 @@ def estimate(
         share, reductions = 1.0, 0
         before = np.inf if best is None else best.nll
         best, noise = _iteration(here, now, data, active, typical)
+        last = used if likeliest is None or best.nll < likeliest.nll - tolerance else last
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         noise = now.noise if fixed_noise else noise
         pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
         settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         converged = best.gain < tolerance and settled_noise
-        if is_rough and best.gain < STALLED and before - best.nll < tolerance:
+        if is_enough(here, best.gain) or (is_rough and best.gain < STALLED and before - best.nll < tolerance):
             break
         now = best.moved(steps.ship, data, 1.0, noise)
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse

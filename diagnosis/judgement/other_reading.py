@@ -16,10 +16,11 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES, Column
 from diagnosis.estimation.gusts import trials_in_gusts
+from diagnosis.first_fit import fit_without_effects
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import SHOWS, score_tests, slopes
-from diagnosis.prepare import CLEAR, InputReading, Prepared, fit_without_effects
+from diagnosis.prepare import CLEAR, InputReading, Prepared
 from mmg.errors import UserError
 from mmg.messages import Message
 

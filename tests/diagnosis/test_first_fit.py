@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.prepare import fit_without_effects
+from diagnosis.first_fit import fit_without_effects
 from tests.diagnosis.judgement.test_verdict import ready
 
 

@@ -12,9 +12,10 @@ from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.trial import Trial
 from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.first_fit import fit_without_effects
 from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
-from diagnosis.prepare import fit_without_effects, prepare
+from diagnosis.prepare import prepare
 from mmg.ship import Ship
 
 SAMPLE, FINE = 0.2, 0.02
