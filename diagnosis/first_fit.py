@@ -1,0 +1,101 @@
+"""The fit without any effect with which a diagnosis begins, to samples far enough apart that their errors are not
+correlated."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearisation import Linearisation
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, IsEnough, estimate, initial_point, never
+from diagnosis.estimation.noise_sizes import swallows
+from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.residual_checks import (
+    lag_correlation,
+    residuals,
+    spectral_line,
+    with_correlation_time,
+    with_gust_memory,
+)
+from diagnosis.estimation.transition_model import TransitionModel
+from mmg.motion.froude import time_scale
+from mmg.progress import LOGGER
+
+CORRELATED, APART, LEAST = 0.25, (2.0, 5.0), 100
+"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared:
+the first of these at which it is less than half, or less so that LEAST grid times are left. On the records of the 3 m
+tanker the correlation is .65. The latent force is then three times what it is with samples every 3, 5 or 10 s, and
+predictions are worse. With white errors it is below .05."""
+NEARLY, SURELY = 20.0, 1.5
+"""Expected gain in log likelihood below which a fit shows how correlated its residuals are, and how much more than the
+limit is surely too much: then it ends, as one with samples farther apart follows."""
+FEW = 20
+"""Grid times that must be left where the interval is known from other trials."""
+MAX_FITS = 12
+"""Linearisations of the first fit."""
+
+
+def fit_without_effects(
+    steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
+) -> tuple[GriddedTrials, Estimate, int, float, tuple[float, float]]:
+    """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
+
+    steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
+    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns
+    (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
+    """
+    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
+    thins = gap != 1 and data.samples // (FEW if gap else LEAST) > 1
+    limit = 0.0 if gap else CORRELATED
+    null, p = _first_fit(steps, data, theta, base, noise, p, partial(_surely_correlated, limit) if thins else never)
+    dense = (data, residuals(steps, data, null))
+    correlation = lag_correlation(*dense)
+    apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
+    for seconds in APART if gap or crowded else ():
+        enough = never if gap or seconds == APART[-1] else partial(_surely_correlated, 0.5 * CORRELATED)
+        wanted = gap or max(1, round(seconds * time_scale(steps.ship.particulars["L"]) / data.h))
+        apart = min(wanted, max(1, dense[0].samples // (FEW if gap else LEAST)))
+        if apart > 1:
+            data = dense[0].thinned(apart)
+            start = initial_point(steps, data, theta, base, noise, p)
+            null = estimate(steps, data, start, MAX_FITS, is_enough=enough)
+            left = lag_correlation(data, residuals(steps, data, null))
+        if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
+            break
+    null = null if noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
+    if not null.converged:  # the slopes of all tests are those at the optimum
+        null = estimate(steps, data, null, MAX_FITS)
+    line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
+    return data, null, apart, correlation, line
+
+
+def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:
+    """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step is expected to gain no more
+    than ``gain``."""
+    return gain < NEARLY and lag_correlation(here.data, np.where(here.data.good, here.left, 0.0)) > SURELY * limit
+
+
+def _first_fit(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    theta: np.ndarray,
+    base: Priors,
+    noise: NoiseModel,
+    p: np.ndarray,
+    is_enough: IsEnough,
+) -> tuple[Estimate, np.ndarray]:
+    """The fit from coefficients ``p`` [prior std] or, where the ship explodes with them, from the prior means; and from
+    which. is_enough: as of ``estimate``."""
+    start = initial_point(steps, data, theta, base, noise, p)
+    try:
+        return estimate(steps, data, start, MAX_FITS, is_enough=is_enough), p
+    except BrokenModelError:
+        if not p.any():
+            raise
+        LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
+    p = np.zeros(len(p))
+    start = initial_point(steps, data, theta, base, noise, p)
+    return estimate(steps, data, start, MAX_FITS, is_enough=is_enough), p
