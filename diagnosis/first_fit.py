@@ -29,9 +29,9 @@ CORRELATED, APART, LEAST = 0.25, (2.0, 5.0), 100
 the first of these at which it is less than half, or less so that LEAST grid times are left. On the records of the 3 m
 tanker the correlation is .65. The latent force is then three times what it is with samples every 3, 5 or 10 s, and
 predictions are worse. With white errors it is below .05."""
-NEARLY, SURELY = 20.0, 1.5
-"""Expected gain in log likelihood below which a fit shows how correlated its residuals are, and how much more than the
-limit is surely too much: then it ends, as one with samples farther apart follows."""
+NEARLY, SURELY = 5e-3, 1.5
+"""Expected gain in log likelihood by grid time compared below which a fit shows how correlated its residuals are, and
+how much more than the limit is surely too much: then it ends, as one with samples farther apart follows."""
 FEW = 20
 """Grid times that must be left where the interval is known from other trials."""
 MAX_FITS = 12
@@ -75,7 +75,9 @@ def fit_without_effects(
 def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:
     """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step is expected to gain no more
     than ``gain``."""
-    return gain < NEARLY and lag_correlation(here.data, np.where(here.data.good, here.left, 0.0)) > SURELY * limit
+    data = here.data
+    near = gain < NEARLY * data.samples
+    return near and lag_correlation(data, np.where(data.good, here.left, 0.0)) > SURELY * limit
 
 
 def _first_fit(

@@ -11,7 +11,8 @@ from cases.trial import Trial
 from fitting.nlp.captive import CaptiveForces, estimate_from_captive
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
-from fitting.solvers.ipopt import ROUGH, solve
+from fitting.solvers.ipopt import ROUGH
+from fitting.solvers.leading import solve_led
 from fitting.solvers.residual_noise import residual_series
 from mmg.effects import effect
 from mmg.errors import UserError
@@ -116,7 +117,8 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
     alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
         np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
-    held = solve(alone, alone.start(p), ROUGH_TOLERANCE, ROUGH_ITERATIONS, options=ROUGH)
+    start = alone.start(p)
+    held = solve_led(alone, start, ROUGH_TOLERANCE, ROUGH_ITERATIONS, None, None, "a run alone", ROUGH)
     return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 

@@ -32,7 +32,7 @@ def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.Mo
     def broken(*_: object) -> None:
         raise BrokenModelError("esso: the model breaks down")
 
-    monkeypatch.setattr("diagnosis.prepare.estimate", broken)
+    monkeypatch.setattr("diagnosis.first_fit.estimate", broken)
     p = ready().problem
     with pytest.raises(BrokenModelError, match="breaks down"):
         fit_without_effects(p.steps, p.data, p.steps.ship.values, p.base, initial_noise(p.steps.ship))
