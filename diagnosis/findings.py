@@ -244,7 +244,8 @@ class Findings(DiagnosisRecord):
     """The whole answer.
 
     ship: refitted, with the named effects. None after reading a folder: before (the ship refitted without effects),
-    null, final (the fits behind both), data (the training trials as arranged).
+    null, final (the fits behind both), data (the training trials as arranged). drawn: PNG files of figures by name,
+    where they are drawn already.
     """
 
     inputs: DiagnosisInputs
@@ -253,6 +254,7 @@ class Findings(DiagnosisRecord):
     null: Estimate | None = None
     final: Estimate | None = None
     data: GriddedTrials | None = None
+    drawn: Mapping[str, bytes] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def notices(self) -> tuple[str, ...]:

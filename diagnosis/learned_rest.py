@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from cases.trial import Trial
 from diagnosis.estimation.time_limit import OutOfTimeError, check_time
 from diagnosis.findings import LearnedResidual
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
+from fitting.parallel import begun_beside, helping
+from fitting.report.parts import Store
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
+from mmg.ship import Ship
 
 
 def with_learned(
@@ -33,7 +36,15 @@ def with_learned(
     began = time.perf_counter()
     try:
         check_time()
-        rest = _learned(found, trials, tests, options, progress)
+        LOGGER.info("learning the unexplained remainder from the training trials")
+        training = _Training.of(found, trials, tests, options)
+        process = None if options.time_limit else helping()  # which knows no limit, and tells no progress
+        if process is not None:
+            begun = begun_beside(process, training.measured)
+            found = found.with_figures()  # meanwhile
+            rest = begun.value
+        else:
+            rest = training.measured(progress)
     except UserError as reason:
         why = f"how much of the rest a learned residual closes was not measured: {reason}"
         code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
@@ -45,22 +56,40 @@ def with_learned(
     return replace(found, learned=rest, timings=spent)
 
 
-def _learned(
-    found: Diagnosis,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> LearnedResidual:
-    """The measurement behind ``with_learned``, which is where torch is imported."""
-    needs_torch("a learned residual")
-    from diagnosis.validation.learned import SEEDS, measure_learned_residual
-    from residual.settings import TrainSettings
+@dataclass(frozen=True)
+class _Training:
+    """What is trained and measured, as another process takes it.
 
-    LOGGER.info("learning the unexplained remainder from the training trials")
-    settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers)
-    like = found.data
-    settings = replace(settings, step=like.h if like is not None else options.step)
-    store = options.store.part("learned") if options.store is not None else None
-    straight = like is not None and like.straight
-    return measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)
+    ship: with the named effects; trials: to train on; tests: to measure on; seed, workers: of the training; step: of
+    the diagnosis [s]; straight: inputs were joined by lines between samples; store: of finished trainings.
+    """
+
+    ship: Ship
+    trials: Sequence[Trial]
+    tests: Sequence[Trial]
+    seed: int
+    workers: int
+    step: float | None
+    straight: bool
+    store: Store | None
+
+    @classmethod
+    def of(
+        cls, found: Diagnosis, trials: Sequence[Trial], tests: Sequence[Trial], options: DiagnosisOptions
+    ) -> _Training:
+        """That of what is ``found``; trials, tests, options: as of ``with_learned``."""
+        like = found.data
+        step, straight = (options.step, False) if like is None else (like.h, like.straight)
+        store = options.store.part("learned") if options.store is not None else None
+        return cls(found.ship, trials, tests, options.seed, options.workers, step, straight, store)
+
+    def measured(self, progress: OnProgress | None = None) -> LearnedResidual:
+        """What it closes, which is where torch is imported; progress: called as the training goes on."""
+        needs_torch("a learned residual")
+        from diagnosis.validation.learned import SEEDS, measure_learned_residual
+        from residual.settings import TrainSettings
+
+        settings, store = TrainSettings(seeds=SEEDS, seed=self.seed, workers=self.workers, step=self.step), self.store
+        if store is not None and store.folder.is_dir():  # begun by another process of this command, or resumed
+            store = replace(store, resume=True)
+        return measure_learned_residual(self.ship, self.trials, self.tests, settings, progress, store, self.straight)

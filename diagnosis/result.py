@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -46,6 +47,12 @@ class Diagnosis(Findings):
     def _repr_html_(self) -> str:
         table = self.to_pandas().reset_index()
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
+
+    def with_figures(self) -> Diagnosis:
+        """The same with all its figures drawn that can be; the others are drawn, or why not is said, on saving."""
+        from diagnosis.report import page
+
+        return dataclasses.replace(self, drawn=page.drawn(self))
 
     def save(self, folder: Path | str, replace: bool = False) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,

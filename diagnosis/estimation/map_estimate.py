@@ -34,8 +34,9 @@ BREAKS_DOWN = (
 )
 
 
-STALLED = 0.5
-"""Expected gain of log likelihood up to which a rough fit that gains nothing ends: hypotheses differ by more."""
+STALLED, ROUGH = 0.5, 0.15
+"""Expected gain of log likelihood up to which a rough fit that gains nothing ends, and one that still gains: hypotheses
+differ by more."""
 IN_VAIN = 4
 """Linearisations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
 
@@ -150,10 +151,10 @@ def estimate(
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
     linearisations or IN_VAIN that gained less than the tolerance. fixed_noise: the noise stays as it is; is_rough: it
-    stops, not converged, where an iteration gained less than the tolerance and the next is expected to gain less than
-    STALLED, too; is_enough: or where this says so of a linearisation and the gain that is expected from it. Returns the
-    likeliest accepted point. Raises BrokenModelError where the model cannot be followed along the trials from its first
-    coefficients, and OutOfTimeError.
+    stops, not converged, where the next iteration is expected to gain less than ROUGH, or less than STALLED when one
+    gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is expected
+    from it. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be followed along the
+    trials from its first coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -187,7 +188,8 @@ def estimate(
         pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
         settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
         converged = best.gain < tolerance and settled_noise
-        if is_enough(here, best.gain) or (is_rough and best.gain < STALLED and before - best.nll < tolerance):
+        enough = ROUGH if before - best.nll > tolerance else STALLED
+        if is_enough(here, best.gain) or (is_rough and used > 1 and best.gain < enough):
             break
         now = best.moved(steps.ship, data, 1.0, noise)
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse

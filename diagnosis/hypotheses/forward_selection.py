@@ -16,7 +16,7 @@ from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.found_again import same_trials
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.refit import refit, robust_p, wald_p
-from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
+from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import left_and_limit
@@ -240,11 +240,13 @@ def refit_candidate(
     """
     c = score.candidate
     start = {x: before.value(*x) for e in named for x in e.columns}
-    first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
     if c.start is not None:
         first = c.start
     elif c.effect in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)
+    else:
+        first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
+        start |= followed(before, score, first)
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
     return refitted_effect(problem, before, named, score, count, fit)

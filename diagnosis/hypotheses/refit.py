@@ -40,7 +40,8 @@ def refit(
     """Fit with these ``effects``, from the fit ``before`` with fewer.
 
     steps: the transition model; data: the trials; base: priors of the coefficients; start: first values of the effects'
-    parameters; iterations: linearisations at most; is_rough: as of ``estimate``. Returns the fit.
+    parameters, and of those coefficients that do not begin where they are; iterations: linearisations at most;
+    is_rough: as of ``estimate``. Returns the fit.
 
     Where an effect has a prior among those of ``base``, as known from other trials, that is set aside. Where the ship
     explodes at the first values of new effects, these are moved towards neutral.
@@ -49,10 +50,13 @@ def refit(
     free = base.only([s not in more.symbols for s in base.symbols]) + more
     first = np.array([start.get(c, m) for c, m in zip(more.columns, more.mean, strict=True)])
     new = np.array([c not in before.free.columns for c in more.columns])
+    moved = [c for c in free.columns if c in start and c not in more.columns]
+    here, there = get_values(steps.ship, data, before.theta, moved), np.array([start[c] for c in moved])
     for share in SHARES:
         begin = np.where(new, more.mean + share * (first - more.mean), first)
+        begin = np.concatenate([begin, here + share * (there - here)])
         try:
-            start_at = _start(steps, data, free, before, more.columns, begin)
+            start_at = _start(steps, data, free, before, [*more.columns, *moved], begin)
             return estimate(steps, data, start_at, iterations, is_rough=is_rough)
         except UserError:
             if share == SHARES[-1]:

@@ -41,7 +41,9 @@ class Slopes:
     columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
     hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: ratio
     of the slopes' variance to that covariance where it is larger: of faults of instruments, as of sensors with a memory
-    (the memory of forces is in the model), and of what a small error in the time of the inputs looks like.
+    (the memory of forces is in the model), and of what a small error in the time of the inputs looks like; taken: (F,
+    P) by how many prior standard deviations each free parameter of the hypothesis falls where a candidate's grows by
+    its typical size, to first order; without rows where it was not asked.
     """
 
     columns: tuple[Column, ...]
@@ -49,19 +51,22 @@ class Slopes:
     S: np.ndarray
     own: np.ndarray
     dispersion: Mapping[Candidate, float] = field(default_factory=dict)
+    taken: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def only(self, candidates: Sequence[Candidate]) -> Slopes:
         """Those of some ``candidates``, in their order."""
         columns = tuple(x for c in candidates for x in c.columns)
         at = np.array([self.columns.index(x) for x in columns], dtype=int)
-        return replace(self, columns=columns, g=self.g[at], S=self.S[np.ix_(at, at)], own=self.own[at])
+        taken = self.taken[:, at] if len(self.taken) else self.taken
+        return replace(self, columns=columns, g=self.g[at], S=self.S[np.ix_(at, at)], own=self.own[at], taken=taken)
 
 
 @dataclass(frozen=True)
 class ScoreTest:
     """A candidate's test: T (chi-squared with ``degrees``), its probability by itself and as the largest of all;
     phi: (p,) first-order estimates [typical sizes]; absorbed: share of its information that coefficients imitate;
-    errors: (p,) standard errors of phi, infinite where nothing is seen; dispersion: by which T was divided."""
+    errors: (p,) standard errors of phi, infinite where nothing is seen; dispersion: by which T was divided; taken: (F,
+    p) as of ``Slopes``."""
 
     candidate: Candidate
     T: float
@@ -73,6 +78,7 @@ class ScoreTest:
     excited: bool
     errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     dispersion: float = 1.0
+    taken: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates: Sequence[Candidate]) -> Slopes:
@@ -120,7 +126,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         ratio += _by_timing(rest.S[i, i], rest.S[i, :c])
         if ratio > 1.0:
             ratios[candidate] = ratio
-    return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios)
+    return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios, rest.taken[:, c:])
 
 
 def _by_timing(S: np.ndarray, with_timing: np.ndarray) -> float:
@@ -173,7 +179,18 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(ratio * np.diag(inverse))
-    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors, ratio), null
+    taken = s.taken[:, at] if len(s.taken) else s.taken
+    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors, ratio, taken), null
+
+
+def followed(before: Point, score: ScoreTest, first: np.ndarray) -> dict[Column, float]:
+    """Values of the free parameters of the fit ``before``, to first order, where the candidate of its ``score`` has the
+    ``first`` values (p,) [their units]."""
+    c, free = score.candidate, before.free
+    if len(score.taken) != len(before.p):
+        return {}
+    p = np.clip(before.p - score.taken @ ((first - c.neutral) / c.typical), *free.scaled_bounds)
+    return dict(zip(free.columns, (free.mean + free.std * p).tolist(), strict=True))
 
 
 def _largest(p: float, least: np.ndarray, count: int) -> float:

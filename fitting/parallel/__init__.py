@@ -12,6 +12,7 @@ from fitting.parallel.beside import (
     begun_beside,
     both_processes,
     evaluated_beside,
+    helping,
     process_beside,
     spread_beside,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "executing",
     "held_back",
     "helper",
+    "helping",
     "kept_workers",
     "listening",
     "process_beside",

@@ -184,8 +184,13 @@ def both_processes(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
             yield process
 
 
+def helping() -> ProcessBeside | None:
+    """The process beside this one where both do the tasks (``both_processes``), else None."""
+    executor = in_force()
+    return executor.process if isinstance(executor, BothProcesses) else None
+
+
 def evaluated_beside(work: Callable[[], Value]) -> Awaited[Value]:
     """What ``work`` gives, which must be picklable like it: begun by the process beside this one where both do the
     tasks (``both_processes``), else done when asked for."""
-    executor = in_force()
-    return begun_beside(executor.process if isinstance(executor, BothProcesses) else None, work)
+    return begun_beside(helping(), work)
