@@ -76,11 +76,11 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     """The readings, that of the headers first; how many choices differ from it (H,); pairs of them (H, H)."""
     found = sorted(readings(), key=lambda reading: reading.faults)
     table = {value: i for i, value in enumerate(dict.fromkeys(v for r in found for v in r.choices))}
-    codes = np.array([[table[value] for value in r.choices] for r in found])
-    apart = np.zeros((len(found), len(found)), dtype=int)
+    codes = np.array([[table[value] for value in r.choices] for r in found], dtype=np.int16)
+    apart = np.zeros((len(found), len(found)), dtype=np.int8)  # of four million pairs
     for column in codes.T:
         apart += column[:, None] != column[None, :]
-    return tuple(found), apart[0], apart
+    return tuple(found), apart[0].astype(int), apart
 
 
 @cache

@@ -12,7 +12,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.special import erf
 
 FEWEST = 192
 """Points from which numpy is faster than the virtual machine."""
@@ -29,12 +28,18 @@ def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> None
     out[...] = np.where(condition != 0.0, x, 0.0)
 
 
+def _erf(x: np.ndarray, out: np.ndarray) -> None:
+    from scipy.special import erf  # late: slow to import, and few ships have one
+
+    erf(x, out=out)
+
+
 OPERATIONS: dict[int, Operation] = {
     ca.OP_ASSIGN: np.positive, ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide,
     ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_TWICE: _twice, ca.OP_INV: np.reciprocal, ca.OP_SQRT: np.sqrt,
     ca.OP_SIN: np.sin, ca.OP_COS: np.cos, ca.OP_TAN: np.tan, ca.OP_ASIN: np.arcsin, ca.OP_ACOS: np.arccos,
     ca.OP_ATAN: np.arctan, ca.OP_SINH: np.sinh, ca.OP_COSH: np.cosh, ca.OP_TANH: np.tanh, ca.OP_EXP: np.exp,
-    ca.OP_LOG: np.log, ca.OP_LOG1P: np.log1p, ca.OP_EXPM1: np.expm1, ca.OP_ERF: erf, ca.OP_FABS: np.fabs,
+    ca.OP_LOG: np.log, ca.OP_LOG1P: np.log1p, ca.OP_EXPM1: np.expm1, ca.OP_ERF: _erf, ca.OP_FABS: np.fabs,
     ca.OP_FLOOR: np.floor, ca.OP_CEIL: np.ceil, ca.OP_SIGN: np.sign, ca.OP_POW: np.power, ca.OP_CONSTPOW: np.power,
     ca.OP_ATAN2: np.arctan2, ca.OP_FMIN: np.fmin, ca.OP_FMAX: np.fmax, ca.OP_FMOD: np.fmod, ca.OP_HYPOT: np.hypot,
     ca.OP_COPYSIGN: np.copysign, ca.OP_LT: np.less, ca.OP_LE: np.less_equal, ca.OP_EQ: np.equal,
