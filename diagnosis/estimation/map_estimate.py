@@ -1,7 +1,8 @@
 """Maximum a posteriori estimate of path, latent force and free parameters, with the sizes of the noise.
 
 Each iteration linearises the model about the present path, whitens by a Kalman filter, takes a Gauss-Newton step in the
-free parameters, smooths path and latent force, and updates the noise by the fixed point of its likelihood equations.
+free parameters, smooths path and latent force, and updates the noise: by the fixed point of its likelihood equations
+while parameters are far from the optimum, then by its average information.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from diagnosis.estimation.linearisation import (
     linearised_if_finite,
 )
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
+from diagnosis.estimation.noise_step import noise_step
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.time_limit import check_time
 from diagnosis.estimation.transition_model import TransitionModel
@@ -35,8 +37,10 @@ BREAKS_DOWN = (
 
 
 STALLED, ROUGH = 0.5, 0.15
-"""Expected gain of log likelihood up to which a rough fit that gains nothing ends, and one that still gains: hypotheses
-differ by more."""
+"""Expected gain of log likelihood up to which a rough fit that gains nothing ends, and any rough fit: hypotheses differ
+by more."""
+NEAR = 30.0
+"""Expected gain of log likelihood by the parameters up to which the noise goes by its average information."""
 IN_VAIN = 4
 """Linearisations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
 
@@ -99,7 +103,8 @@ def initial_point(
 @dataclass(frozen=True)
 class _Iteration:
     """A point with its nll, the Gauss-Newton step from it: dp, dz (K + 1, R, S) and dforce (K + 1, R, 3 or 5) of latent
-    force and gusts; the information A (P, P) and the expected gain."""
+    force and gusts; the information A (P, P) and the expected gain; the noise after its own step, and the gain that is
+    expected from this, infinite far from the optimum."""
 
     at: Point
     nll: float
@@ -108,6 +113,8 @@ class _Iteration:
     dforce: np.ndarray
     A: np.ndarray
     gain: float
+    noise: NoiseModel
+    noise_gain: float
 
     def moved(self, ship: Ship, data: GriddedTrials, share: float, noise: NoiseModel) -> Point:
         """A share of the way, with this noise."""
@@ -119,9 +126,9 @@ class _Iteration:
 
 
 def _iteration(
-    here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, typical: NoiseModel
-) -> tuple[_Iteration, NoiseModel]:
-    """The Gauss-Newton step from a linearisation, and the noise updated."""
+    here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, typical: NoiseModel | None
+) -> _Iteration:
+    """The Gauss-Newton step from a linearisation; typical: sizes of the noise, None where it stays as it is."""
     flat = here.white.reshape(-1, len(at.p) + 1)
     gram = flat.T @ flat
     A = gram[:-1, :-1] + np.eye(len(at.p))
@@ -131,9 +138,12 @@ def _iteration(
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
     gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
-    return _Iteration(at, here.nll, dp, dz, mean[..., count : count + 5], A, gain), updated_noise(
-        at.noise, data, here.adjoint, r, u, count, typical
-    )
+    noise, more = at.noise, 0.0
+    if typical is not None and gain < NEAR:
+        noise, more = noise_step(here, r, u, typical)
+    elif typical is not None:
+        noise, more = updated_noise(at.noise, data, here.adjoint, r, u, count, typical), np.inf
+    return _Iteration(at, here.nll, dp, dz, mean[..., count : count + 5], A, gain, noise, more)
 
 
 @np.errstate(all="ignore")
@@ -151,10 +161,10 @@ def estimate(
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
     linearisations or IN_VAIN that gained less than the tolerance. fixed_noise: the noise stays as it is; is_rough: it
-    stops, not converged, where the next iteration is expected to gain less than ROUGH, or less than STALLED when one
-    gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is expected
-    from it. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be followed along the
-    trials from its first coefficients, and OutOfTimeError.
+    stops, not converged, where less than ROUGH is expected, or less than STALLED of the parameters when an iteration
+    gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is expected of
+    the parameters. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be followed
+    along the trials from its first coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -181,17 +191,15 @@ def estimate(
         assert here is not None
         share, reductions = 1.0, 0
         before = np.inf if best is None else best.nll
-        best, noise = _iteration(here, now, data, active, typical)
+        best = _iteration(here, now, data, active, None if fixed_noise else typical)
         last = used if likeliest is None or best.nll < likeliest.nll - tolerance else last
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
-        noise = now.noise if fixed_noise else noise
-        pairs = ((noise.force, now.noise.force), (noise.white, now.noise.white))
-        settled_noise = max(float(np.abs(np.log(new / old)).max()) for new, old in pairs) < 0.05
-        converged = best.gain < tolerance and settled_noise
-        enough = ROUGH if before - best.nll > tolerance else STALLED
-        if is_enough(here, best.gain) or (is_rough and used > 1 and best.gain < enough):
+        left = best.gain + best.noise_gain
+        converged = left < tolerance
+        is_settled = left < ROUGH or (best.gain < STALLED and before - best.nll < tolerance)
+        if is_enough(here, best.gain) or (is_rough and is_settled):
             break
-        now = best.moved(steps.ship, data, 1.0, noise)
+        now = best.moved(steps.ship, data, 1.0, best.noise)
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse
     at, A = likeliest.at, likeliest.A
     return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(A), likeliest.nll, used, converged)

@@ -166,5 +166,5 @@ def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) ->
 def other_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:
     """Follow ``data``, trials that took no part, by the model ``steps`` with the coefficients of the fit ``found``."""
     first = initial_point(steps, data, found.theta, NO_PRIORS, found.noise)
-    path = estimate(steps, data, first, ITERATIONS, tolerance=0.0)  # without free coefficients none is expected to gain
+    path = estimate(steps, data, first, ITERATIONS)
     return OtherTrials(steps, data, replace(path.fixed(), free=found.free, p=found.p), np.linalg.inv(found.covariance))
