@@ -45,6 +45,16 @@ class NoiseModel:
         ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
         return 0.5 * PRIOR_SAMPLES * float(np.sum(ratio - 1 - np.log(ratio)))
 
+    def towards(self, other: NoiseModel, share: float) -> NoiseModel:
+        """Sizes on the way to those of the ``other``: a ``share`` of the logarithm of each ratio."""
+
+        def between(one: np.ndarray, last: np.ndarray) -> np.ndarray:
+            return np.where(one > 0, one * (last / np.where(one > 0, one, 1.0)) ** share, one)
+
+        force, white = between(self.force, other.force), between(self.white, other.white)
+        coloured, gust = between(self.coloured, other.coloured), between(self.gust, other.gust)
+        return replace(self, force=force, white=white, coloured=coloured, gust=gust)
+
     def with_(self, **changed: object) -> NoiseModel:
         """A copy with the fields ``changed``."""
         return replace(self, **changed)  # type: ignore[arg-type]

@@ -41,9 +41,8 @@ STALLED, ROUGH = 0.5, 0.15
 by more."""
 NEAR = 30.0
 """Expected gain of log likelihood by the parameters up to which the noise goes by its average information."""
-IN_VAIN = 4
-"""Linearisations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
-
+IN_VAIN = 3
+"""Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
 IsEnough = Callable[[Linearisation, float], bool]
 """Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
 
@@ -160,11 +159,11 @@ def estimate(
     """Fit the free parameters of ``start``, path, latent force and noise to ``data`` by the model ``steps``.
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
-    linearisations or IN_VAIN that gained less than the tolerance. fixed_noise: the noise stays as it is; is_rough: it
-    stops, not converged, where less than ROUGH is expected, or less than STALLED of the parameters when an iteration
-    gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is expected of
-    the parameters. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be followed
-    along the trials from its first coefficients, and OutOfTimeError.
+    linearisations or IN_VAIN iterations that gained less than the tolerance. fixed_noise: the noise stays as it is;
+    is_rough: it stops, not converged, where less than ROUGH is expected, or less than STALLED of the parameters when an
+    iteration gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is
+    expected of the parameters. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be
+    followed along the trials from its first coefficients, and OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -173,8 +172,8 @@ def estimate(
     now = Point(theta, start.free, p, start.path, start.noise)
     best: _Iteration | None = None
     likeliest: _Iteration | None = None
-    share, reductions, converged, used, last = 1.0, 0, False, 0, 0
-    while used < iterations and not converged and used - last < IN_VAIN:
+    share, reductions, converged, used, in_vain = 1.0, 0, False, 0, 0
+    while used < iterations and not converged and in_vain < IN_VAIN:
         check_time()
         used += 1
         here = linearised_if_finite(steps, data, now, active)
@@ -186,13 +185,13 @@ def estimate(
             if is_rough and best.gain < STALLED:
                 break
             reductions, share = reductions + 1, 0.3 * share
-            now = best.moved(steps.ship, data, share, best.at.noise)
+            now = best.moved(steps.ship, data, share, best.at.noise.towards(best.noise, share))
             continue
         assert here is not None
         share, reductions = 1.0, 0
         before = np.inf if best is None else best.nll
         best = _iteration(here, now, data, active, None if fixed_noise else typical)
-        last = used if likeliest is None or best.nll < likeliest.nll - tolerance else last
+        in_vain = 0 if likeliest is None or best.nll < likeliest.nll - tolerance else in_vain + 1
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         left = best.gain + best.noise_gain
         converged = left < tolerance

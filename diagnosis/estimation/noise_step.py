@@ -54,7 +54,8 @@ def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: Noise
     force, gust, colours, white = np.split(found, [3, 3 + len(gust), len(found) - 6])
     every = noise.coloured.copy()
     every[coloured] = colours
-    return noise.with_(force=force, white=white, coloured=every, gust=gust if len(gust) else noise.gust), gain
+    new = noise.with_(white=white, coloured=every, gust=gust if len(gust) else noise.gust)
+    return new.with_(force=np.maximum(force, least_force(new, data, typical))), gain
 
 
 def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ def test_a_ship_that_explodes_is_fitted_from_her_priors(caplog: pytest.LogCaptur
 
 
 def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object) -> None:
+    def broken(*_: object, **__: object) -> None:
         raise BrokenModelError("esso: the model breaks down")
 
     monkeypatch.setattr("diagnosis.first_fit.estimate", broken)

@@ -1,0 +1,95 @@
+"""Steps of the sizes of the noise: slopes against finite differences, information against that of the likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis.estimation import map_estimate, noise_step
+from diagnosis.estimation.filtering import filtered, whitened
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
+from diagnosis.estimation.map_estimate import estimate
+from diagnosis.estimation.noise_sizes import initial_noise, least_force
+from tests.diagnosis.estimation.test_latent import fitted
+
+SIZES = NoiseModel(
+    np.array([0.1, 0.2, 0.07]), 5.0, np.array([0.02, 0.01, 0.003, 0.005, 0.007, 0.001]), np.zeros(6), 4.0
+)
+
+
+@pytest.fixture(scope="module")
+def one() -> tuple:
+    return fitted(1)
+
+
+def at(one: tuple, coloured: float = 0.0) -> Linearisation:
+    """About a fitted path with other sizes of the noise; coloured: errors with a memory of two sensors."""
+    steps, data, found, _ = one
+    colours = np.array([0.0, 0.0, 0.0, coloured, coloured, 0.0])
+    return linearise_and_filter(steps, data, replace(found, noise=SIZES.with_(coloured=colours)))
+
+
+def nll(here: Linearisation, logs: np.ndarray) -> float:
+    """Negative log likelihood of the residual with variances that are larger by the factors exp(logs)."""
+    driven, A = len(logs) - 6, len(here.active)
+    Q = here.system.Q.copy()
+    Q[A:] *= np.exp(logs[:driven])
+    system = replace(here.system, Q=Q, R=here.system.R * np.exp(logs[driven:]))
+    run = filtered(system)
+    return 0.5 * float(run.log_det.sum() + (whitened(system, run, here.residual)[0] ** 2).sum())
+
+
+@pytest.mark.parametrize("coloured", [0.0, 0.004])
+def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> None:
+    here = at(one, coloured)
+    slope, information = noise_step.slope_and_information(here, *here.smoothed()[1:])
+    count = 9 + 2 * (coloured > 0)
+    assert slope.shape == (count,) and information.shape == (count, count)
+    for i, step in enumerate(1e-4 * np.eye(count)):
+        by_differences = (nll(here, step) - nll(here, -step)) / 2e-4
+        assert slope[i] == pytest.approx(by_differences, rel=1e-5, abs=1e-3)
+
+
+def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
+    """At the most likely sizes; there observed and expected information are the same but for chance."""
+    steps, data, found, _ = one
+    here = linearise_and_filter(steps, data, found.fixed())
+    slope, information = noise_step.slope_and_information(here, *here.smoothed()[1:])
+    sure = np.diag(information) > 20.0
+    assert sure.sum() >= 6
+    for i in np.flatnonzero(sure):
+        step = 0.03 * np.eye(len(slope))[i]
+        observed = (nll(here, step) - 2 * nll(here, 0 * step) + nll(here, -step)) / 0.03**2
+        assert information[i, i] == pytest.approx(observed, rel=0.25)
+
+
+def test_they_end_where_steps_of_the_fixed_point_end(one: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, data, found, _ = one
+    for factor in (0.3, 3.0):
+        noise = found.noise.with_(force=factor * found.noise.force, white=factor**0.6 * found.noise.white)
+        fast = estimate(steps, data, replace(found.fixed(), noise=noise), 9)
+        assert fast.converged
+        with monkeypatch.context() as m:
+            m.setattr(map_estimate, "NEAR", -1.0)  # none is near: the fixed point alone
+            slow = estimate(steps, data, replace(found.fixed(), noise=noise), 60, tolerance=1e-6)
+        assert abs(slow.nll - fast.nll) < 0.05
+        sizes = np.concatenate([fast.noise.force / slow.noise.force, fast.noise.white / slow.noise.white])
+        np.testing.assert_allclose(sizes, 1.0, atol=0.03)
+
+
+def test_sizes_stay_within_their_limits(one: tuple) -> None:
+    """Far from the optimum a step is shortened; at a limit that it would leave, a size stays."""
+    steps, data, found, _ = one
+    typical = initial_noise(steps.ship)
+    least = least_force(found.noise, data, typical)
+    tiny = found.noise.with_(force=least.copy(), white=0.03 * found.noise.white)
+    here = linearise_and_filter(steps, data, replace(found.fixed(), noise=tiny))
+    new, gain = noise_step.noise_step(here, *here.smoothed()[1:], typical)
+    assert gain > 0 and (new.force >= least).all() and (new.white >= noise_step.LEAST * typical.white).all()
+    large = found.noise.with_(white=30.0 * found.noise.white)
+    here = linearise_and_filter(steps, data, replace(found.fixed(), noise=large))
+    new, _ = noise_step.noise_step(here, *here.smoothed()[1:], typical)
+    assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_step.SHORTEST)
