@@ -14,6 +14,7 @@ from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
+from diagnosis.estimation.first_fit import MAX_FITS, fit_without_effects
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
@@ -24,7 +25,6 @@ from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.first_fit import MAX_FITS, fit_without_effects
 from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference

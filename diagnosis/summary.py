@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import FITTED_ALONG, TIMES, Candidate, FullModel, neutral, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import mean_over_windows
@@ -111,7 +111,7 @@ def instrument_faults(ship: Ship, full: FullModel, fit: Estimate) -> tuple[Instr
         rows = [p for p in parameters(full.ship, name) if f"{name}.{p.symbol}" in fit.free.symbols]
         sizes = {p.symbol: estimated(fit, f"{name}.{p.symbol}", p.unit) for p in rows}
         off = [(sizes[p.symbol].value - p.neutral) / sizes[p.symbol].std for p in rows]
-        chance = float(chi2.sf(np.sum(np.square(off)), len(rows))) if rows else 1.0
+        chance = chi2_tail(float(np.sum(np.square(off))), len(rows)) if rows else 1.0
         if chance < SHOWN:
             faults.append(InstrumentFault(name, sizes, chance))
     return tuple(faults)

@@ -13,6 +13,27 @@ def normal_tail(value: float) -> float:
     return 0.5 * math.erfc(value / math.sqrt(2.0))
 
 
+def normal_quantile(probability: float) -> float:
+    """Value that a standard normal number exceeds with this ``probability``."""
+    from scipy.special import ndtri
+
+    return -float(ndtri(probability))
+
+
+def chi2_tail(value: float, degrees: float) -> float:
+    """Probability that chi-squared with so many ``degrees`` of freedom exceeds ``value``, 1 below 0."""
+    from scipy.special import chdtrc
+
+    return 1.0 if value <= 0 else float(chdtrc(degrees, value))
+
+
+def gamma_tail(value: float, shape: float, scale: float) -> float:
+    """Probability that a gamma number of this ``shape`` and ``scale`` exceeds ``value``, 1 below 0."""
+    from scipy.special import gammaincc
+
+    return 1.0 if value <= 0 else float(gammaincc(shape, value / scale))
+
+
 def student_quantile(probability: float, degrees: float) -> float:
     """Value that Student's t with so many ``degrees`` of freedom stays below with this ``probability``."""
     from scipy.special import stdtrit

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
 from diagnosis.estimation.candidates import EXCLUDED, Candidate, Column, parameters
 from diagnosis.estimation.map_estimate import Estimate
@@ -91,7 +91,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
             fewer = refit(steps, data, base, replace(every, theta=theta), rest, first)
         kept = len(symbols) - len(c.symbols)
         lost = gained(fewer, kept, every, len(symbols))
-        chance = float(chi2.sf(max(2 * lost, 0.0), len(c.symbols)))
+        chance = chi2_tail(2 * lost, len(c.symbols))
         chance *= 0.5 if len(c.symbols) == 1 and c.neutral[0] <= c.lower[0] else 1.0  # it can only be positive
         tests.append(_test(result, c, every, chance))
     return tests
@@ -112,7 +112,7 @@ def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> Ef
     known = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
     off = (np.array([row.value for row in rows]) - c.neutral) / stds
     squares = float(off @ np.linalg.pinv(known) @ off) if np.isfinite(off).all() else math.nan
-    by_fit = float(chi2.sf(squares, len(off))) if math.isfinite(squares) else None
+    by_fit = chi2_tail(squares, len(off)) if math.isfinite(squares) else None
     values = {s: EffectValue(found.value(s), found.std(s)) for s in c.symbols}
     apart = [
         abs(row.value - v.value) / np.hypot(std, v.std) for row, v, std in zip(rows, values.values(), stds, strict=True)

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.stats import f as f_law
 
+from cases.evidence.tails import f_tail
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import filtered, observations, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -93,7 +93,7 @@ def order_by_law(score: np.ndarray, drawn: np.ndarray) -> ForceOrder:
     covariance = drawn @ drawn.T / draws
     turning = -np.linalg.solve(covariance, score)
     T2 = -float(turning @ score)
-    p = float(f_law.sf(T2 * (draws - 2) / (3 * draws), 3, draws - 2))
+    p = f_tail(float(T2) * (draws - 2) / (3 * draws), 3, draws - 2)
     return ForceOrder(p, turning, score / np.sqrt(np.diag(covariance)))
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import periodogram
-from scipy.stats import f as f_law
+from scipy.special import fdtrc
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import active_states
+from diagnosis.estimation.spectrum import periodogram
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
@@ -213,7 +213,7 @@ def _band_probabilities(
     periods of ``shortest`` [s], beside its neighbours on either side; 1 for the slowest. step: between rows [s]."""
     total, count = np.zeros((bands, w.shape[2])), np.zeros(bands)
     for r, rows in pieces:
-        frequency, power = periodogram(w[rows, r], 1 / step, axis=0)
+        frequency, power = periodogram(w[rows, r], step)
         inside = (np.arange(len(power)) > 0) & (frequency < (1 - 1e-9) / shortest)
         power = power[inside] / np.maximum(power[inside].mean(axis=0), 1e-300)
         at = (frequency[inside] * shortest * bands).astype(int)
@@ -223,7 +223,7 @@ def _band_probabilities(
     near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
     beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
     ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
-    p = np.asarray(f_law.sf(ratio, 2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None]))
+    p = np.asarray(fdtrc(2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None], ratio))
     p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
     p[:SLOWEST] = 1.0
     return p

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -34,6 +33,8 @@ SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
 TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)
 """Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run."""
+MEDIAN = 0.454936423119572
+"""Median of chi-squared of one degree of freedom."""
 SEEN = 1e-9
 """Information from which a column is seen at all."""
 AT_TIMES = " at times"
@@ -143,7 +144,7 @@ class EventSlopes:
     def dispersion(self) -> float:
         """How much more the slopes vary than the information says, at least 1: by the median of their squares, so that
         what is wrong in few stretches does not count."""
-        return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / chi2.median(1)))
+        return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / MEDIAN))
 
 
 def swing_backgrounds(found: Mapping[str, EventSlopes]) -> dict[str, float]:

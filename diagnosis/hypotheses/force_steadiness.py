@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_law
+from scipy.special import fdtrc
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Filtered, LinearSystem, adjoint
@@ -193,7 +193,7 @@ def _rarity(scores: np.ndarray, law: np.ndarray, alike: np.ndarray) -> np.ndarra
     if not m:
         return np.zeros(scores.shape[1])
     along = (vectors.T @ scores)[kept] / np.sqrt(values[kept])[:, None]
-    return np.asarray(-f_law.logsf((along**2).sum(axis=0) * (draws - m + 1) / (m * draws), m, draws - m + 1))
+    return np.asarray(-np.log(fdtrc(m, draws - m + 1, (along**2).sum(axis=0) * (draws - m + 1) / (m * draws))))
 
 
 def _beyond(value: float, law: np.ndarray) -> float:

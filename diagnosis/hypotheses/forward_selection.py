@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.stats import chi2
 
+from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.prior_width import TOLD
@@ -36,16 +36,14 @@ IMMATERIAL = 0.15
 SAME_CLASS = 6.0
 """Candidates within this of the best in BIC cannot be told from it (odds of 20 : 1)."""
 CLEAR = 12.0
-"""Gain in BIC from which the refits decide which candidate is the best. Below it the score test does: how far a refit
-converged matters as much there, and BIC penalises parameters too much (of 102 weak effects 80 % come first, by BIC 72).
-"""
+"""Gain in BIC from which the refits decide which candidate is the best. Below it the score test does, as BIC penalises
+parameters too much (of 102 weak effects 80 % come first, by BIC 72)."""
 FURTHER, FURTHER_LEVEL = 5.0, 0.01
 """Minimum gain in BIC of every effect after the first, and largest probability of it by chance. Where the first differs
 somewhat from its model in the library, small further effects seem to help."""
-NEUTRAL = 0.05
-"""Probability of an effect by its own standard errors above which it counts as neutral."""
-AGREE = 0.05
-"""Largest probability, by the agreement of the runs, with which an effect is named."""
+NEUTRAL, AGREE = 0.05, 0.05
+"""Probability of an effect by its own standard errors above which it counts as neutral, and largest probability, by the
+agreement of the runs, with which it is named."""
 MOST = 3
 """Effects named at the most."""
 MAX_FITS = 12
@@ -220,7 +218,7 @@ def in_order(refitted: Sequence[RefittedEffect], scores: Mapping[Candidate, Scor
 
     def chance(r: RefittedEffect) -> float:
         s = scores[r.candidate]
-        return float(chi2.sf(max(2 * r.gain, 0.0), s.degrees)) if r.candidate.effect in CURVED else s.p_single
+        return chi2_tail(2 * r.gain, s.degrees) if r.candidate.effect in CURVED else s.p_single
 
     return sorted(by_bic, key=lambda r: (r.candidate.by_run, chance(r)))
 
@@ -259,7 +257,7 @@ def refitted_effect(
     c = score.candidate
     kept = sum(len(e.columns) for e in named)
     gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
-    by_chance = min(1.0, count * float(chi2.sf(max(2 * gain, 0.0), score.degrees)))
+    by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
     by_refit = c.effect in CURVED or problem.width(before).factor > TOLD  # the score knows the stated priors alone
     p_value = by_chance if by_refit else min(score.p_value, by_chance)
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
@@ -154,7 +154,7 @@ class OtherTrials:
         if not seen.any():
             return 1.0
         T = float((((vectors.T @ rest.g)[seen]) ** 2 / values[seen]).sum())
-        return float(chi2.sf(T, int(seen.sum())))
+        return chi2_tail(float(T), int(seen.sum()))
 
 
 def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:

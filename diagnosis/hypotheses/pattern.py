@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
+from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import linearise_and_filter
@@ -70,7 +70,7 @@ def pattern(
         values, vectors = np.linalg.eigh(0.5 * (V + V.T))
         kept = values > 0.02 * max(values.max(), 1e-300)
         T = float((((s @ vectors)[kept]) ** 2 / values[kept]).sum())
-        chances[name] = float(chi2.sf(T, max(int(kept.sum()), 1)))
+        chances[name] = chi2_tail(float(T), max(int(kept.sum()), 1))
     if tests is not None and not found.free.by_run:
         chances[TESTS] = _in_tests(steps, tests, found, effects)
     if not chances:

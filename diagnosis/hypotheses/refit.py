@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_law
 
+from cases.evidence.tails import chi2_tail, f_tail
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -88,7 +87,7 @@ def wald_p(found: Estimate, effect: Candidate) -> float:
     """Probability that an ``effect`` is as far from neutral by chance, by the standard errors of the fit ``found``."""
     own = np.array([found.free.columns.index(c) for c in effect.columns])
     move = found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own]
-    return float(chi2.sf(move @ np.linalg.solve(found.covariance[np.ix_(own, own)], move), len(own)))
+    return chi2_tail(float(move @ np.linalg.solve(found.covariance[np.ix_(own, own)], move)), len(own))
 
 
 BLOCK, SPARE = 20.0, 4
@@ -144,4 +143,4 @@ def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     V = sums.T @ sums * R / (R - 1)
     move = S @ (found.p[own] - (effect.neutral - found.free.mean[own]) / found.free.std[own])
     T = float(move @ np.linalg.pinv(V, rcond=1e-9, hermitian=True) @ move)
-    return float(f_law.sf(T * (R - q) / (q * (R - 1)), q, R - q))
+    return f_tail(T * (R - q) / (q * (R - 1)), q, R - q)

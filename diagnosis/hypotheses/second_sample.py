@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.stats import norm
+from cases.evidence.tails import normal_quantile, normal_tail
 
 SHOWN, OTHER_SIZE = 0.05, 0.005
 """Probability by chance above which trials do not show what was found in others, and that below which they exclude its
@@ -34,7 +34,7 @@ class FoundAgain:
     @property
     def p_value(self) -> float:
         """Probability that chance gives such a slope in this direction."""
-        return float(norm.sf(self.z))
+        return normal_tail(self.z)
 
     @property
     def gain(self) -> float:
@@ -61,7 +61,7 @@ class FoundAgain:
         if not self.expected > 0 or self.p_value < SHOWN:
             return False
         spread = math.hypot(1.0, self.expected / math.sqrt(max(2 * gain, 1.0)))
-        return bool(norm.cdf((self.z - self.expected) / spread) < OTHER_SIZE)
+        return normal_tail((self.expected - self.z) / spread) < OTHER_SIZE
 
 
 NOTHING = FoundAgain(0.0, 0.0)
@@ -78,8 +78,8 @@ def both_by_weight(p_value: float, gain: float, again: FoundAgain) -> float:
     first, second = math.sqrt(max(2 * gain, 0.0)), max(again.expected, 0.0)
     if not second > 0 or not first > 0:
         return p_value
-    deviate = float(norm.isf(min(max(p_value, 1e-300), 1 - 1e-9)))
-    return float(norm.sf((first * deviate + second * again.z) / math.hypot(first, second)))
+    deviate = normal_quantile(min(max(p_value, 1e-300), 1 - 1e-9))
+    return normal_tail((first * deviate + second * again.z) / math.hypot(first, second))
 
 
 def both_by_product(p_value: float, again: FoundAgain) -> float:

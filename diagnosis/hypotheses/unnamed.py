@@ -12,8 +12,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import norm
 
+from cases.evidence.tails import normal_quantile
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -163,7 +163,7 @@ class UnnamedForms:
     def is_found_again(self) -> bool:
         """Whether these trials and those that took no part together are beyond chance, where the response on which that
         hangs can be believed."""
-        shown = max(float(norm.isf(self.p_value_here)), 1.0)
+        shown = max(normal_quantile(self.p_value_here), 1.0)
         if self.again.expected > EXCESS * shown:
             return False
         return self.again.z > 0 and both_by_product(self.p_value_here, self.again) < LEVEL_AGAIN

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
 from cases.checks.sampling import VELOCITIES, spikes
+from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES
 from diagnosis.estimation.input_timing import TIMING
@@ -131,7 +131,7 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     final = deviations(fit, ship, stated)
     sizes = np.abs(list(final.values()))
     usual = sizes / max(wide.factor, 1.0)
-    together = float(chi2.sf((usual**2).sum(), len(sizes)))
+    together = chi2_tail(float((usual**2).sum()), len(sizes))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
     most = sizes.max(initial=0.0)
     is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE

@@ -15,8 +15,8 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES, Column
+from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.gusts import trials_in_gusts
-from diagnosis.first_fit import fit_without_effects
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import SHOWS, score_tests, slopes

@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.signal import periodogram
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.spectrum import periodogram
 from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, regions
 from diagnosis.location.situations import PHASES, phases, variables_of
 from mmg.components.rigid_body import Inertia, inertia
@@ -122,7 +122,7 @@ def _energies(data: GriddedTrials, force: np.ndarray, edges: Sequence[float]) ->
     result = np.zeros((len(edges), 3))
     for w, steps in enumerate(data.steps):
         part = force[:steps, w]
-        frequency, square = periodogram(part, 1 / data.h, scaling="spectrum", axis=0)
+        frequency, square = periodogram(part, data.h)
         at = np.clip(np.digitize(frequency, edges), 1, len(edges) - 1)
         result[0] += steps * part.mean(axis=0) ** 2
         np.add.at(result, at, steps * square)

@@ -29,10 +29,13 @@ class RudderLag(Effect):
         return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
-        from scipy.signal import lfilter  # slow to import, and only a diagnosis needs it
+        from scipy.linalg import solve_banded  # slow to import, and only a diagnosis needs it
 
         left = np.exp(-step / time)
-        begin = left * record[:1]
-        ends = lfilter([1 - left], [1.0, -left], record, axis=0, zi=begin)[0]
+        bands = np.ones((2, len(record)))
+        bands[1] = -left
+        driven = (1 - left) * record
+        driven[0] = record[0]  # settled
+        ends = solve_banded((1, 0), bands, driven.reshape(len(record), -1)).reshape(record.shape)
         starts = np.concatenate([record[:1], ends[:-1]])
         return record + (starts - record) * (time / step) * (1 - left)

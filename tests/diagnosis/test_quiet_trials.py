@@ -11,8 +11,8 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.trial import Trial
+from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.first_fit import fit_without_effects
 from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import prepare

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import gamma
+
+from cases.evidence.tails import gamma_tail
 
 TIMES = (0.3, 1.0)
 """Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
@@ -158,7 +159,7 @@ class ChangeTest:
         gains = with_change.max(axis=0) - none.max(axis=0)
         mean, spread = float(gains.mean()), float(gains.std()) + 1e-12
         shape = (mean / spread) ** 2
-        return float(gamma.sf(gain, shape, scale=mean / shape))
+        return gamma_tail(gain, shape, mean / shape)
 
 
 def _interval(days: np.ndarray, weight: np.ndarray) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from cases.evidence.tails import chi2_tail
 from fitting.selection.sisters.evidence import SisterEvidence
 
 COMMON = np.geomspace(0.005, 5.0, 61)
@@ -151,13 +152,12 @@ def _by_coefficient(A: np.ndarray, b: np.ndarray, common: float) -> np.ndarray:
 def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
     """How far a ship is from the ``mean`` (P,) of the others, which has the covariance ``known`` (P, P): by coefficient
     in standard errors (P,), and the probability of so much over all. W, w: information and slope of her own on it."""
-    from scipy.stats import chi2
 
     score, spread = w - W @ mean, W + W @ known @ W
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
     seen = values > max(1e-3, 1e-9 * values.max(initial=0.0))
     along = vectors[:, seen].T @ score
-    chance = float(chi2.sf(float((along**2 / values[seen]).sum()), int(seen.sum()))) if seen.any() else 1.0
+    chance = chi2_tail(float((along**2 / values[seen]).sum()), int(seen.sum())) if seen.any() else 1.0
     size = np.sqrt(np.maximum(np.diag(spread), 0.0))
     each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)
     return each, chance

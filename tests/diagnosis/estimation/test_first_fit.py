@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.first_fit import fit_without_effects
 from tests.diagnosis.judgement.test_verdict import ready
 
 
@@ -32,7 +32,7 @@ def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> None:
         raise BrokenModelError("esso: the model breaks down")
 
-    monkeypatch.setattr("diagnosis.first_fit.estimate", broken)
+    monkeypatch.setattr("diagnosis.estimation.first_fit.estimate", broken)
     p = ready().problem
     with pytest.raises(BrokenModelError, match="breaks down"):
         fit_without_effects(p.steps, p.data, p.steps.ship.values, p.base, initial_noise(p.steps.ship))
