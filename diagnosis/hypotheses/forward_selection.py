@@ -15,7 +15,7 @@ from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.found_again import same_trials
 from diagnosis.hypotheses.known_results import KnownResults
-from diagnosis.hypotheses.refit import refit, robust_p, wald_p
+from diagnosis.hypotheses.refit import followed_without, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
@@ -143,8 +143,7 @@ class Selection:
 
     def without_last(self, problem: SearchProblem) -> Selection:
         """The selection without the effect found last, the others refitted to ``problem``."""
-        kept = self.effects[:-1]
-        start = {x: self.final.value(*x) for c in kept for x in c.columns}
+        kept, start = self.effects[:-1], followed_without(self.final, self.effects[-1])
         before = problem.without(self.final, kept)
         final = refit(problem.steps, problem.data, problem.base, before, list(kept), start)
         robust = {c: robust_p(problem.steps, problem.data, final, c) for c in kept}
@@ -321,7 +320,7 @@ def pruned(
     """
     for c in named:
         rest = [e for e in named if e != c]
-        start = {x: now.value(*x) for e in rest for x in e.columns}
+        start = followed_without(now, c)
         without = refit(problem.steps, problem.data, problem.base, problem.without(now, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
         lost = 2 * problem.gained(without, kept, now, every)

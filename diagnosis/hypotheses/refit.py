@@ -83,6 +83,20 @@ def _start(
     return Point(theta, free, p, path, before.noise)
 
 
+def followed_without(found: Estimate, effect: Candidate) -> dict[Column, float]:
+    """Values of the other free parameters of the fit ``found`` where an ``effect`` is neutral, to first order:
+    their means given that."""
+    free = found.free
+    own = np.array([free.columns.index(c) for c in effect.columns])
+    rest = np.setdiff1d(np.arange(len(found.p)), own)
+    away = (effect.neutral - free.mean[own]) / free.std[own] - found.p[own]
+    moved = found.covariance[np.ix_(rest, own)] @ np.linalg.solve(found.covariance[np.ix_(own, own)], away)
+    low, high = (bound[rest] for bound in free.scaled_bounds)
+    p = np.clip(found.p[rest] + moved, low, high)
+    values = free.mean[rest] + free.std[rest] * p
+    return {free.columns[i]: float(value) for i, value in zip(rest, values, strict=True)}
+
+
 def wald_p(found: Estimate, effect: Candidate) -> float:
     """Probability that an ``effect`` is as far from neutral by chance, by the standard errors of the fit ``found``."""
     own = np.array([found.free.columns.index(c) for c in effect.columns])

@@ -182,7 +182,8 @@ def _at_bound(found: Selection) -> str:
 
 def contradicts(found: Selection, held: HeldOut) -> bool:
     """Whether the test trials speak against the named effects: longer predictions become clearly worse, or neither
-    those nor the likelihood of one-step predictions improves; of an instrument that likelihood alone counts.
+    those nor the likelihood of one-step predictions improves; of an instrument that likelihood alone counts, also where
+    it tells little.
 
     found: the selection; held: the check on test trials."""
     gain = held.likelihood_gain or 0.0
@@ -191,9 +192,11 @@ def contradicts(found: Selection, held: HeldOut) -> bool:
         return False
     if _is_certain(found, found.effects) and (not _worse(held) or _may_be_there(found, found.effects, held)):
         return False
+    if _measures(found):
+        return gain < 0
     worse = held.interval_90[1] < 0 and (held.reduction < -LARGE_GROWTH or not sure)
     worse = worse or (held.reduction < -NOTED_GROWTH and not sure)
-    by_windows = held.interval_90[0] > 0 and not _measures(found)
+    by_windows = held.interval_90[0] > 0
     return worse or (gain < 0 and held.reduction < -SMALL_GROWTH) or (gain < -3 and not by_windows)
 
 

@@ -233,18 +233,20 @@ def test_test_trials_contradict_a_certain_name_where_they_exclude_it_or_cannot_b
 
 
 @pytest.mark.parametrize(
-    ("name", "sure", "verdict"),
+    ("name", "gain", "sure", "verdict"),
     [
-        ("gnss_delay", (20.0, 60.0), "named"),
-        ("gnss_delay", (-3.0, 60.0), "unknown"),
-        ("fouling", (20.0, 60.0), "unknown"),
+        ("gnss_delay", 40.0, (20.0, 60.0), "named"),
+        ("gnss_delay", 40.0, (-3.0, 60.0), "named"),
+        ("gnss_delay", -4.0, (-9.0, 1.0), "unknown"),
+        ("fouling", 40.0, (20.0, 60.0), "unknown"),
     ],
 )
 def test_windows_that_begin_at_a_late_row_do_not_speak_against_a_late_sensor(
-    name: str, sure: tuple[float, float], verdict: str
+    name: str, gain: float, sure: tuple[float, float], verdict: str
 ) -> None:
-    """A window begins at a logged row, which is itself late: its error grows, though the delay is right."""
-    test = held(-0.41, (-0.6, -0.2), 40.0, sure)
+    """A window begins at a logged row, which is itself late: its error grows, though the delay is right. Single steps
+    alone tell, as far as they do."""
+    test = held(-0.41, (-0.6, -0.2), gain, sure)
     assert decide(found_with(108.0, name), 99.0, -1.0, LIMIT, test)[0] == verdict
 
 
