@@ -31,6 +31,7 @@ from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
     InstrumentFault,
+    LearnedResidual,
     RandomSizes,
     Unnamed,
 )
@@ -58,13 +59,13 @@ from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.not_random import not_random
 from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import has_remainder, limits
-from diagnosis.learned_rest import with_learned
+from diagnosis.learned_rest import start_learning, with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.form_words import likeness
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
-from fitting.parallel import with_one_thread
+from fitting.parallel import Awaited, with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -123,7 +124,7 @@ def _within_time(
     remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
     try:
-        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+        found, learning = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
     except (BrokenModelError, np.linalg.LinAlgError) as error:
         why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
         return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
@@ -131,7 +132,7 @@ def _within_time(
         words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
         raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
-    return with_learned(found, trials, kept, o, progress) if o.learn else found
+    return with_learned(found, trials, kept, o, progress, learning) if o.learn else found
 
 
 def _diagnosed(
@@ -143,37 +144,36 @@ def _diagnosed(
     known: CalibrationTrials,
     groups: Groups | None,
     progress: OnProgress | None,
-) -> Diagnosis:
-    """The diagnosis without what is learned; no test trial shares rows with the trials."""
+) -> tuple[Diagnosis, Awaited[LearnedResidual] | None]:
+    """The diagnosis, and what is learned where that is under way; no test trial shares rows with the trials."""
     given, began = ship, time.perf_counter()
     sensors = consistency(trials, ship)
     ship, repairs = with_sensor_faults(given, sensors)
     ready = prepare(ship, trials, site, options.step, known.other, known.reference)
     timings = {"fit": time.perf_counter() - began}
     ready, gridded, result = _searched(ready, trials, tests, options, progress)
-    p = ready.problem
-    found, before, after = result.found, result.before, result.after
+    p, found, before, after = ready.problem, result.found, result.before, result.after
     verdict, reasons, doubt = believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    is_named = verdict == "named"
+    is_named, late = verdict == "named", ready.reading.time_error
+    remainder = is_named and has_remainder(found, before, after, p.expected_unnamed)
     wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
+    found = replace(found, final=wide) if is_named else found
+    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
+    instruments = summary.instrument_faults(given, ready.full, final)
+    ship = summary.without_exact_gyro(ship, given, instruments)
+    ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
+    learning = start_learning(ship_before, p.data, trials, tests, options) if verdict == "unknown" else None
     ordered = not_random(ready, wide)
     if ordered and verdict == "none":
         verdict, doubt = "unknown", f"Something is missing in the model: {ordered[0]}."
     reasons += [*ordered, *limits(ready, found, trials, tests, result.held), *of_width]
-    remainder = is_named and (has_remainder(found, before, after, p.expected_unnamed) or bool(ordered))
-    found = replace(found, final=wide) if is_named else found
     fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
-    named, late = found.effects if is_named else (), ready.reading.time_error
+    named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
     reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
-    remainder = remainder or bool(doubts)
-    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
-    instruments = summary.instrument_faults(given, ready.full, final)
-    if "gyro" not in given.effects and "gyro" not in (fault.name for fault in instruments):
-        ship = ship.without_effect("gyro")
-    ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
+    remainder = remainder or (is_named and bool(ordered)) or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
@@ -186,7 +186,7 @@ def _diagnosed(
     sentence = doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual)
     sentence += likeness(unnamed.after if is_named else unnamed.before) if is_left and not doubt else ""
     timings["total"] = time.perf_counter() - began
-    return Diagnosis(
+    whole = Diagnosis(
         verdict=verdict,
         sentence=sentence,
         effects=effects,
@@ -214,6 +214,7 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
+    return whole, learning
 
 
 def _by_kind(before: UnnamedForms, after: UnnamedForms) -> Unnamed:

@@ -104,6 +104,13 @@ def named_effect(
     return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed, runs)
 
 
+def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:
+    """The ``ship`` without the gain of the gyro that was freed for a diagnosis: the one ``given`` has none, and it is
+    none of the ``faults`` found."""
+    freed = "gyro" not in given.effects and "gyro" not in (fault.name for fault in faults)
+    return ship.without_effect("gyro") if freed else ship
+
+
 def instrument_faults(ship: Ship, full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:
     """Faults of instruments that a ``fit`` of the ``full`` model shows beside the effects of the ``ship`` as given."""
     faults = []
