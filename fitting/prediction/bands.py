@@ -200,16 +200,16 @@ class Bands:
         return start + noise[:, None]
 
     def coefficient_variance(self, simulator: Simulator, batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
-        """Variance (n, 6, M) by the draws of the coefficients; a draw that fails somewhere does not count there."""
+        """Variance (n, 6, M) by the draws of the coefficients at ``rows`` (n,) of a ``batch``, in steps between them:
+        no lag of the model is shorter. A draw that fails somewhere does not count there."""
         total = np.zeros((len(rows), 6, batch.steps.shape[1]))
         if not self.root.shape[1]:
             return total
-        keep = np.zeros(len(batch.steps), dtype=bool)
-        keep[rows[1:] - 1] = True
+        batch = batch.between(rows)
 
         def states(theta: np.ndarray, batch: WindowBatch) -> np.ndarray:
             start = simulator.start(batch.logged, batch.inputs[0], theta)
-            return simulator.run(start, batch.inputs, batch.steps, theta, keep=keep)[:, :6]
+            return simulator.run(start, batch.inputs, batch.steps, theta)[:, :6]
 
         own = simulator.ship.values
         centre, M = states(own, batch), batch.steps.shape[1]

@@ -79,6 +79,16 @@ class WindowBatch:
         logged = np.array([s.record.states[s.first] for s in stretches]).T
         return cls(steps, inputs, logged, np.array(own).T if own else None)
 
+    def between(self, rows: np.ndarray) -> WindowBatch:
+        """The same stretches in steps from each of ``rows`` (n,) to the next, with the means of their inputs; the first
+        and the last row are among them."""
+        begins = rows[:-1]
+        steps = np.add.reduceat(self.steps, begins, axis=0)
+        weighted = np.add.reduceat(self.inputs * self.steps[:, None], begins, axis=0)
+        whole = steps[:, None] > 0
+        inputs = np.where(whole, weighted / np.where(whole, steps[:, None], 1.0), self.inputs[begins])
+        return WindowBatch(steps, inputs, self.logged, self.values)
+
     def times_over(self, count: int) -> WindowBatch:
         """The same stretches ``count`` times side by side."""
         values = None if self.values is None else np.tile(self.values, count)

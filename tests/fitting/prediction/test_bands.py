@@ -15,7 +15,8 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
 from fitting.prediction.bands import Bands, bands_of, draws_of, velocity_variance
-from fitting.prediction.predict import predict, predict_all
+from fitting.prediction.predict import predict, predict_all, record_of
+from fitting.prediction.stretches import Stretch, WindowBatch
 from mmg.rollout import Simulator
 from mmg.states import STATES
 from tests.support.calibrated import small_result
@@ -105,6 +106,26 @@ def test_draws_side_by_side_without_compiled_code_give_the_same_variance() -> No
     found = [predict(s, trials(2)[1], 30.0, 30.0, bands=unsure)[0][0].std for s in (simulator(), plain)]
     assert plain.is_stepwise and unsure.root.shape[1] > 1 and found[0] is not None and found[1] is not None
     np.testing.assert_allclose(found[1], found[0], rtol=1e-7, atol=1e-9)
+
+
+def test_the_variance_by_coefficients_is_that_of_steps_from_row_to_row() -> None:
+    """It is taken in steps between the rows at which it is wanted, which is 5 samples here: to a few per cent."""
+    ship, record = hidden_ship(), record_of(trials(1)[0], hidden_ship().inputs)
+    batch = WindowBatch.of([Stretch(record, first, first + last) for first, last in ((0, 300), (40, 297), (100, 250))])
+    rows = np.unique([*range(0, 301, 5), 300])
+    coarse = batch.between(rows)
+    assert coarse.steps.shape == (60, 3)
+    np.testing.assert_allclose(coarse.times, batch.times[rows])
+    moved = (batch.inputs * batch.steps[:, None]).sum(axis=0)
+    np.testing.assert_allclose((coarse.inputs * coarse.steps[:, None]).sum(axis=0), moved, atol=1e-9)
+    rng, at = np.random.default_rng(3), [ship.symbols.index(s) for s in ("Y_v", "N_r", "t_R", "w_P0")]
+    root = np.zeros((len(ship.symbols), 8))
+    root[at] = 0.05 * ship.values[at][:, None] * rng.normal(size=(4, 8))
+    known = Bands(bands().process, root)
+    found = known.coefficient_variance(simulator(), batch, rows)
+    exact = known.coefficient_variance(simulator(), batch, np.arange(301))[rows]
+    assert found.shape == (61, 6, 3) and exact[-1].min() > 0
+    np.testing.assert_allclose(np.sqrt(found.mean(axis=(0, 2))), np.sqrt(exact.mean(axis=(0, 2))), rtol=0.03)
 
 
 def test_draws_have_the_covariance_that_was_stored() -> None:
