@@ -22,6 +22,7 @@ from mmg.ship import Ship
 from residual.rollout import RolloutBatch, acceleration_loss, state_loss
 from residual.settings import TrainSettings
 from residual.system import TrainableSystem
+from residual.training.adam import Adam
 from residual.training.augmentation import SETS, augmented
 from residual.training.folds import WINDOW, Split
 from residual.training.scales import Scales
@@ -151,12 +152,11 @@ class _Attempt:
     def run(self) -> str:
         """Train through the stages; "finished" or "stopped"."""
         t = self.task.settings
-        optimizer = torch.optim.Adam(self.system.learned(), lr=self.rate)
+        optimizer = Adam(self.system.learned(), self.rate)
         plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
         for epoch, (seconds, batch) in enumerate(plan, 1):
             cosine = 0.5 * (1 + math.cos(math.pi * (epoch - 1) / len(plan)))
-            for group in optimizer.param_groups:
-                group["lr"] = t.last_rate + (self.rate - t.last_rate) * cosine
+            optimizer.rate = t.last_rate + (self.rate - t.last_rate) * cosine
             loss = self._epoch(optimizer, batch)
             self._keep(epoch, seconds, loss)
             if self.progress:
@@ -166,7 +166,7 @@ class _Attempt:
                 return "stopped"
         return "finished"
 
-    def _epoch(self, optimizer: torch.optim.Optimizer, batch: RolloutBatch) -> float:
+    def _epoch(self, optimizer: Adam, batch: RolloutBatch) -> float:
         """One pass over the windows in random order; mean loss."""
         t, scales = self.task.settings, self.task.scales
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
