@@ -295,4 +295,5 @@ def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:
     good = np.isfinite(e)
     if good.sum() < 100:
         return np.nan
-    return float(np.quantile(((e[good] / NORMAL) ** 2 - rest[good]) / np.maximum(share[good], 1e-300), COVER))
+    with np.errstate(over="ignore"):  # of a ship that explodes
+        return float(np.quantile(((e[good] / NORMAL) ** 2 - rest[good]) / np.maximum(share[good], 1e-300), COVER))
