@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -13,7 +14,6 @@ from diagnosis.findings import LearnedResidual
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
 from fitting.parallel import Awaited, begun_beside, helping
-from fitting.report.parts import Store
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
@@ -35,7 +35,12 @@ def start_learning(
     process = helping() if tests and options.learn and not options.time_limit else None
     if process is None:
         return None
-    return begun_beside(process, _Training.of(ship, data, trials, tests, options).measured)
+    return begun_beside(process, partial(_learned, ship, _reading(data, options), trials, tests, options))
+
+
+def _reading(data: GriddedTrials | None, options: DiagnosisOptions) -> tuple[float | None, bool]:
+    """What ``_learned`` takes, of the trials as they were diagnosed."""
+    return (options.step, False) if data is None else (data.h, data.straight)
 
 
 def with_learned(
@@ -63,7 +68,7 @@ def with_learned(
             found = found.with_figures()
             rest = started.value
         else:
-            rest = _Training.of(found.ship, found.data, trials, tests, options).measured(progress)
+            rest = _learned(found.ship, _reading(found.data, options), trials, tests, options, progress)
     except UserError as reason:
         why = f"how much of the rest a learned residual closes was not measured: {reason}"
         code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
@@ -75,44 +80,25 @@ def with_learned(
     return replace(found, learned=rest, timings=spent)
 
 
-@dataclass(frozen=True)
-class _Training:
-    """What is trained and measured, as another process takes it.
+def _learned(
+    ship: Ship,
+    reading: tuple[float | None, bool],
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: DiagnosisOptions,
+    progress: OnProgress | None = None,
+) -> LearnedResidual:
+    """The measurement behind ``with_learned``, as another process takes it, which is where torch is imported.
 
-    ship: with the named effects; trials: to train on; tests: to measure on; seed, workers: of the training; step: of
-    the diagnosis [s]; straight: inputs were joined by lines between samples; store: of finished trainings.
+    reading: step [s] of the trials, and whether their inputs are joined by lines.
     """
+    needs_torch("a learned residual")
+    from diagnosis.validation.learned import SEEDS, measure_learned_residual
+    from residual.settings import TrainSettings
 
-    ship: Ship
-    trials: Sequence[Trial]
-    tests: Sequence[Trial]
-    seed: int
-    workers: int
-    step: float | None
-    straight: bool
-    store: Store | None
-
-    @classmethod
-    def of(
-        cls,
-        ship: Ship,
-        data: GriddedTrials | None,
-        trials: Sequence[Trial],
-        tests: Sequence[Trial],
-        options: DiagnosisOptions,
-    ) -> _Training:
-        """That for a ``ship``; data, trials, tests, options: as of ``start_learning``."""
-        step, straight = (options.step, False) if data is None else (data.h, data.straight)
-        store = options.store.part("learned") if options.store is not None else None
-        return cls(ship, trials, tests, options.seed, options.workers, step, straight, store)
-
-    def measured(self, progress: OnProgress | None = None) -> LearnedResidual:
-        """What it closes, which is where torch is imported; progress: called as the training goes on."""
-        needs_torch("a learned residual")
-        from diagnosis.validation.learned import SEEDS, measure_learned_residual
-        from residual.settings import TrainSettings
-
-        settings, store = TrainSettings(seeds=SEEDS, seed=self.seed, workers=self.workers, step=self.step), self.store
-        if store is not None and store.folder.is_dir():  # begun by another process of this command, or resumed
-            store = replace(store, resume=True)
-        return measure_learned_residual(self.ship, self.trials, self.tests, settings, progress, store, self.straight)
+    step, straight = reading
+    settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers, step=step)
+    store = options.store.part("learned") if options.store is not None else None
+    if store is not None and store.folder.is_dir():  # of another process of this command, or resumed
+        store = replace(store, resume=True)
+    return measure_learned_residual(ship, trials, tests, settings, progress, store, straight)

@@ -48,16 +48,15 @@ def fit_without_effects(
     (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
     """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
-    thins = gap != 1 and data.samples // (FEW if gap else LEAST) > 1
-    limit = 0.0 if gap else CORRELATED
-    null, p = _first_fit(steps, data, theta, base, noise, p, partial(_surely_correlated, limit) if thins else never)
+    most = max(1, data.samples // (FEW if gap else LEAST))
+    each = [min(gap or max(1, round(s * time_scale(steps.ship.particulars["L"]) / data.h)), most) for s in APART]
+    enough = partial(_surely_correlated, 0.0 if gap else CORRELATED) if each[0] > 1 else never
+    null, p = _first_fit(steps, data, theta, base, noise, p, enough)
     dense = (data, residuals(steps, data, null))
     correlation = lag_correlation(*dense)
     apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
-    for seconds in APART if gap or crowded else ():
-        enough = never if gap or seconds == APART[-1] else partial(_surely_correlated, 0.5 * CORRELATED)
-        wanted = gap or max(1, round(seconds * time_scale(steps.ship.particulars["L"]) / data.h))
-        apart = min(wanted, max(1, dense[0].samples // (FEW if gap else LEAST)))
+    for number, apart in enumerate(each if gap or crowded else ()):
+        enough = never if gap or number == len(each) - 1 else partial(_surely_correlated, 0.5 * CORRELATED)
         if apart > 1:
             data = dense[0].thinned(apart)
             start = initial_point(steps, data, theta, base, noise, p)

@@ -154,7 +154,7 @@ class OtherTrials:
         if not seen.any():
             return 1.0
         T = float((((vectors.T @ rest.g)[seen]) ** 2 / values[seen]).sum())
-        return chi2_tail(float(T), int(seen.sum()))
+        return chi2_tail(T, int(seen.sum()))
 
 
 def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:

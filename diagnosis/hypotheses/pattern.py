@@ -70,7 +70,7 @@ def pattern(
         values, vectors = np.linalg.eigh(0.5 * (V + V.T))
         kept = values > 0.02 * max(values.max(), 1e-300)
         T = float((((s @ vectors)[kept]) ** 2 / values[kept]).sum())
-        chances[name] = chi2_tail(float(T), max(int(kept.sum()), 1))
+        chances[name] = chi2_tail(T, max(int(kept.sum()), 1))
     if tests is not None and not found.free.by_run:
         chances[TESTS] = _in_tests(steps, tests, found, effects)
     if not chances:

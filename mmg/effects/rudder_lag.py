@@ -36,6 +36,6 @@ class RudderLag(Effect):
         bands[1] = -left
         driven = (1 - left) * record
         driven[0] = record[0]  # settled
-        ends = solve_banded((1, 0), bands, driven.reshape(len(record), -1)).reshape(record.shape)
+        ends = solve_banded((1, 0), bands, driven.reshape(len(record), -1), check_finite=False).reshape(record.shape)
         starts = np.concatenate([record[:1], ends[:-1]])
         return record + (starts - record) * (time / step) * (1 - left)

@@ -152,7 +152,6 @@ def _by_coefficient(A: np.ndarray, b: np.ndarray, common: float) -> np.ndarray:
 def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
     """How far a ship is from the ``mean`` (P,) of the others, which has the covariance ``known`` (P, P): by coefficient
     in standard errors (P,), and the probability of so much over all. W, w: information and slope of her own on it."""
-
     score, spread = w - W @ mean, W + W @ known @ W
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
     seen = values > max(1e-3, 1e-9 * values.max(initial=0.0))

@@ -6,6 +6,7 @@ import pytest
 from scipy import stats
 
 from cases.evidence import tails
+from diagnosis.hypotheses import events
 
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, 0.3, 4.0, 60.0])
@@ -20,3 +21,7 @@ def test_they_are_those_of_scipy(value: float) -> None:
 def test_quantiles_turn_them_round(probability: float) -> None:
     assert tails.normal_quantile(probability) == pytest.approx(stats.norm.isf(probability), rel=1e-12)
     assert tails.student_quantile(probability, 5) == pytest.approx(stats.t.ppf(probability, 5), rel=1e-9)
+
+
+def test_the_median_is_that_of_chi_squared() -> None:
+    assert pytest.approx(stats.chi2.median(1), rel=1e-12) == events.MEDIAN

@@ -93,3 +93,21 @@ def test_sizes_stay_within_their_limits(one: tuple) -> None:
     here = linearise_and_filter(steps, data, replace(found.fixed(), noise=large))
     new, _ = noise_step.noise_step(here, *here.smoothed()[1:], typical)
     assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_step.SHORTEST)
+
+
+def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(
+    one: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps, data, found, _ = one
+    start = replace(found, p=found.p + 0.1)
+    first = estimate(steps, data, start, 8, is_enough=lambda here, gain: gain > 0)
+    assert first.iterations == 1 and not first.converged
+    one_point = map_estimate.linearised_if_finite
+
+    def no_better(*given: object) -> Linearisation | None:
+        here = one_point(*given)  # type: ignore[arg-type]
+        return None if here is None else replace(here, nll=0.0)
+
+    monkeypatch.setattr(map_estimate, "linearised_if_finite", no_better)
+    vain = estimate(steps, data, start, 30, tolerance=1e-9)
+    assert vain.iterations == 1 + map_estimate.IN_VAIN and not vain.converged
