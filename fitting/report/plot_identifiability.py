@@ -15,7 +15,18 @@ from fitting.design.next_trial import HELPS, NextTrial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY, CoefficientFinding, Identifiability
 from fitting.identifiability.clusters import CORRELATED
 from fitting.record import FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, WIDTH, TakesFigures, dress, new_figure
+from fitting.report.plot_style import (
+    AFTER,
+    ALARM,
+    BEFORE,
+    GREY,
+    WIDTH,
+    TakesFigures,
+    dress,
+    new_figure,
+    placed_axes,
+    room_for_labels,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -89,8 +100,9 @@ def share_plot(findings: Sequence[CoefficientFinding]) -> Figure:
     Black ticks: the share if all others were known.
     """
     rows = sorted((f for f in findings if np.isfinite(f.share)), key=lambda f: f.share)
-    figure = new_figure(0.9 + 0.155 * len(rows))
-    ax = dress(figure.subplots(), "prior's share of the variance [-]: 0 the trials decided, 1 they said nothing")
+    left = 0.1 + room_for_labels((f.symbol for f in rows), 7.5)
+    figure, axes = placed_axes(0.9 + 0.155 * len(rows), (1, 1), (left, 0.12, 0.5, 0.12))
+    ax = dress(axes[0, 0], "prior's share of the variance [-]: 0 the trials decided, 1 they said nothing")
     heights = range(len(rows))
     for kind, words in KINDS.items():
         if some := [(k, min(f.share, 1)) for k, f in enumerate(rows) if f.kind == kind]:

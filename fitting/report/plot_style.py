@@ -17,6 +17,7 @@ from mmg.messages import Message
 from mmg.progress import LOGGER
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -39,6 +40,42 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     from matplotlib.figure import Figure  # late: slow to import
 
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
+
+
+def placed_axes(
+    height: float,
+    shape: tuple[int, int],
+    sides: tuple[float, float, float, float],
+    between: tuple[float, float] = (0.0, 0.0),
+    sharex: bool = False,
+    sharey: bool = False,
+) -> tuple[Figure, np.ndarray]:
+    """A figure ``height`` inches high with axes (rows, columns) of this ``shape``, without the slow layout of what
+    needs no measuring.
+
+    sides: room [inches] left, right, below and above them; between: room beside and over each other;
+    sharex, sharey: as of ``Figure.subplots``.
+    """
+    figure, (rows, columns), (left, right, bottom, top) = new_figure(height, layout=None), shape, sides
+    wide = max((WIDTH - left - right - between[0] * (columns - 1)) / columns, 0.1)
+    high = max((height - bottom - top - between[1] * (rows - 1)) / rows, 0.1)
+    grid = {
+        "left": left / WIDTH, "right": 1 - right / WIDTH, "bottom": bottom / height, "top": 1 - top / height,
+        "wspace": between[0] / wide, "hspace": between[1] / high,
+    }  # fmt: skip
+    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, sharex=sharex, sharey=sharey)
+
+
+def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> float:
+    """Width [inches] of the longest of ``labels`` in letters of ``size`` [points], with the gap to the axes; no more
+    than half of a figure."""
+    from matplotlib.backends.backend_agg import RendererAgg  # late: slow to import
+    from matplotlib.font_manager import FontProperties
+
+    font = FontProperties(size=size, weight="bold" if bold else "normal")
+    pen = RendererAgg(8, 8, DPI)
+    widths = [pen.get_text_width_height_descent(text, font, False)[0] / DPI for text in labels]
+    return min(max(widths, default=0.0) + 0.12, 0.5 * WIDTH)
 
 
 class Drawn(Protocol):

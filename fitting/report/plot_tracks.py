@@ -11,7 +11,7 @@ import numpy as np
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
-from fitting.report.plot_style import MEASURED, STYLES, dress, new_figure
+from fitting.report.plot_style import MEASURED, STYLES, dress, new_figure, placed_axes
 from mmg.rollout import Simulator
 
 if TYPE_CHECKING:
@@ -168,8 +168,8 @@ def error_growth_plot(
     length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
     times = np.linspace(0, horizon, 101)
     used = [t for t in trials if t.has_position] or list(trials)
-    figure = new_figure(4.9)
-    axes = figure.subplots(2, 3).ravel()
+    figure, grid = placed_axes(4.9, (2, 3), (0.7, 0.2, 0.5, 0.15), (0.75, 0.65))
+    axes = grid.ravel()
     panels = (
         ("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES), ("u [m/s]", (3,), 1.0),
         ("v [m/s]", (4,), 1.0), ("r [deg/s]", (5,), DEGREES),

@@ -16,7 +16,18 @@ from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, TakesFigures, dress, literal, new_figure
+from fitting.report.plot_style import (
+    AFTER,
+    ALARM,
+    BEFORE,
+    GREY,
+    TakesFigures,
+    dress,
+    literal,
+    new_figure,
+    placed_axes,
+    room_for_labels,
+)
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
 from fitting.report.run_folder import plain
 from fitting.settings import Start
@@ -100,14 +111,18 @@ def coefficient_plot(
         lines += [(group, None), *((group, symbol) for symbol in symbols)]
     parts = _columns(lines)
     longest = max(len(part) for part in parts)
-    figure = new_figure(1.3 + 0.185 * longest)
+    across = 0.12 + room_for_labels((s for _, s in lines if s), 8)
+    figure, grid = placed_axes(
+        1.3 + 0.185 * longest, (1, len(parts)), (across, 0.12, 0.5, 0.6), (across, 0.0), sharex=True
+    )
     used: dict[str, Any] = {}
     extent = 2.2
-    axes = figure.subplots(1, len(parts), squeeze=False, sharex=True)[0]
+    axes = grid[0]
     for ax, part in zip(axes, parts, strict=True):
         dress(ax, "(estimate - prior) / prior standard deviation [-]")
         ax.axvspan(-1, 1, color="#EFF3F6", zorder=0)
         ax.axvline(0, color=GREY, linewidth=0.8, zorder=1)
+        points: dict[str, list[tuple[float, int, float]]] = {}
         for height, (group, symbol) in enumerate(part):
             if symbol is None:
                 where = ax.get_yaxis_transform()
@@ -118,23 +133,25 @@ def coefficient_plot(
             shift = (row.value - (row.prior_value or 0.0)) / prior_std
             std = row.std / prior_std if row.std is not None else np.nan
             kind = known.get(symbol) or determination(row.prior_share)
-            look = MARKS[kind]
-            used[kind] = ax.errorbar(
-                shift, height, xerr=std if np.isfinite(std) else None, fmt=look["marker"],
-                color=look["color"], mfc=look["mfc"], ms=4.2, lw=1.2, zorder=3,
-            )  # fmt: skip
+            points.setdefault(kind, []).append((shift, height, std))
             if np.isfinite(shift):
                 extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
             if row.at_bound:
                 sign = "<" if row.at_bound == "lower" else ">"
                 (used["limit"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
+        for kind, some in points.items():
+            look, (x, y, width) = MARKS[kind], np.transpose(some)
+            used[kind] = ax.errorbar(
+                x, y, xerr=width, fmt=look["marker"], ls="none", color=look["color"], mfc=look["mfc"], ms=4.2, lw=1.2,
+                zorder=3,
+            )  # fmt: skip
         ax.set_ylim(longest - 0.4, -0.8)
         ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
         ax.grid(axis="y", visible=False)
     axes[0].set_xlim(-extent, extent)
     names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"limit": "at a bound"}
     shown = {name: used[kind] for kind, name in names.items() if kind in used and name}
-    figure.legend(shown.values(), shown, loc="outside upper center", ncols=5, fontsize=8, frameon=False)
+    figure.legend(shown.values(), shown, loc="upper center", ncols=5, fontsize=8, frameon=False)
     return figure
 
 
@@ -153,36 +170,37 @@ def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int 
         if rows and room > 0:
             pooled = dict(pair["before"], name="all pooled"), dict(pair["after"], name="all pooled")
             lines += [(title, None, None), ("", *pooled), *(("", b, a) for b, a in rows[:room])]
-    figure = new_figure(1.1 + 0.3 * len(lines))
-    axes = figure.subplots(1, 2, sharey=True)
+    labels = [heading or literal(row["name"] if row else "") for heading, row, _ in lines]
+    left = 0.1 + room_for_labels(labels, 7.5, bold=True)
+    figure, grid = placed_axes(1.1 + 0.3 * len(lines), (1, 2), (left, 0.12, 0.5, 0.6), (0.2, 0.0), sharey=True)
+    axes = grid[0]
     for ax, key, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
         dress(ax, "mean squared normalised error [-]", "", title)
         largest = max((row[key] for _, *both in lines for row in both if row and row[key]), default=1.0)
-        for height, (_, *both) in enumerate(lines):
-            for row, offset, colour in zip(both, (-0.19, 0.19), (BEFORE, AFTER), strict=True):
-                if row is None or row[key] is None:
-                    continue
-                hatch = "////" if colour == BEFORE else None
-                ax.barh(height + offset, row[key], 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0)
-                number = f"{row[key]:.3g}"
-                ax.text(row[key] + 0.012 * largest, height + offset, number, fontsize=7, va="center", color="#444")
+        for number, (offset, colour, hatch) in enumerate(((-0.19, BEFORE, "////"), (0.19, AFTER, None))):
+            some = [(k, both[number]) for k, (_, *both) in enumerate(lines)]
+            known = [(k + offset, float(row[key])) for k, row in some if row and row[key] is not None]
+            at, values = np.transpose(known) if known else np.empty((2, 0))
+            ax.barh(at, values, 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0)
+            for height, value in known:
+                beyond = value + 0.012 * largest
+                ax.text(beyond, height, f"{value:.3g}", fontsize=7, va="center", color="#444")
         ax.set_xlim(0, 1.14 * largest)
         ax.grid(axis="y", visible=False)
         ax.tick_params(axis="y", length=0)
-    labels = [heading or literal(row["name"] if row else "") for heading, row, _ in lines]
     axes[0].set_yticks(range(len(lines)), labels, fontsize=7.5)
     for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
         tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
     axes[0].set_ylim(len(lines) - 0.4, -0.6)
     bars = [Patch(facecolor=BEFORE, hatch="////", edgecolor="white"), Patch(facecolor=AFTER)]
-    figure.legend(bars, ["before", "after"], loc="outside upper center", ncols=2, fontsize=9, frameon=False)
+    figure.legend(bars, ["before", "after"], loc="upper center", ncols=2, fontsize=9, frameon=False)
     return figure
 
 
 def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
     """Objective and constraint violation over the iterations of a solve, of which ``history`` has both."""
-    figure = new_figure(3.2)
-    left, right = figure.subplots(1, 2)
+    figure, grid = placed_axes(3.2, (1, 2), (0.75, 0.12, 0.5, 0.35), (0.85, 0.0))
+    left, right = grid[0]
     values = np.array(history, dtype=float).reshape(-1, 2)
     steps = np.arange(len(values))
     dress(left, "iteration [-]", "objective [-]", "objective")
@@ -190,6 +208,8 @@ def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
     dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
     right.plot(steps, np.maximum(values[:, 1], 1e-16), "o-", color=AFTER, ms=3)
     right.set_yscale("log")
+    right.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")  # as a formula it takes long to set
+    right.minorticks_off()
     if len(values) and values[:, 0].min() > 0 and values[:, 0].max() > 20 * values[:, 0].min():
         left.set_yscale("log")
     return figure
