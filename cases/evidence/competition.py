@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from cases.evidence.readings import CLOCKS, FRAMES, HEADINGS, RATES, SPEEDS, ColumnReading, readings
-from cases.evidence.signals import PIECES, STEPS, Stats, evidence, relative, signals
+from cases.evidence.signals import PIECES, Stats, evidence, over_windows, relative, signals
 from cases.io.units import si_unit, to_si, unit_by_factor
 from cases.trial import Trial
 
@@ -111,7 +111,7 @@ def scores(
         if s is None:
             continue
         if not blind:
-            stats = s.stats(s.psi[STEPS:] - s.psi[:-STEPS], s.summed(s.r))
+            stats = s.stats(over_windows(s.psi), s.summed(s.r))
             for factor in _rates():
                 spin[unit, factor] = _spun(stats, factor)
         if s.has_track and not lost:
@@ -168,14 +168,14 @@ def _tracked(stats: Stats, factor: float) -> tuple[float, float]:
     within what is usual."""
     both, predicted = complex(np.sum(stats.both)), float(np.sum(stats.predicted))
     if not predicted > 0 or not abs(both) > 0:
-        return evidence(np.ones(PIECES)), 1.0
+        return float(evidence(np.ones(PIECES))), 1.0
     best = both / (predicted * factor)
     angle = float(np.clip(math.atan2(best.imag, best.real), -MOST_OFF[0], MOST_OFF[0]))
     gain = float(np.clip(math.log(abs(best)), -MOST_OFF[1], MOST_OFF[1]))
     prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
     misfit = relative(stats, factor * math.exp(gain) * complex(math.cos(angle), math.sin(angle)))
     plain = relative(stats, factor)
-    return evidence(misfit) + prior, math.sqrt(float(np.average(plain, weights=stats.measured + 1e-30)))
+    return float(evidence(misfit)) + prior, math.sqrt(float(np.average(plain, weights=stats.measured + 1e-30)))
 
 
 def _spun(stats: Stats, factor: float) -> float:
@@ -183,7 +183,7 @@ def _spun(stats: Stats, factor: float) -> float:
     both, predicted = float(np.real(np.sum(stats.both))), float(np.sum(stats.predicted))
     gain = both / (predicted * factor) if predicted > 0 else 1.0
     gain = float(np.clip(gain, 1 - 3 * GYRO, 1 + 3 * GYRO))
-    return evidence(relative(stats, factor * gain)) + 0.5 * ((gain - 1) / GYRO) ** 2
+    return float(evidence(relative(stats, factor * gain))) + 0.5 * ((gain - 1) / GYRO) ** 2
 
 
 def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:

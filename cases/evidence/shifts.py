@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from cases.evidence.signals import STEPS, Signals, Stats, evidence, relative
+from cases.evidence.signals import Signals, Stats, evidence, over_windows, relative
 from cases.io.spread import Spread, one_by_one
 
 COST = 8.0
@@ -41,6 +41,9 @@ MOST_CENTRES = 4
 
 LINEAR = ("arm", "gain r", "gain u", "gain v", "heading")
 """What follows from least squares."""
+
+ROOM = 400_000
+"""So many rows of a record that is moved by several lags are looked at at once."""
 
 TRIED, FINER = 12, 3
 """Steps of the grid of lags on each side of zero, and of its refinement."""
@@ -109,23 +112,37 @@ def without(s: Signals, shift: Shift) -> Signals:
 def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
     """Nats of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
     changed = without(s, Shift(name, value, 0.0)) if name else s
-    turn = changed.stats(changed.psi[STEPS:] - changed.psi[:-STEPS], changed.summed(changed.r))
-    if not s.has_track:
-        return _logged(turn, False, name != "gain r")
-    way = changed.stats(changed.way(), changed.summed(changed.w * np.exp(1j * changed.psi)))
-    return _logged(way, True) + _logged(turn, False, name != "gain r")
+    return float(_nats(changed, s.has_track, name != "gain r"))
 
 
-def _logged(stats: Stats, turns: bool, free: bool = True) -> float:
-    """Nats of a misfit, with the gain where it is ``free``, and where it ``turns`` the angle, as they are usual."""
-    total = float(np.sum(stats.predicted))
-    if not total > 0:
-        return 0.0
-    factor = complex(np.sum(stats.both)) / total
-    gain = min(max(abs(factor), 0.9), 1.1) if free else 1.0
-    angle = min(max(math.atan2(factor.imag, factor.real), -0.05), 0.05) if turns else 0.0
-    misfit = relative(stats, gain * complex(math.cos(angle), math.sin(angle)))
-    return evidence(misfit, LEAST) + 0.5 * (math.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
+def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
+    """The same (n,) where what ``name`` says is late by ``lags`` (n,) [s]."""
+    at_once = max(1, ROOM // len(s.psi))
+    parts = [lags[k : k + at_once] for k in range(0, len(lags), at_once)]
+    return np.concatenate([np.empty(0), *(_nats(s.shifted(part, *LAGS[name]), s.has_track) for part in parts)])
+
+
+def _nats(s: Signals, has_track: bool, free: bool = True) -> np.ndarray:
+    """Nats (...) of the records ``s``, of turns alone where they have no track, the gyro's gain where it is ``free``.
+
+    A sum over windows that no record of ``s`` has of its own is made once.
+    """
+    turn = s.stats(over_windows(s.psi), s.summed(s.r))
+    if not has_track:
+        return _logged(turn, False, free)
+    way = s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi)))
+    return _logged(way, True) + _logged(turn, False, free)
+
+
+def _logged(stats: Stats, turns: bool, free: bool = True) -> np.ndarray:
+    """Nats (...) of a misfit, with the gain where it is ``free``, and where it ``turns`` the angle, as are usual."""
+    total, both = np.sum(stats.predicted, axis=-1), np.sum(stats.both, axis=-1)
+    factor = both / np.where(total > 0, total, 1.0)
+    gain = np.clip(np.abs(factor), 0.9, 1.1) if free else np.ones(np.shape(factor))
+    angle = np.clip(np.angle(factor), -0.05, 0.05) if turns else np.zeros(np.shape(factor))
+    misfit = relative(stats, gain * np.exp(1j * angle) if turns else gain)
+    usual = 0.5 * (np.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
+    return np.asarray(np.where(total > 0, evidence(misfit, LEAST) + usual, 0.0))
 
 
 def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
@@ -153,7 +170,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> tuple[list[Value
     plain = np.array([nats(s) for s in some])
 
     def costs(grid: np.ndarray) -> np.ndarray:
-        return np.array([[nats(s, float(lag), name) for lag in grid] for s in some]) - plain[:, None]
+        return np.array([nats_of_lags(s, name, grid) for s in some]) - plain[:, None]
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = costs(grid)
@@ -200,10 +217,10 @@ def _normal(s: Signals, name: str) -> tuple[complex | float, float]:
     if name == "heading":
         return mean(way, made), mean(made, made).real
     if name == "gain r":
-        turned, rate = s.psi[STEPS:] - s.psi[:-STEPS], s.summed(s.r)
+        turned, rate = over_windows(s.psi), s.summed(s.r)
         return mean(turned, rate).real, mean(rate, rate).real
     if name == "arm":
-        swung = turn[STEPS:] - turn[:-STEPS]
+        swung = over_windows(turn)
         power = mean(made, made).real
         free = _less(mean, swung, made, power)
         return mean(_less(mean, way, made, power), free), mean(free, free).real

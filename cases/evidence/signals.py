@@ -40,8 +40,8 @@ FEW = 0.3
 
 
 class Stats(NamedTuple):
-    """Per piece (PIECES,): sum of |measured|^2, of measured times the conjugate of the predicted, of |predicted|^2, and
-    number of windows."""
+    """Per piece (..., PIECES): sum of |measured|^2, of measured times the conjugate of the predicted, of |predicted|^2,
+    and number of windows."""
 
     measured: np.ndarray
     both: np.ndarray
@@ -51,7 +51,8 @@ class Stats(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """A record on a uniform clock of ``step`` [s]: arrays (M,), missing samples filled by straight lines.
+    """A record on a uniform clock of ``step`` [s]: arrays (M,), missing samples filled by straight lines; or several
+    such records that differ in some of the arrays, which are (..., M).
 
     place: x + i y [m], NaN where none is logged; psi: unwrapped [rad]; w: u + i v [m/s]; r [rad/s]; good: rows that
     were measured. window: length of a window [s].
@@ -71,52 +72,66 @@ class Signals:
         return len(moved) >= 3 * STEPS and bool(np.isfinite(moved).all()) and float(moved.sum()) > 1e-6
 
     def way(self) -> np.ndarray:
-        """Way made in each window (M - STEPS,), complex [m]."""
-        return self.place[STEPS:] - self.place[:-STEPS]
+        """Way made in each window (..., M - STEPS), complex [m]."""
+        return over_windows(self.place)
 
     def summed(self, rate: np.ndarray) -> np.ndarray:
-        """Integral of a ``rate`` (M,) over each window (M - STEPS,)."""
-        total = np.zeros(len(rate), dtype=np.result_type(rate, float))
-        np.cumsum(0.5 * (rate[1:] + rate[:-1]), out=total[1:])
+        """Integral of a ``rate`` (..., M) over each window (..., M - STEPS)."""
+        total = np.zeros(rate.shape, dtype=np.result_type(rate, float))
+        np.cumsum(0.5 * (rate[..., 1:] + rate[..., :-1]), axis=-1, out=total[..., 1:])
         total *= self.step
-        return total[STEPS:] - total[:-STEPS]
+        return over_windows(total)
 
     def stats(self, measured: np.ndarray, predicted: np.ndarray) -> Stats:
-        """Sums per piece of two quantities of windows (M - STEPS,); windows with missing rows do not count."""
+        """Sums per piece of two quantities of windows (..., M - STEPS); windows with missing rows do not count."""
         use, edges, windows = self._counted
         a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
-        own, both, other = (np.add.reduceat(s, edges) for s in (_squared(a), a * np.conj(b), _squared(b)))
+        parts = _squared(a), a * np.conj(b), _squared(b)
+        own, both, other = (np.add.reduceat(part, edges, axis=-1) for part in parts)
         return Stats(own, both, other, windows)
 
     @cached_property
     def _counted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Windows without missing rows (M - STEPS,), where the pieces begin, and how many such windows each has."""
-        count = np.concatenate([[0], np.cumsum(~self.good)])
-        use = count[STEPS + 1 :] - count[: -STEPS - 1] == 0
-        edges = np.linspace(0, len(use), PIECES + 1).astype(int)[:-1]
-        return use, edges, np.add.reduceat(use.astype(float), edges)
+        """Windows without missing rows (..., M - STEPS), where the pieces begin, and how many such windows each has."""
+        bad = np.zeros((*self.good.shape[:-1], self.good.shape[-1] + 1), dtype=int)
+        np.cumsum(~self.good, axis=-1, out=bad[..., 1:])
+        use = bad[..., STEPS + 1 :] == bad[..., : -STEPS - 1]
+        edges = np.linspace(0, use.shape[-1], PIECES + 1).astype(int)[:-1]
+        return use, edges, np.add.reduceat(use.astype(float), edges, axis=-1)
 
-    def shifted(self, seconds: float, *names: str) -> Signals:
-        """These signals with the arrays ``names`` as they were so many ``seconds`` later: what is late, mended."""
-        rows = np.arange(len(self.psi))
-        at = rows + seconds / self.step
+    def shifted(self, seconds: float | np.ndarray, *names: str) -> Signals:
+        """These signals with the arrays ``names`` as they were so many ``seconds`` (...) later: what is late, mended.
+        Those arrays and ``good`` are then (..., M)."""
+        rows, later = np.arange(len(self.psi)), np.asarray(seconds)[..., None] / self.step
+        at = rows + later
         inside = (at >= 0) & (at <= len(rows) - 1)
-        moved: dict[str, Any] = {name: _advanced(getattr(self, name), seconds / self.step) for name in names}
-        return replace(self, **moved, good=self.good & inside & (np.interp(at, rows, self.good.astype(float)) > 0.999))
+        whole = np.clip(np.floor(at).astype(int), 0, len(rows) - 1), np.clip(np.ceil(at).astype(int), 0, len(rows) - 1)
+        moved: dict[str, Any] = {name: _advanced(getattr(self, name), later) for name in names}
+        return replace(self, **moved, good=self.good & inside & self.good[whole[0]] & self.good[whole[1]])
 
 
-def _advanced(values: np.ndarray, rows: float) -> np.ndarray:
-    """Real or complex ``values`` (M,) so many ``rows`` later, by Fourier's series of what goes on point-symmetrically
-    at both ends. Straight lines between rows would damp noise by up to a half, most between two rows: a record whose
-    noise is what misfits then fits best with a lag of half a row."""
-    pad = min(len(values) - 1, MARGIN + math.ceil(abs(rows)))
+def over_windows(values: np.ndarray) -> np.ndarray:
+    """What ``values`` (..., M) grow by over each window (..., M - STEPS)."""
+    return np.asarray(values[..., STEPS:] - values[..., :-STEPS])
+
+
+def _advanced(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Real or complex ``values`` (M,) so many ``rows`` (..., 1) later, by Fourier's series of what goes on
+    point-symmetrically at both ends. Straight lines between rows would damp noise by up to a half, most between two
+    rows: a record whose noise is what misfits then fits best with a lag of half a row."""
+    pad = min(len(values) - 1, MARGIN + math.ceil(np.abs(rows).max()))
     before, after = 2 * values[0] - values[pad:0:-1], 2 * values[-1] - values[-2 : -pad - 2 : -1]
     whole = np.concatenate([before, values, after])
     count = np.arange(len(whole))
     slope = (whole[-1] - whole[0]) / (len(whole) - 1)
-    turn = np.exp(2j * np.pi * rows * np.fft.fftfreq(len(whole)))
-    moved = np.fft.ifft(np.fft.fft(whole - slope * count) * turn) + slope * (count + rows)
-    return np.asarray(moved if np.iscomplexobj(values) else moved.real)[pad : pad + len(values)]
+    line = slope * (count + rows)
+    if np.iscomplexobj(values):
+        turn = np.exp(2j * np.pi * rows * np.fft.fftfreq(len(whole)))
+        moved = np.asarray(np.fft.ifft(np.fft.fft(whole - slope * count) * turn))
+    else:
+        turn = np.exp(2j * np.pi * rows * np.fft.rfftfreq(len(whole)))
+        moved = np.asarray(np.fft.irfft(np.fft.rfft(whole - slope * count) * turn, len(whole)))
+    return np.asarray(moved + line)[..., pad : pad + len(values)]
 
 
 def _squared(values: np.ndarray) -> np.ndarray:
@@ -171,20 +186,26 @@ def window(trial: Trial) -> float:
     return min(max(least, wanted), longest)
 
 
-def evidence(misfit: np.ndarray, floor: float = FLOOR) -> float:
-    """What a mean square relative ``misfit`` (PIECES,) is worth in nats; less is better. Misfits below ``floor``
-    are none, and what misses by more than all explains nothing."""
-    return float(np.sum(np.log(np.clip(misfit, 0.0, 1.0) + floor**2)))
+def evidence(misfit: np.ndarray, floor: float = FLOOR) -> np.ndarray:
+    """What mean square relative ``misfit`` (..., PIECES) is worth in nats (...); less is better. Misfits below
+    ``floor`` are none, and what misses by more than all explains nothing."""
+    return np.asarray(np.sum(np.log(np.clip(misfit, 0.0, 1.0) + floor**2), axis=-1))
 
 
-def relative(stats: Stats, factor: complex) -> np.ndarray:
-    """Mean square misfit per piece (PIECES,) of ``factor`` times what is predicted in ``stats``, over the measured."""
-    a, b, c, windows = stats
-    rest = np.maximum(a - 2 * np.real(np.conj(factor) * b) + abs(factor) ** 2 * c, 0.0)
-    usual = float(np.sum(a)) / max(float(np.sum(windows)), 1.0)
+def relative(stats: Stats, factor: complex | np.ndarray) -> np.ndarray:
+    """Mean square misfit per piece (..., PIECES) of ``factor`` (...) times what is predicted in ``stats``, over the
+    measured."""
+    (a, b, c, windows), by = stats, np.asarray(factor)[..., None]
+    rest = np.maximum(a - 2 * np.real(np.conj(by) * b) + np.abs(by) ** 2 * c, 0.0)
+    usual = _total(a) / np.maximum(_total(windows), 1.0)
     share = rest / (a + AT_REST * usual * windows + 1e-30)
-    full = windows >= FEW * max(float(windows.max()), 1.0)
-    return np.asarray(np.where(full, share, float(np.sum(rest[full])) / (float(np.sum(a[full])) + 1e-30)))
+    full = windows >= FEW * np.maximum(windows.max(axis=-1, keepdims=True), 1.0)
+    return np.asarray(np.where(full, share, _total(np.where(full, rest, 0)) / (_total(np.where(full, a, 0)) + 1e-30)))
+
+
+def _total(of_pieces: np.ndarray) -> np.ndarray:
+    """Sums (..., 1) over all pieces (..., PIECES)."""
+    return np.asarray(of_pieces.sum(axis=-1, keepdims=True))
 
 
 def _unwrapped(values: np.ndarray) -> np.ndarray:

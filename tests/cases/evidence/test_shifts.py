@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.simulated_trial import simulated_trial
-from cases.evidence.shifts import shifts
+from cases.evidence.shifts import LAGS, nats, nats_of_lags, shifts
 from cases.evidence.signals import Signals, signals
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -65,3 +65,15 @@ def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None
     found = [shift for shift in shifts(late, 40.0) if shift is not None]
     assert len(found) == len(trials) and {shift.name for shift in found} == {"place"}
     assert [float(np.real(shift.value)) for shift in found] == pytest.approx([12.0] * len(trials), abs=1.5)
+
+
+@pytest.mark.parametrize("name", LAGS)
+def test_many_lags_at_once_are_worth_what_each_alone_is(name: str) -> None:
+    lags = np.array([-30.0, -1.0, 0.0, 2.5, 30.0])
+    for trial in coarse_trials()[:2]:
+        s = signals(trial)
+        assert s is not None
+        together = nats_of_lags(s, name, lags)
+        assert together[2] == pytest.approx(nats(s), abs=1e-6)
+        np.testing.assert_allclose(together, [nats(s, float(lag), name) for lag in lags], atol=0.02)
+        assert np.ptp(together) > 1.0
