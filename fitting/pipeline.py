@@ -24,7 +24,7 @@ from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import ScorePair, score_pairs
+from fitting.prediction.score import NO_SCORES, ScorePair, score_pairs, scores_by_set
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
 from fitting.report.beside import FigureProcess, prepare_figures
@@ -130,28 +130,28 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
-    question = _with_kinematics(
-        CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress), options
-    )
+    asked = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
+    question = _with_kinematics(asked, options)
+    before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
+    first = begun_beside(options.beside, partial(scores_by_set, before, sets))
     by_day = _estimated(question, constants, options, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
     if other and found.converged:
         found = later.made("second estimate", lambda: with_second(found, other.value), found)
-    before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    after = Simulator(found.ship, settings.compiled)
     envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
-    none, sets = dict[str, ScorePair](), {"validation": validation, "training": train}
-    scores = later.made("scores", lambda: score_pairs(before, after, sets), none)
+    scores = later.made("scores", lambda: score_pairs(first.value, scores_by_set(after, sets)), NO_SCORES)
     content = _first_rows(found, options, scores, train, validation)
     objects = FitObjects(found, before, after, tuple(train), tuple(validation))
     past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
+    moved = partial(moved_by, found, model, options.captive, by_day.own)
+    worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
     objects = _with_next_trial(objects, content, options, later)
     bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: past.value, None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
-    moved = partial(moved_by, found, model, options.captive, by_day.own)
-    worth = partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols)
-    left_out = later.made("worth of what was left out", worth, None)
+    left_out = later.made("worth of what was left out", lambda: worth.value, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)

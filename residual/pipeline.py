@@ -17,7 +17,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
-from fitting.prediction.score import score_pairs
+from fitting.prediction.score import score_pairs, scores_by_set
 from fitting.record import read_record
 from fitting.report.parts import Store
 from fitting.report.run_folder import RESULT, data_rows, read_result, trial_rows, versions
@@ -116,7 +116,8 @@ def train(
     )
     models = tuple(result.models().values())
     if len(models) == 2:
-        scores = score_pairs(*models, {"validation": validation, "training": chosen})
+        sets = {"validation": validation, "training": chosen}
+        scores = score_pairs(*(scores_by_set(model, sets) for model in models))
         failed = [message for name, pair in scores.items() for message in pair.failed(name)]
         result = replace(result, scores=scores, warnings=(*failed, *result.warnings))
     timings = {**result.timings_s, "wall": time.perf_counter() - began}

@@ -198,26 +198,32 @@ class ScorePair:
         return [Message(words, "not_described")]
 
 
-def score_pairs(
-    before: Simulator | Forecaster, after: Simulator | Forecaster, sets: Mapping[str, Sequence[Trial]]
-) -> dict[str, ScorePair]:
-    """Scores ``before`` and ``after`` on each of ``sets`` (name -> trials) that has trials with positions.
+NO_SCORES: Mapping[str, ScorePair] = {}
+"""Scores of no set of trials."""
+
+
+def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Trial]]) -> dict[str, Score]:
+    """Scores of ``model`` on each of ``sets`` (name -> trials) that has trials with positions.
 
     Trials without positions are left out, and so is a set in which one state never changes, as it gives no sigma, and
     one in which no whole window of 30 s is measured.
     """
-    pairs = {}
+    scores = {}
     for name, trials in sets.items():
         located = [t for t in trials if t.has_position]
         try:
             sigma = pooled_sigma(located)
         except UserError:
             continue
-        origin = f"the {name} trials"
-        pair = ScorePair(*(score(model, located, sigma, origin, units=0.0) for model in (before, after)))
-        if any(t.windows for t in pair.after.trials):
-            pairs[name] = pair
-    return pairs
+        found = score(model, located, sigma, f"the {name} trials", units=0.0)
+        if any(t.windows for t in found.trials):
+            scores[name] = found
+    return scores
+
+
+def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict[str, ScorePair]:
+    """Scores ``before`` and ``after`` a change of the model, as of ``scores_by_set``, by set of trials."""
+    return {name: ScorePair(before[name], found) for name, found in after.items() if name in before}
 
 
 def _by_name(values: np.ndarray) -> dict[str, float]:

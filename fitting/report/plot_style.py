@@ -45,7 +45,7 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
 def placed_axes(
     height: float,
     shape: tuple[int, int],
-    sides: tuple[float, float, float, float],
+    margins: tuple[float, float, float, float],
     between: tuple[float, float] = (0.0, 0.0),
     sharex: bool = False,
     sharey: bool = False,
@@ -53,10 +53,10 @@ def placed_axes(
     """A figure ``height`` inches high with axes (rows, columns) of this ``shape``, without the slow layout of what
     needs no measuring.
 
-    sides: room [inches] left, right, below and above them; between: room beside and over each other;
+    margins: room [inches] left, right, below and above them; between: room beside and over each other;
     sharex, sharey: as of ``Figure.subplots``.
     """
-    figure, (rows, columns), (left, right, bottom, top) = new_figure(height, layout=None), shape, sides
+    figure, (rows, columns), (left, right, bottom, top) = new_figure(height, layout=None), shape, margins
     wide = max((WIDTH - left - right - between[0] * (columns - 1)) / columns, 0.1)
     high = max((height - bottom - top - between[1] * (rows - 1)) / rows, 0.1)
     grid = {
@@ -67,8 +67,8 @@ def placed_axes(
 
 
 def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> float:
-    """Width [inches] of the longest of ``labels`` in letters of ``size`` [points], with the gap to the axes; no more
-    than half of a figure."""
+    """Width [inches] of the longest of ``labels`` in letters of ``size`` [points], ``bold`` or not, with the gap to
+    the axes; no more than half of a figure."""
     from matplotlib.backends.backend_agg import RendererAgg  # late: slow to import
     from matplotlib.font_manager import FontProperties
 

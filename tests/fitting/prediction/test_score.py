@@ -12,7 +12,7 @@ from cases.io.leave_out import left_out
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs
+from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
 from fitting.prediction.stretches import Stretch, wrapped_error
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -62,7 +62,8 @@ def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
     found = score(Diverging(), trials)
     assert np.isnan([found.paper, found.window]).all() and found.diverged == tuple(t.name for t in trials)
     ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
-    worse, better = score_pairs(ship, Diverging(), {"a": trials})["a"], score_pairs(Diverging(), ship, {"a": trials})
+    kept, lost = (scores_by_set(model, {"a": trials}) for model in (ship, Diverging()))
+    worse, better = score_pairs(kept, lost)["a"], score_pairs(lost, kept)
     (message,) = worse.failed("a")
     assert message.code == "no_score" and trials[0].name in message and better["a"].failed("a") == []
     assert in_words(found.window) == in_words(None) == "diverges" and in_words(0.25) == "0.2500"
@@ -72,11 +73,11 @@ def test_a_set_without_a_whole_window_is_not_scored() -> None:
     trial = runs()[0][0]
     short = replace(trial, columns={name: column[:50] for name, column in trial.columns.items()})
     ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
-    assert score_pairs(ship, ship, {"short": [short]}) == {}
+    assert scores_by_set(ship, {"short": [short]}) == {}
     with pytest.raises(UserError, match=r"no whole window of 30 s .* to choose by"):
         check_scorable([short], "to choose by", ship.ship.inputs)
     gone = left_out(trial, [(float(trial.t[0]), float(trial.t[-1]))], "test")
-    assert score_pairs(ship, ship, {"gone": [gone]}) == {}
+    assert scores_by_set(ship, {"gone": [gone]}) == {}
     with pytest.raises(UserError, match="no row has all six states"):
         pooled_sigma([gone])
 
