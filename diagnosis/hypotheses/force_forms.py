@@ -7,6 +7,8 @@ the trials (principal components): an orthogonal basis whose size falls from com
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
 import numpy as np
 from scipy.linalg import expm
@@ -32,6 +34,22 @@ SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 """Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
 DAMPING = 0.07
 """Its share of the critical damping."""
+
+
+HULL = (
+    "u", "v", "r", "uu", "uv", "ur", "vr", "v|v|", "r|r|", "v|r|", "r|v|", "vv", "rr", "|v|", "|r|", "u|u|", "uuu",
+)  # fmt: skip
+PROPELLER = ("1", "u", "uu", "u|u|", "uuu", "n", "nn", "n|n|", "un", "back", "back|back|")
+AIR = ("air x", "air y", "air xy", "cos", "sin", "cos 2", "sin 2")
+WASH = ("n", "nn", "n|n|", "un", "rn", "vn")
+
+
+def by_variables(products: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Those of the ``products`` that depend on the same few variables: what one part of a ship gives."""
+    known = {*HULL, *PROPELLER, *AIR, *WASH, "t", "x", "y"}
+    rudder = tuple(name for name in products if name in WASH or name not in known)
+    few = {"u, v, r": HULL, "u, n": PROPELLER, "delta, n": rudder, "air": AIR}
+    return {words: tuple(name for name in names if name in products) for words, names in few.items()}
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:

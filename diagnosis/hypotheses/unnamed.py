@@ -23,6 +23,7 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
+from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
@@ -32,6 +33,10 @@ UNLOGGED = f"wind{BY_PLACE}"
 """Kind of the share of the logged wind: gusts that are not logged make it vary from second to second."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
+MULTIPLES = (0.25, 1.0, 4.0)
+"""Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
+(Zellner 1986; Liang et al. 2008): no direction is then thought larger for being seen less. A force whose parts are
+small in each column alone, as a step made of polynomials is, gains by that."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
@@ -81,6 +86,19 @@ class UnnamedSlopes:
         known = {UNLOGGED: WIND_TOLERANCE / self.wind, **self.of_events}
         return np.array([TOLERANCE if k.startswith(SENSOR) else known.get(k, 0.0) for k in self.kinds])
 
+    @cached_property
+    def _of_few_variables(self) -> dict[str, np.ndarray]:
+        """Columns (C,) of the forces of each kind that depend on the same few variables."""
+        labels = self.dictionary.labels
+        groups = by_variables([form for kind, form in labels if kind == FORCES[0]])
+        found = {
+            f"{axis} ({words})": np.array([kind == axis and form in names for kind, form in labels])
+            for axis in FORCES
+            for words, names in groups.items()
+        }
+        beyond = np.zeros(len(self.events), dtype=bool)
+        return {name: np.concatenate([at, beyond]) for name, at in found.items() if at.any()}
+
     def _sizes(self, kind: str) -> tuple[float, ...]:
         """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
         return tuple(share / self.wind for share in WIND_SIZES) if kind == UNLOGGED else SIZES
@@ -104,14 +122,18 @@ class UnnamedSlopes:
 
     def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
-        and of each kind, at slopes ``g`` (..., C)."""
+        and of each kind, at slopes ``g`` (..., C). Forces are also taken together by the few variables they depend on
+        (``by_variables``)."""
         kinds, allowed = np.array(self.kinds), self.allowed
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
         g, S = g / ratio, self.S / ratio
-        own = {name: kinds == name for name in sorted(set(self.kinds))}
-        logs = {name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name)) for name, at in own.items()}
-        mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         single = np.isin(kinds, FORCES)
+        own = {name: kinds == name for name in sorted(set(self.kinds))} | self._of_few_variables
+        logs = {
+            name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name), MULTIPLES if single[at].all() else ())
+            for name, at in own.items()
+        }
+        mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None])
         return mixture, each.max(axis=-1) - np.log(single.sum()), logs
 
@@ -263,26 +285,43 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
 
 
 def log_bayes(
-    g: np.ndarray, S: np.ndarray, chosen: np.ndarray, tolerance: float = 0.0, sizes: Sequence[float] = SIZES
+    g: np.ndarray,
+    S: np.ndarray,
+    chosen: np.ndarray,
+    tolerance: float = 0.0,
+    sizes: Sequence[float] = SIZES,
+    multiples: Sequence[float] = (),
 ) -> np.ndarray:
     """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior ``sizes`` above the tolerance.
 
     g: (..., C) slopes of the log likelihood along all columns; S: (C, C) their information; tolerance: standard
-    deviation of what a column may be off where nothing is wrong, too.
+    deviation of what a column may be off where nothing is wrong, too; multiples: prior variances along each direction,
+    in squared standard errors, over which is averaged as well.
     """
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
-    return _log_bayes_of(np.where(values > SEEN, g @ vectors, 0.0), np.maximum(values, 0.0), tolerance, sizes)
+    seen = values > SEEN
+    along = np.where(seen, g @ vectors, 0.0)
+    logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
+    squared = (along**2 / np.where(seen, values, 1.0)).sum(axis=-1)
+    logs += [0.5 * (squared * m / (1 + m) - seen.sum() * np.log1p(m)) for m in multiples]
+    return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
 
 
 def _log_bayes_of(
     along: np.ndarray, values: np.ndarray, tolerance: float = 0.0, sizes: Sequence[float] = SIZES
 ) -> np.ndarray:
     """The same of slopes ``along`` (..., c) independent directions with information ``values`` (..., c)."""
+    logs = _logs_of(along, values, tolerance, sizes)
+    return np.logaddexp.reduce(logs, axis=0) - np.log(len(logs))
+
+
+def _logs_of(along: np.ndarray, values: np.ndarray, tolerance: float, sizes: Sequence[float]) -> list[np.ndarray]:
+    """The same for each of the ``sizes``."""
     null = 1 + tolerance**2 * values
     logs = []
     for a in [a for a in sizes if a > tolerance] or [3.0 * tolerance]:
         other = 1 + a**2 * values
         gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)
         logs.append(0.5 * gain.sum(axis=-1))
-    return np.logaddexp.reduce(logs, axis=0) - np.log(len(logs))
+    return logs
