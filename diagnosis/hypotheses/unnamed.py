@@ -35,8 +35,8 @@ SIZES = (0.03, 0.1, 0.3, 1.0)
 """Prior standard deviations of a column's coefficient, in the sizes of what is random."""
 MULTIPLES = (0.25, 1.0, 4.0)
 """Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
-(Zellner 1986; Liang et al. 2008): no direction is then thought larger for being seen less. A force whose parts are
-small in each column alone, as a step made of polynomials is, gains by that."""
+(Zellner 1986; Liang et al. 2008), but no more than the largest of SIZES. A force whose parts are small in each column
+alone, as a step made of polynomials is, gains by that."""
 TOLERANCE = 0.05
 """Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
@@ -303,8 +303,9 @@ def log_bayes(
     seen = values > SEEN
     along = np.where(seen, g @ vectors, 0.0)
     logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
-    squared = (along**2 / np.where(seen, values, 1.0)).sum(axis=-1)
-    logs += [0.5 * (squared * m / (1 + m) - seen.sum() * np.log1p(m)) for m in multiples]
+    squared = along**2 / np.where(seen, values, 1.0)
+    for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):
+        logs.append(0.5 * (squared * (m / (1 + m)) - np.log1p(m)).sum(axis=-1))
     return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
 
 

@@ -295,7 +295,8 @@ def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
 def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
     found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
     assert found.single > found.single_limit + 4.0
-    assert max(found.by_kind, key=lambda k: found.by_kind[k]) == ("surge force", "sway force", "yaw force")[axis]
+    largest = max(found.by_kind, key=lambda k: found.by_kind[k])
+    assert largest.startswith(("surge force", "sway force", "yaw force")[axis])
 
 
 def ramp(dt: float) -> Trial:

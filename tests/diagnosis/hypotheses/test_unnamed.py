@@ -21,10 +21,12 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
+from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.smooth_basis import Forms
 from diagnosis.hypotheses.unnamed import (
     LEVEL,
+    MULTIPLES,
     SENSOR,
     SIZES,
     TOLERANCE,
@@ -260,6 +262,38 @@ def test_what_a_sensor_may_be_off_anyway_is_no_evidence() -> None:
         assert log_bayes(g, S, every, tolerance) == pytest.approx(expected, rel=1e-9)
     small, large = (log_bayes(np.array([30.0 * z]), S, every, tolerance) for z in (3.5, 9.0))
     assert small < log_bayes(np.array([105.0]), S, every) - 2 and large > 3
+
+
+def information_of_unlike_directions() -> tuple[np.ndarray, np.ndarray]:
+    """Information S (12, 12) from 1 to 1e5 along the columns of an orthogonal matrix, and a square root of it."""
+    turn = np.linalg.qr(np.random.default_rng(5).standard_normal((12, 12)))[0]
+    sizes = 10 ** np.linspace(0, 5, 12)
+    return turn * sizes @ turn.T, turn * np.sqrt(sizes)
+
+
+def test_a_force_of_many_small_parts_is_seen_though_each_is_seen_unlike_well() -> None:
+    S, root = information_of_unlike_directions()
+    g, every = root @ np.resize([2.3, -2.3], 12), np.ones(12, dtype=bool)  # 2.3 standard errors in each direction
+    assert log_bayes(g, S, every) < 5 < 9 < log_bayes(g, S, every, multiples=MULTIPLES)
+
+
+@pytest.mark.parametrize("multiple", [0.1, 0.3, 0.6])
+def test_the_mean_bayes_factor_of_nothing_is_one(multiple: float) -> None:
+    S, root = information_of_unlike_directions()
+    g = np.random.default_rng(6).standard_normal((400_000, 12)) @ root.T
+    found = np.exp(log_bayes(g, S, np.ones(12, dtype=bool), sizes=(), multiples=(multiple,)))
+    assert 2 * found.mean() - 1 == pytest.approx(1.0, abs=0.03)  # half of it is of no force at all
+
+
+def test_forces_of_few_variables_are_kinds_of_their_own(without_effects: tuple[SearchProblem, Estimate]) -> None:
+    found = unnamed_forms(*_parts(*without_effects))
+    labels = found.slopes.dictionary.labels
+    own = {"surge force (u, n)", "sway force (u, v, r)", "yaw force (delta, n)", "surge force (air)"}
+    assert own <= set(found.by_kind)
+    forms = {form for kind, form in labels if kind == "surge force"}
+    groups = by_variables(sorted(forms))
+    assert set().union(*groups.values()) == forms - {"t", "x", "y"}
+    assert {"n|n|", "uuu"} <= set(groups["u, n"]) and "delta nn" in groups["delta, n"]
 
 
 def test_what_is_kept_of_compared_times_alone_says_the_same(
