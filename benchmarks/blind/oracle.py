@@ -6,7 +6,8 @@ python -m benchmarks.blind.oracle runs/blind_1 [--strength weak].
 The missing force of each case is known to the last digit here: what the plant does with its effects less what it does
 without them, at the true states and from the logged actuators. The score of the likelihood along this one column, at
 the fit without effects and with all free coefficients projected out, is z standard deviations from nothing. Where z is
-small, chance explains the trials as well, and no test could tell. Effects of instruments push nothing and have no z.
+small, chance explains the trials as well, and no test could tell, unless much was expected: a large force is taken for
+a random one by the fit without effects, and a refit shows more. Effects of instruments push nothing and have no z.
 Only cases of ships in the length of the generator (basin, pond, vectwin) are looked at.
 """
 
