@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.speed import best_of
+from mmg.progress import Progress
 
 
 def _said(**values: Any) -> None:
@@ -18,7 +19,8 @@ def _said(**values: Any) -> None:
 
 
 def scipy_ratio() -> None:
-    """Times of scipy's least_squares over that of the calibration's solver, until the same objective within 1e-5."""
+    """Times of scipy's least_squares, until the same objective within 1e-5, over that of the calibration's solver until
+    it has converged; the note also says when that one was within 1e-5."""
     from benchmarks.optimisers import problems, scipy_time
     from fitting.solvers.leading import solve_led
 
@@ -26,9 +28,17 @@ def scipy_ratio() -> None:
     solve_led(problem, problem.start(), 1e-6, 300, None, None, "")  # code is compiled
     found = [_timed(lambda: solve_led(problem, problem.start(), 1e-6, 300, None, None, "")) for _ in range(5)]
     seconds, ours = sorted(found, key=lambda pair: pair[0])[2]
-    took, value = scipy_time(one, ours.objective * (1 + 1e-5), limit=300 * seconds)
-    reached = "reached" if value <= ours.objective * (1 + 1e-5) else "not reached"
-    _said(value=took / seconds, note=f"{took:.1f} s ({reached}) over {seconds:.2f} s, objective {ours.objective:.6f}")
+    goal, began, near = ours.objective * (1 + 1e-5), time.perf_counter(), [seconds]
+
+    def at_iterate(at: Progress) -> None:
+        if at.values["objective"] <= goal and at.values["violation"] < 1e-4:
+            near.append(time.perf_counter() - began)
+
+    solve_led(problem, problem.start(), 1e-6, 300, None, at_iterate, "")
+    took, value = scipy_time(one, goal, limit=300 * seconds)
+    reached = "reached" if value <= goal else "not reached"
+    words = f"{took:.1f} s ({reached}) over {seconds:.2f} s, objective {ours.objective:.6f}"
+    _said(value=took / seconds, note=f"{words}; within 1e-5 after {min(near):.2f} s")
 
 
 def _timed(work: Any) -> tuple[float, Any]:
