@@ -191,8 +191,11 @@ def _fitted(some: Sequence[Signals], name: str) -> tuple[list[Value | None], flo
     joint = sum(n[0] for n in normal), sum(n[1] for n in normal)
     values: list[Value] = [_solved(joint, name), *(_solved(n, name) for n in normal)]
     plain = np.array([nats(s) for s in some])
-    costs = np.array([[nats(s, value, name) for value in values] for s in some]) - plain[:, None]
-    costs[:, 1:] = np.where(np.eye(len(some), dtype=bool), costs[:, 1:], np.inf)
+    costs = np.full((len(some), len(values)), np.inf)  # a trial has the value of all, or its own
+    costs[:, 0] = [nats(s, values[0], name) for s in some] - plain
+    costs[np.arange(len(some)), np.arange(1, len(values))] = [
+        nats(s, value, name) - usual for s, value, usual in zip(some, values[1:], plain, strict=True)
+    ]
     chosen, total = _together(costs)
     return [None if i is None else values[i] for i in chosen], total
 
