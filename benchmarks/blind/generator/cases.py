@@ -193,7 +193,7 @@ def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     begins = np.arange(0, count - length, length)
     columns, starts = np.repeat(held, len(begins)), np.tile(begins, len(held))
     plant = runs.plant.take(columns, with_effects)
-    source = runs.signals if with_effects else as_logged(runs, world)
+    source = runs.signals if with_effects else _as_logged(runs, world)
     first = runs.states[starts, :, columns].T[: 6 + plant.states]
     ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * dt)
     rows = np.arange(apart, length + 1, apart)
@@ -208,7 +208,7 @@ def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     return J.reshape(len(cases), -1).mean(axis=1)
 
 
-def as_logged(runs: Runs, world: World) -> Signals:
+def _as_logged(runs: Runs, world: World) -> Signals:
     """The signals with actuators as logged, straight lines between the samples."""
     t, s = np.arange(world.rows) * world.step, runs.signals
     at = np.arange(len(runs.n)) * world.sample
