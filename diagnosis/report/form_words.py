@@ -8,6 +8,14 @@ from diagnosis.hypotheses.dictionary import AFTER_RUDDER, BY_PLACE
 from diagnosis.hypotheses.events import AT_TIMES
 from diagnosis.report.where_words import PLAIN
 
+VARIABLES = {
+    "u, v, r": "the motion of the hull (u, v, r)",
+    "u, n": "speed ahead and revolutions (u, n)",
+    "delta, n": "rudder angle and wash (delta, n)",
+    "air": "the air and the heading",
+}
+"""Words for the few variables of a kind of force (``force_forms.by_variables``)."""
+
 
 def kind_words(kind: str) -> str:
     """A kind of function of the dictionary without names, in words."""
@@ -28,6 +36,9 @@ def kind_words(kind: str) -> str:
     if what in ("action", "delay"):
         does = "do" if name.endswith("s") else "does"
         return f"a {'change in' if what == 'action' else 'delay of'} what the {name} {does}"
+    force, _, few = kind.removesuffix(")").partition(" (")
+    if few in VARIABLES:
+        return f"a {force} that follows {VARIABLES[few]}"
     variable, alone, force = kind.partition(" alone ")
     if alone:
         return f"a {force} that follows {PLAIN.get(variable, variable)} alone"

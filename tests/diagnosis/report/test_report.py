@@ -18,9 +18,10 @@ from diagnosis.findings import (
     RankedCandidate,
     Unnamed,
 )
+from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
-from diagnosis.report.form_words import kind_words, likeness
+from diagnosis.report.form_words import VARIABLES, kind_words, likeness
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
 from diagnosis.report.words import (
@@ -239,6 +240,8 @@ def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
     [
         ("yaw force", "a yaw force"),
         ("smooth surge force", "a smooth surge force"),
+        ("surge force (u, n)", "a surge force that follows speed ahead and revolutions"),
+        ("yaw force (air)", "a yaw force that follows the air and the heading"),
         ("n alone surge force", "a surge force that follows revolutions alone"),
         ("action of delta", "a change in what the rudder angle does"),
         ("delay of delta at times", "a delay of what the rudder angle does for some seconds, now and then"),
@@ -252,6 +255,10 @@ def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
 )
 def test_every_kind_of_unnamed_forms_has_words(kind: str, said: str) -> None:
     assert kind_words(kind).startswith(said)
+
+
+def test_forces_of_few_variables_have_words() -> None:
+    assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
 
 
 def test_what_is_left_acts_like_the_strongest_kind() -> None:
