@@ -195,5 +195,5 @@ def error_growth_plot(
     axes[5].legend(*axes[0].get_legend_handles_labels(), loc="upper left", fontsize=9, frameon=False)
     after = f"\n\nafter {horizon:g} s:{words}" if words else ""
     note = f"{count} windows of {horizon:g} s\nof {len(used)} trial(s){after}"
-    axes[5].text(0.06, 0.62, note, transform=axes[5].transAxes, fontsize=8.5, va="top", linespacing=1.5)
+    axes[5].text(0.0, 0.62, note, transform=axes[5].transAxes, fontsize=8, va="top", linespacing=1.5)
     return figure

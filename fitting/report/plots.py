@@ -133,7 +133,7 @@ def coefficient_plot(
             shift = (row.value - (row.prior_value or 0.0)) / prior_std
             std = row.std / prior_std if row.std is not None else np.nan
             kind = known.get(symbol) or determination(row.prior_share)
-            points.setdefault(kind, []).append((shift, height, std))
+            points.setdefault(kind, []).append((shift, height, std if np.isfinite(std) else np.nan))
             if np.isfinite(shift):
                 extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
             if row.at_bound:
