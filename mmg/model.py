@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from mmg.compile.vectorised import FEWEST, VectorisedFunction
 from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
@@ -60,6 +62,27 @@ class Model:
     measured_by: np.ndarray
     features: ca.Function
     measured: bool
+
+    @cached_property
+    def _by_numpy(self) -> dict[str, VectorisedFunction | None]:
+        return {}
+
+    def at_points(self, name: str, *inputs: np.ndarray) -> np.ndarray:
+        """Result (rows, M) of the function called ``name`` at M points, without a compiler.
+
+        inputs: its arguments, (rows, M) where the points have their own, (rows,) where they share it; at least the
+        first one has M. CasADi's own call copies what is shared to every point.
+        """
+        function: ca.Function = getattr(self, name)
+        if name not in self._by_numpy:
+            try:
+                self._by_numpy[name] = VectorisedFunction(function)
+            except NotImplementedError:  # an operation that numpy lacks
+                self._by_numpy[name] = None
+        vectorised, points = self._by_numpy[name], inputs[0].shape[1]
+        if vectorised is None or points < FEWEST:
+            return np.array(function(*[a if a.size else 0.0 for a in inputs]))
+        return vectorised(points, inputs)[0]
 
 
 def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoothing) -> dict[str, Force]:
@@ -180,11 +203,11 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         rates=function("rates", derivative),
         forces=function("forces", rows),
         roles=tuple(parts),
-        initial=ca.Function("initial", [six, controls, theta], [ca.vertcat(six, *_settled(memory))]),
+        initial=ca.Function("initial", [six, controls, theta], [ca.densify(ca.vertcat(six, *_settled(memory)))]),
         columns=ca.Function("columns", [state, theta], [ca.vertcat(*logged)], {"cse": True}),
-        columns_by=ca.Function("columns_by", [state, few], [ca.vertcat(*logged)], {"cse": True}),
+        columns_by=ca.Function("columns_by", [state, few], [ca.densify(ca.vertcat(*logged))], {"cse": True}),
         measured_by=np.array(used, dtype=int),
-        features=function("features", ca.vertcat(*features.values())),
+        features=function("features", ca.densify(ca.vertcat(*features.values()))),
         measured=any(effect(name).measures for name in ship.effects),
     )
 
@@ -216,7 +239,7 @@ def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarr
     ship; six: those columns; controls (C, M); theta: coefficients (P,) or (P, M)."""
     if len(model.states) == 6:
         return np.array(six, dtype=float)
-    return np.array(model.initial(six, controls, theta))
+    return model.at_points("initial", six, controls, theta)
 
 
 def columns(
@@ -238,7 +261,7 @@ def columns(
         z = flat[first : first + many]
         each = np.tile(own, (1, len(z))) if np.ndim(own) == 2 else own
         points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)
-        found = at(points, each) if at else np.array(model.columns_by(points, each if len(own) else 0.0))
+        found = at(points, each) if at else model.at_points("columns_by", points, each)
         logged[first : first + many] = found.reshape(6, len(z), M).transpose(1, 0, 2)
     return logged.reshape(*states.shape[:-2], 6, M)
 

@@ -41,5 +41,5 @@ def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]
         good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
         if good.any():
             states = states_behind(model, logged[:, good], held[:, good], ship.values)
-            parts.append(np.array(model.features(states, held[:, good], ship.values)))
+            parts.append(model.at_points("features", states, held[:, good], ship.values))
     return envelope_of(ship.features, np.hstack(parts)) if parts else {}

@@ -157,7 +157,7 @@ def png_of(draw: Callable[[], Figure]) -> bytes:
         if layout is not None:  # by hand: for it savefig draws everything twice
             layout.execute(figure)
             figure.set_layout_engine("none")
-        canvas.print_png(out)
+        canvas.print_png(out, pil_kwargs={"compress_level": 3})  # a tenth larger, in two thirds of the time
     return out.getvalue()
 
 

@@ -27,6 +27,7 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # none is used, and to look for them takes time
+gc.set_threshold(50_000, 10, 3)  # here and in the processes that read this module: few of so many objects are garbage
 
 
 def _stopped(*_: Any) -> None:
@@ -309,6 +310,7 @@ def run() -> None:
         gc.collect()  # semaphores go with their queues, or their tracker warns of them
         taken_back()
         os._exit(code)
+    gc.freeze()  # nothing is looked through once more when the interpreter ends
     sys.exit(code)
 
 
