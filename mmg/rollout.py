@@ -37,7 +37,7 @@ class Simulator:
 
     @cached_property
     def _batch(self) -> tuple[BatchFunction, str]:
-        (batch,), reason = batch_functions([self._function], self.compiled)
+        (batch,), reason = batch_functions([self._function], self.compiled, hot=True)
         return batch, reason
 
     @cached_property

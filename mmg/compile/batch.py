@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen, vector_math
+from mmg.compile import batch_source, codegen, staged_lanes, stages, vector_math
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.self_test import alike, by_virtual_machine, points
@@ -21,6 +21,9 @@ FLAGS: tuple[str, ...] = (
 )  # fmt: skip
 """-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
+
+GENERATORS = (batch_source, codegen, staged_lanes, stages, vector_math)
+"""Modules that the source of batch kernels comes from."""
 
 
 @dataclass
@@ -101,16 +104,20 @@ def filled(array: np.ndarray, points: int) -> np.ndarray:
     return np.concatenate([array, np.repeat(array[..., -1:], missing, axis=-1)], axis=-1) if missing > 0 else array
 
 
-def batch_functions(functions: Sequence[ca.Function], compiled: bool = True) -> tuple[list[BatchFunction], str]:
+def batch_functions(
+    functions: Sequence[ca.Function], compiled: bool = True, hot: bool = False
+) -> tuple[list[BatchFunction], str]:
     """Batch versions of SXFunctions, compiled into one cached library if possible.
 
     Returns them with a sentence on why they run interpreted, or "" when compiled.
-    functions: with distinct names; compiled: False interprets.
+    functions: with distinct names; compiled: False interprets; hot: compile so that many points are soon done, which
+    takes three times as long.
     """
     library, reason = None, "compilation switched off"
     if compiled:
         try:
-            text = LateSource.of(functions, lambda: codegen.source(functions), codegen, vector_math)
+            make = partial(batch_source.source, functions, hot)
+            text = LateSource.of(functions, make, *GENERATORS, kind="hot" if hot else "")
             library, reason = load_library(text, FLAGS, partial(_faults, functions))
         except NotImplementedError as error:
             reason = str(error)

@@ -101,11 +101,13 @@ class LateSource:
     make: Callable[[], str]
 
     @classmethod
-    def of(cls, functions: Sequence[ca.Function], make: Callable[[], str], *generators: ModuleType) -> LateSource:
-        """Source that modules ``generators`` make of CasADi ``functions`` by ``make``."""
+    def of(
+        cls, functions: Sequence[ca.Function], make: Callable[[], str], *generators: ModuleType, kind: str = ""
+    ) -> LateSource:
+        """Source of a ``kind`` that modules ``generators`` make of CasADi ``functions`` by ``make``."""
         files = [Path(str(module.__file__)).read_bytes() for module in generators]
         made_by = hashlib.sha256(b"".join(files)).hexdigest()
-        return cls("\n".join([made_by, *(f.serialize() for f in functions)]), make)
+        return cls("\n".join([made_by, kind, *(f.serialize() for f in functions)]), make)
 
 
 Text = str | LateSource

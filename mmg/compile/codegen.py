@@ -1,15 +1,12 @@
-"""C code for many evaluations at once, emitted from the instruction list of a CasADi function.
+"""C text of what an instruction of a CasADi function does, on a vector of LANES points (GCC/Clang vector extension).
 
-CasADi's own C evaluates one point per call. Here each instruction acts on a vector of LANES points (GCC/Clang vector
-extension), so that simulation, sensitivities and Hessians of thousands of points run at SIMD speed from the very
-expression that defines the ship. Inputs and outputs are arrays of shape (rows, points), points contiguous; an input
-of shape (rows,) is shared by all points. An output holds the nonzeros of a sparse result, in CasADi's order.
+CasADi's own C evaluates one point per call. Here each instruction acts on a vector, so that simulation, sensitivities
+and Hessians of thousands of points run at SIMD speed from the very expression that defines the ship.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import casadi as ca
 
@@ -31,11 +28,11 @@ EXPRESSIONS: dict[int, str] = {
     ca.OP_ADD: "{0} + {1}",
     ca.OP_SUB: "{0} - {1}",
     ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
+    ca.OP_DIV: "quotient({0}, {1})",
     ca.OP_NEG: "-{0}",
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
+    ca.OP_INV: "quotient(fill(1.0), {0})",
     ca.OP_LT: "compare({0} < {1})",
     ca.OP_LE: "compare({0} <= {1})",
     ca.OP_EQ: "compare({0} == {1})",
@@ -67,8 +64,19 @@ static inline V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x;
 static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
 static inline V fill(double a) {{ return a - (V){{0}}; }}
 static inline V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
+#if defined(__AVX512DQ__) && defined(__GNUC__) && !defined(__clang__)
+#define ALL_LANES (unsigned char)-1
+#define any(m) (__builtin_ia32_cvtq2mask512(m) != 0)
+static inline V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
+#else
 static inline int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
-static inline V v_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+static inline V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
+#else
+static inline V more(V a, V b, V c) {{ return a * b + c; }}
+#endif
+#endif
+static inline V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
 static V each_sin(V x) {{ LANEWISE(sin(x[i])); }}
 static V each_cos(V x) {{ LANEWISE(cos(x[i])); }}
 static V each_atan2(V y_, V x) {{ LANEWISE(atan2(y_[i], x[i])); }}
@@ -84,11 +92,43 @@ static inline V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
 #define fill(a) (a)
 #define choose(m, a, b) ((m) ? (a) : (b))
 #define any(m) (m)
-#define v_sqrt sqrt
+#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+#define more(a, b, c) __builtin_fma(a, b, c)
+#else
+#define more(a, b, c) ((a) * (b) + (c))
+#endif
 #define each_sin sin
 #define each_cos cos
 #define each_atan2 atan2
 """
+_DIVIDER = """#define quotient(a, b) ((a) / (b))
+"""
+_ROOT = """#define v_sqrt each_sqrt
+#define MATH static V
+"""
+_SCALAR_ROOT = """#define v_sqrt sqrt
+#define MATH static V
+"""
+_NEWTON = f"""#define MATH static inline __attribute__((always_inline)) V
+#ifdef ALL_LANES
+static inline V quotient(V a, V b) {{
+  const V y0 = __builtin_ia32_rcp14pd512_mask(b, b, ALL_LANES), e = more(-b, y0, fill(1.0));
+  const V y = more(y0, more(e, e, e), y0), q = a * y, whole = more(more(-b, q, a), y, q);
+  return __builtin_ia32_mulpd512_mask(a, y0, whole, __builtin_ia32_cmppd512_mask(whole, whole, 3, ALL_LANES, 4), 4);
+}}
+static inline V v_sqrt(V x) {{
+  const V some = x + 1e-300, y = __builtin_ia32_rsqrt14pd512_mask(some, some, ALL_LANES), s = x * y, h = 0.5 * y;
+  const V r = more(-s, h, fill(0.5)), t = more(s, r, s), half = more(h, r, h), u = more(more(-t, t, x), half, t);
+  return more(more(-u, u, x), half, u);
+}}
+#else
+{_DIVIDER}#define v_sqrt each_sqrt
+#endif
+"""
+"""Division and square root from the processor's estimates by Newton's method (Markstein 1990), for code that waits for
+the one unit that has instructions for them and is busy for 16 cycles with each. The bits are those of the instructions
+but below 1e-290, and that the root of infinity is no number. Where the correction is none, as the divisor is 0 or
+infinite, the estimate is the quotient."""
 _LAST = """#define compare(m) choose(m, fill(1.0), fill(0.0))
 #define when(c, x) choose((c) != 0.0, x, fill(0.0))
 """
@@ -96,15 +136,20 @@ _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
 """Functions that do without the C library."""
 
 
-def prelude(lanes: int = LANES) -> str:
-    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
+def prelude(lanes: int = LANES, hot: bool = False) -> str:
+    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it.
+
+    hot: for little code that takes its time in divisions, roots and functions: these are written out in place.
+    """
     one, two = (sorted(set(names) - set(_OWN)) for names in (_ONE, _TWO))
     if lanes == 1:
         calls = [f"#define v_{f} {f}" for f in (*one, *two)]
     else:
         calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
         calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
-    return _COMMON + (_SCALAR if lanes == 1 else _VECTOR) + _LAST + MATH + "\n".join(calls) + "\n"
+    vectors = _VECTOR + (_NEWTON if hot else _DIVIDER + _ROOT)
+    kind = _SCALAR + _DIVIDER + _SCALAR_ROOT if lanes == 1 else vectors
+    return _COMMON + kind + _LAST + MATH + "\n".join(calls) + "\n"
 
 
 def expression(operation: int, operands: list[str]) -> str:
@@ -122,42 +167,3 @@ def constant(value: float) -> str:
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
     return repr(value)
-
-
-def kernel(function: ca.Function) -> str:
-    """C source of ``void NAME(long points, const double** arg, const long* ld, double** res)``.
-
-    ``points`` is a multiple of LANES. ``arg[i]`` has row stride ``ld[i]``, or is shared when ``ld[i]`` is 0;
-    every result has row stride ``points``. A null ``res[j]`` is skipped. The function must be an SXFunction.
-    """
-    body = []
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-        if operation == ca.OP_CONST:
-            body.append(f"w[{outputs[0]}] = fill({constant(function.instruction_constant(k))});")
-        elif operation == ca.OP_INPUT:
-            body.append(f"w[{outputs[0]}] = IN({inputs[0]}, {inputs[1]});")
-        elif operation == ca.OP_OUTPUT:
-            body.append(f"OUT({outputs[0]}, {outputs[1]}, w[{inputs[0]}]);")
-        else:
-            text = expression(operation, [f"w[{i}]" for i in inputs])
-            body.append(f"w[{outputs[0]}] = {text};")
-    lines = "\n    ".join(body)
-    return f"""
-#define IN(i, k) (ld[i] ? load(arg[i] + (k) * ld[i] + at) : fill(arg[i][k]))
-#define OUT(j, k, x) if (res[j]) store(res[j] + (k) * points + at, x)
-EXPORT void {function.name()}(long long points, const double* const* arg, const long long* ld, double* const* res) {{
-  V w[{max(function.sz_w(), 1)}];
-  for (long long at = 0; at < points; at += LANES) {{
-    {lines}
-  }}
-}}
-#undef IN
-#undef OUT
-"""
-
-
-def source(functions: Sequence[ca.Function]) -> str:
-    """One C file with a batch kernel for each of the ``functions`` (SXFunctions with distinct names)."""
-    return prelude() + "".join(kernel(f) for f in functions)

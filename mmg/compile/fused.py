@@ -9,70 +9,26 @@ from __future__ import annotations
 
 import ctypes
 import os
+import sys
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import FLAGS as BATCH_FLAGS
-from mmg.compile.cache import load_library
-from mmg.compile.codegen import constant, expression, prelude
+from mmg import runge_kutta
+from mmg.compile.batch import FLAGS, GENERATORS
+from mmg.compile.batch_source import FEW, VECTORS
+from mmg.compile.cache import LateSource, load_library
+from mmg.compile.codegen import prelude
 from mmg.compile.kernel_threads import even_shares, in_threads, kernel_threads
 from mmg.compile.self_test import alike, by_virtual_machine, points
+from mmg.compile.staged_lanes import side_by_side, staged_bodies
+from mmg.compile.stages import Program
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
-FLAGS = (*BATCH_FLAGS, "-O2")
-"""-O2 makes single points a fifth faster than -O1; it doubles the compile time of Hessians, which have none of it."""
-
-_CONSTANT, _COEFFICIENTS, _INPUTS, _STATE = range(4)
-_LEVEL_OF_ARGUMENT = (_STATE, _INPUTS, _COEFFICIENTS)
-
-
-def _sorted_instructions(rates: ca.Function) -> dict[str, str | int]:
-    """C statements by level: what one level hands to the next ones is in arrays K and H, constants are written where
-    they are used."""
-    slots: dict[int, str] = {}
-    results: dict[int, str] = {}
-    level: dict[str, int] = {}
-    text_of: dict[str, str] = {}
-    uses: dict[str, list[str]] = {}
-    for k in range(rates.n_instructions()):
-        operation = rates.instruction_id(k)
-        inputs, outputs = rates.instruction_input(k), rates.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            results[outputs[1]] = slots[inputs[0]]
-            continue
-        name = f"a{k}"
-        uses[name] = []
-        if operation == ca.OP_CONST:
-            level[name], text_of[name] = _CONSTANT, f"fill({constant(rates.instruction_constant(k))})"
-        elif operation == ca.OP_INPUT:
-            level[name], text_of[name] = _LEVEL_OF_ARGUMENT[inputs[0]], f"{'qcp'[inputs[0]]}[{inputs[1]}]"
-        else:
-            uses[name] = [slots[i] for i in inputs]
-            level[name] = max(level[i] for i in uses[name])
-            text_of[name] = expression(operation, uses[name])
-        slots[outputs[0]] = name
-    level["d"], uses["d"] = _STATE, list(results.values())
-    crossing = {other for name, used in uses.items() for other in used if level[other] < level[name]}
-    place: dict[str, str] = {}
-    parts: dict[str, str | int] = {}
-    for where, key, array in ((_COEFFICIENTS, "shared", "K"), (_INPUTS, "inputs", "H"), (_STATE, "rates", "d")):
-        body, known = [], set()
-        for name in (name for name in uses if level[name] == where):
-            for other in uses[name]:
-                if level[other] != where and other not in known:
-                    known.add(other)
-                    body.append(f"const V {other} = {place.get(other) or text_of[other]};")
-            if name in text_of:
-                body.append(f"const V {name} = {text_of[name]};")
-        handed = [name for name in text_of if level[name] == where and name in crossing]
-        place |= {name: f"{array}[{i}]" for i, name in enumerate(handed)}
-        body += [f"{place[name]} = {name};" for name in handed]
-        body += [f"d[{row}] = {name};" for row, name in sorted(results.items()) if where == _STATE]
-        parts |= {key: "\n  ".join(body), array: len(handed)}
-    return parts
-
+FLAGS_OF_ONE = (*FLAGS, "-O2")
+"""-O2 makes single points a fifth faster than -O1, vectors a twentieth; they would compile half as long again."""
 
 _LOOP = """
 typedef struct {
@@ -82,69 +38,79 @@ typedef struct {
   double* out;
   long long c_step, c_row, c_point, dt_step, dt_point, theta_row, theta_point;
 } Run;
-#define AT(p, each) ((each) ? load((p) + i) : fill(*(p)))
+#define AT(p, each) ((each) ? load((p) + i[e]) : fill(*(p)))
+#define EACH(j, size) for (int j = 0; j < size; j++) for (int e = 0; e < @N@; e++)
+#define E(j) [(j) * @N@ + e]
 static void shared(const V* p, V* K) {
   @shared@
 }
-static void inputs(const V* c, const V* K, V* H) {
+static void inputs(const V* c, const V* p, const V* K, V* H) {
   @inputs@
 }
-static void rates(const V* q, const V* K, const V* H, V* d) {
+static void rates(const V* q, const V* c, const V* p, const V* K, const V* H, V* d) {
   @rates@
 }
-static void read_controls(const Run* r, long long step, long long i, V* c) {
-  for (int j = 0; j < @C@; j++) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
+static void read_controls(const Run* r, long long step, const long long* i, V* c) {
+  EACH(j, @C@) c E(j) = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
 }
 EXPORT void rollout(const Run* r, long long begin, long long end) {
-  V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], c[@C@ + 1], next[@C@ + 1], mean[@C@ + 1];
-  V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
-  for (long long at = begin; at < end; at += LANES) {
-    const long long i = at + LANES <= end ? at : end - LANES;
-    double* out = r->out + i;
-    V *H0 = held[0], *Hm = held[0], *H1 = held[0];
-    for (int j = 0; j < @P@; j++) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);
+  V p[@P@ * @N@ + 1], K[@K@ * @N@ + 1], held[3][@H@ * @N@ + 1], given[3][@C@ * @N@ + 1], h[@N@];
+  V z[@S@ * @N@], y[@S@ * @N@], k1[@S@ * @N@], k2[@S@ * @N@], k3[@S@ * @N@], k4[@S@ * @N@];
+  for (long long at = begin; at < end; at += @N@ * LANES) {
+    long long i[@N@];
+    for (int e = 0; e < @N@; e++) i[e] = at + (e + 1) * LANES <= end ? at + e * LANES : end - LANES;
+    double* out = r->out;
+    V *H0 = held[0], *Hm = held[0], *H1 = held[0], *c0 = given[0], *cm = given[0], *c1 = given[0];
+    EACH(j, @P@) p E(j) = AT(r->theta + j * r->theta_row, r->theta_point);
     shared(p, K);
-    for (int s = 0; s < @S@; s++, out += r->points) { z[s] = load(r->start + s * r->points + i); store(out, z[s]); }
-    if (r->linear) { Hm = held[1]; H1 = held[2]; read_controls(r, 0, i, c); inputs(c, K, H0); }
+    EACH(s, @S@) { z E(s) = load(r->start + s * r->points + i[e]); store(out + s * r->points + i[e], z E(s)); }
+    out += @S@ * r->points;
+    if (r->linear) {
+      Hm = held[1]; H1 = held[2]; cm = given[1]; c1 = given[2];
+      read_controls(r, 0, i, c0);
+      inputs(c0, p, K, H0);
+    }
     for (long long step = 0; step < r->steps; step++) {
-      const V h = AT(r->dt + step * r->dt_step, r->dt_point);
+      for (int e = 0; e < @N@; e++) h[e] = AT(r->dt + step * r->dt_step, r->dt_point);
       if (r->linear) {
-        read_controls(r, step + 1, i, next);
-        for (int j = 0; j < @C@; j++) { mean[j] = 0.5 * (c[j] + next[j]); c[j] = next[j]; }
-        inputs(mean, K, Hm);
-        inputs(next, K, H1);
+        read_controls(r, step + 1, i, c1);
+        EACH(j, @C@) cm E(j) = 0.5 * (c0 E(j) + c1 E(j));
+        inputs(cm, p, K, Hm);
+        inputs(c1, p, K, H1);
       } else {
-        read_controls(r, step, i, c);
-        inputs(c, K, H0);
+        read_controls(r, step, i, c0);
+        inputs(c0, p, K, H0);
       }
-      rates(z + @first@, K, H0, k1);
+      rates(z + @first@ * @N@, c0, p, K, H0, k1);
       if (r->euler) {
-        for (int s = 0; s < @S@; s++) z[s] = z[s] + h * k1[s];
+        EACH(s, @S@) z E(s) = z E(s) + h[e] * k1 E(s);
       } else {
         @stages@
       }
-      if (r->linear) { V* spare = H0; H0 = H1; H1 = spare; }
-      if (r->keep[step]) for (int s = 0; s < @S@; s++, out += r->points) store(out, z[s]);
+      if (r->linear) { V *H = H0, *c = c0; H0 = H1; H1 = H; c0 = c1; c1 = c; }
+      if (!r->keep[step]) continue;
+      EACH(s, @S@) store(out + s * r->points + i[e], z E(s));
+      out += @S@ * r->points;
     }
   }
 }
 """
-"""The integration loop; H0, Hm, H1: what the inputs give at the beginning, middle and end of a step. A block that
-would end beyond ``end`` is moved back: the points it repeats come out the same."""
+"""The integration loop of @N@ vectors at a time; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
+H1: what they give. A vector that would end beyond ``end`` is moved back: the points it repeats come out the same."""
 
 
-_EACH = "for (int s = 0; s < @S@; s++)"
-_INPUTS_AT = {0.5: "Hm", 1.0: "H1"}
+_INPUTS_AT = {0.5: "m", 1.0: "1"}
 
 
 def _stages() -> str:
     """C statements of the second stage of a Runge-Kutta step to its end, with the numbers of the method."""
     lines = [
-        f"{_EACH} y[s] = z[s] + {NODES[i]} * h * k{i}[s]; rates(y + @first@, K, {_INPUTS_AT[NODES[i]]}, k{i + 1});"
+        f"EACH(s, @S@) y E(s) = z E(s) + {NODES[i]} * h[e] * k{i} E(s); "
+        f"rates(y + @first@ * @N@, c{_INPUTS_AT[NODES[i]]}, p, K, H{_INPUTS_AT[NODES[i]]}, k{i + 1});"
         for i in (1, 2, 3)
     ]
-    total = " + ".join(f"{float(part)} * k{i + 1}[s]" for i, part in enumerate(PARTS))
-    return "\n        ".join([*lines, f"{_EACH} z[s] = z[s] + h / {float(sum(PARTS))} * ({total});"])
+    total = " + ".join(f"{float(part)} * k{i + 1} E(s)" for i, part in enumerate(PARTS))
+    return "\n        ".join([*lines, f"EACH(s, @S@) z E(s) = z E(s) + h[e] / {float(sum(PARTS))} * ({total});"])
 
 
 def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
@@ -153,12 +119,17 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
     lanes: points per vector.
     """
-    parts = _sorted_instructions(rates)
-    parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2), "first": first}
+    program = Program.of(rates, (3, 2, 1))
+    bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d", fuse=True)
+    vectors = VECTORS if lanes > 1 and rates.n_instructions() <= FEW else 1
+    texts = [side_by_side(bodies[stage].text, "qcpKHd", vectors) for stage in (1, 2, 3)]
+    parts: dict[str, str | int] = dict(zip(("shared", "inputs", "rates"), texts, strict=True))
+    parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "N": vectors, "first": first}
+    parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2)}
     text = _LOOP.replace("@stages@", _stages())
     for key, value in parts.items():
         text = text.replace(f"@{key}@", str(value))
-    return prelude(lanes) + text
+    return prelude(lanes, hot=vectors > 1) + text
 
 
 class _RunArguments(ctypes.Structure):
@@ -224,11 +195,13 @@ class Rollout:
 def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | None:
     """The rollout of these rates, compiled or from the cache; None where that is not possible. first, lanes: as for
     ``rollout_source``."""
+    make, flags = partial(rollout_source, rates, first, lanes), FLAGS_OF_ONE if lanes == 1 else FLAGS
+    made_by = (*GENERATORS, runge_kutta, sys.modules[__name__])
+    text = LateSource.of([rates], make, *made_by, kind=f"rollout from {first} of {lanes}")
     try:
-        text = rollout_source(rates, first, lanes)
+        library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first))
     except NotImplementedError:
         return None
-    library, _ = load_library(text, FLAGS, lambda new: _faults(Rollout(new, lanes), rates, first))
     return None if library is None else Rollout(library, lanes)
 
 

@@ -18,15 +18,6 @@ typedef struct {
    ends S x N x lanes and slope N x lanes; cost (steps - 1) x (S + extra) (S + extra + 1) / 2 x lanes: upper triangle by
    rows of their Hessian to the state and to the coefficients own[extra]; weight S x lanes of the end, or null for none;
    rows S x N x lanes; shared slots x P x P, upper triangle. */
-#ifdef __FMA__
-static inline V more(V a, V b, V c) {
-  V y;
-  for (int i = 0; i < LANES; i++) y[i] = __builtin_fma(a[i], b[i], c[i]);
-  return y;
-}
-#else
-static inline V more(V a, V b, V c) { return a * b + c; }
-#endif
 
 typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shared_h[KEPT]; } Block;
 

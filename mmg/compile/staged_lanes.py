@@ -6,6 +6,7 @@ those of the inputs none within a step. Each stage becomes the body of a C funct
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,15 +23,22 @@ class StagedBody:
 
 
 def staged_bodies(
-    program: Program, outputs: Sequence[int], arguments: Mapping[int, str], arrays: Mapping[int, str], result: str
+    program: Program,
+    outputs: Sequence[int],
+    arguments: Mapping[int, str],
+    arrays: Mapping[int, str],
+    result: str,
+    fuse: bool = False,
 ) -> dict[int, StagedBody]:
     """Bodies by stage for some ``outputs`` of a ``program``.
 
     arguments: argument -> name of its C array; arrays: stage, from the first to the one before the last -> name of the
     array for what it hands on; the last stage is one more. result: name of the array to which the last stage writes the
-    nonzeros of the outputs, one output after the other. Raises NotImplementedError for an operation without C.
+    nonzeros of the outputs, one output after the other; fuse: round a product and what it is added to once. Raises
+    NotImplementedError for an operation without C.
     """
-    stages = [*arrays, max(arrays) + 1]
+    stages = [*arrays, max(arrays, default=CONSTANT) + 1]
+    sums, inside = program.fused_sums(outputs) if fuse else ({}, set())
     place: dict[int, str] = {}
     bodies = {}
     for stage in stages:
@@ -39,13 +47,15 @@ def staged_bodies(
         known: set[int] = set()
         for at in program.needed(outputs):
             value = program.values[at]
-            if value.stage != stage or value.argument is not None:
+            if value.stage != stage or value.argument is not None or at in inside:
                 continue
-            for operand in value.operands:
+            operands = sums[at].operands if at in sums else value.operands
+            for operand in operands:
                 lines += _known(program, operand, stage, arguments, place, known)
             known.add(at)
-            operands = [f"a{i}" for i in value.operands]
-            lines.append(f"const V a{at} = {expression(value.operation, operands)};")
+            given = [f"a{i}" for i in operands]
+            text = sums[at].text.format(*given) if at in sums else expression(value.operation, given)
+            lines.append(f"const V a{at} = {text};")
         if last:
             wanted = [at for j in outputs for at in program.results[j] if at is not None]
             for row, at in enumerate(wanted):
@@ -59,6 +69,26 @@ def staged_bodies(
             lines.append(f"{place[at]} = a{at};")
         bodies[stage] = StagedBody("\n  ".join(lines), len(handed))
     return bodies
+
+
+def side_by_side(body: str, arrays: str, vectors: int) -> str:
+    """The statements of a ``body`` for several ``vectors`` at once, each for one after the other: while one waits, the
+    others go on.
+
+    arrays: letters with which the names of its arrays begin, in which element i of vector e is i * vectors + e.
+    """
+    if vectors == 1:
+        return body
+    element = re.compile(rf"\b([{arrays}]\d*)\[(\d+)\]")
+    lines = []
+    for line in body.splitlines():
+        for e in range(vectors):
+
+            def moved(found: re.Match[str], e: int = e) -> str:
+                return f"{found[1]}[{int(found[2]) * vectors + e}]"
+
+            lines.append(element.sub(moved, re.sub(r"\ba(\d+)\b", rf"a\1_{e}", line)))
+    return "\n".join(lines)
 
 
 def _known(

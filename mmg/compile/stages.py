@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,15 @@ class Value:
     stage: int
     number: float = 0.0
     argument: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class FusedSum:
+    """A product and a sum that are rounded once. operands: places of both factors and of what is added; text: C of it,
+    to be formatted with their names."""
+
+    operands: tuple[int, int, int]
+    text: str
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,28 @@ class Program:
                 found.add(place)
                 todo += self.values[place].operands
         return sorted(found)
+
+    def fused_sums(self, outputs: Iterable[int]) -> tuple[dict[int, FusedSum], set[int]]:
+        """Sums and differences of these ``outputs`` that take up a product of their own stage, by place, and the
+        products that nothing else takes up. Which are fused hangs on the sum alone, not on what stands beside it."""
+        outputs = list(outputs)
+        needed = self.needed(outputs)
+        uses = Counter(i for place in needed for i in self.values[place].operands)
+        uses.update(place for j in outputs for place in self.results[j] if place is not None)
+        sums: dict[int, FusedSum] = {}
+        for place in needed:
+            value = self.values[place]
+            if value.operation not in (ca.OP_ADD, ca.OP_SUB):
+                continue
+            for side, other in ((0, 1), (1, 0)):
+                product = self.values[value.operands[side]]
+                if product.operation in (ca.OP_MUL, ca.OP_SQ) and product.stage == value.stage:
+                    signs = ("", "") if value.operation == ca.OP_ADD else ("-", "") if side else ("", "-")
+                    operands = (product.operands[0], product.operands[-1], value.operands[other])
+                    sums[place] = FusedSum(operands, f"more({signs[0]}{{}}, {{}}, {signs[1]}{{}})")
+                    uses[value.operands[side]] -= 1
+                    break
+        return sums, {i for place in sums for i in self.values[place].operands if uses[i] == 0}
 
     def divided(self, outputs: Iterable[int], size: int) -> Program:
         """The same with the last stage divided after each ``size`` of its values behind these ``outputs``: a later

@@ -1,11 +1,11 @@
 """C source of exp, tanh, sin, cos and atan2 on vectors, free of branches, within a few units of the last bit.
 
 A C library evaluates one number per call, with branches that scattered ships mispredict; these act on all points of a
-vector at once. Written for the types of ``mmg.compile.codegen.prelude``: V (doubles), U (their bits), choose, bits,
-real, fill;
-with one lane the same operations give the same bits. Arguments are reduced by multiples of ln 2 or pi / 2 given in
-parts (Cody & Waite 1980), the rest are Taylor polynomials. exp gives 0 below -708; sin and cos of more than 1e5 rad are
-the C library's. The reduction needs every product rounded: compile with -ffp-contract=off.
+vector at once. Written for ``mmg.compile.codegen.prelude``: V (doubles), U (their bits), choose, bits, real, fill,
+quotient, more (a * b + c rounded once), MATH (how a function is declared); with one lane the same operations give the
+same bits. Arguments are reduced by multiples of ln 2 or pi / 2 given in parts (Cody & Waite 1980), the rest are Taylor
+polynomials. exp gives 0 below -708; sin and cos of more than 1e5 rad are the C library's. The reduction needs every
+product rounded: compile with -ffp-contract=off.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import math
 
 def _horner(coefficients: list[float]) -> str:
     """C expression of c_0 + z (c_1 + z (...))."""
-    text = repr(coefficients[-1])
+    text = f"fill({coefficients[-1]!r})"
     for c in coefficients[-2::-1]:
-        text = f"{c!r} + z * ({text})"
+        text = f"more(z, {text}, fill({c!r}))"
     return text
 
 
@@ -43,47 +43,47 @@ static inline V absolute(V x) {{ return real(bits(x) & MAGNITUDE); }}
 static inline V signed_as(V x, V y) {{ return real((bits(x) & MAGNITUDE) | (bits(y) & ~MAGNITUDE)); }}
 static inline V power_of_2(V shifted) {{ return real((bits(shifted) + 1023) << 52); }}
 static inline V beyond_ln2(V x, V n) {{ return (x - n * 0x1.62e42feep-1) - n * 0x1.a39ef35793c76p-33; }}
-static V expm1_small(V z) {{ return z + z * z * ({_EXPM1}); }}
-static V v_exp(V x) {{
+static inline V expm1_small(V z) {{ return more(z * z, {_EXPM1}, z); }}
+MATH v_exp(V x) {{
   const V y = choose(x > 710.0, fill(710.0), choose(x < -708.0, fill(-708.0), x));
   const V shifted = y * {1 / math.log(2)!r} + ROUND, n = shifted - ROUND;
   const V e = (1.0 + expm1_small(beyond_ln2(y, n))) * power_of_2(shifted - 1.0) * 2.0;
   return choose(x < -708.0, fill(0.0), e);
 }}
-static V v_tanh(V x) {{
+MATH v_tanh(V x) {{
   const V a = 2.0 * absolute(x), y = choose(a > 44.0, fill(44.0), a);
   const V shifted = y * {1 / math.log(2)!r} + ROUND, n = shifted - ROUND, p = power_of_2(shifted);
-  const V e = p * expm1_small(beyond_ln2(y, n)) + (p - 1.0);
-  return signed_as(e / (e + 2.0), x);
+  const V e = more(p, expm1_small(beyond_ln2(y, n)), p - 1.0);
+  return signed_as(quotient(e, e + 2.0), x);
 }}
 static inline V wave(V x, unsigned long long quarter) {{
   const V shifted = x * {2 / math.pi!r} + ROUND, n = shifted - ROUND;
   const V r = ((x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a6p-34) - n * 0x1.3198a2e037073p-69;
   const V z = r * r;
   const U k = bits(shifted) + quarter;
-  const V s = r + r * z * ({_SIN});
-  const V c = 1.0 - 0.5 * z + z * z * ({_COS});
+  const V s = more(r * z, {_SIN}, r);
+  const V c = more(z * z, {_COS}, 1.0 - 0.5 * z);
   const V even = choose((k & 1) == 0, s, c);
   return real(bits(even) ^ ((k & 2) << 62));
 }}
-static V v_sin(V x) {{
+MATH v_sin(V x) {{
   const V y = wave(x, 0);
   const M large = absolute(x) > 1e5;
   return any(large) ? choose(large, each_sin(x), y) : y;
 }}
-static V v_cos(V x) {{
+MATH v_cos(V x) {{
   const V y = wave(x, 1);
   const M large = absolute(x) > 1e5;
   return any(large) ? choose(large, each_cos(x), y) : y;
 }}
-static V v_atan2(V y, V x) {{
+MATH v_atan2(V y, V x) {{
   const V a = absolute(x), b = absolute(y);
   const M steep = b > a;
   const V larger = choose(steep, b, a), smaller = choose(steep, a, b);
   const M wide = smaller > 0.41421356237309503 * larger;
   const V over = choose(wide, smaller - larger, smaller), under = choose(wide, smaller + larger, larger);
   const V t = over / choose(under == 0.0, fill(1.0), under), z = t * t;
-  const V arc = t + t * z * ({_ATAN});
+  const V arc = more(t * z, {_ATAN}, t);
   const V e = choose(wide, 0x1.921fb54442d18p-1 + (0x1.1a62633145c07p-55 + arc), arc);
   const V first = choose(steep, 0x1.921fb54442d18p+0 - (e - 0x1.1a62633145c07p-54), e);
   const V all = choose((bits(x) >> 63) != 0, 0x1.921fb54442d18p+1 - (first - 0x1.1a62633145c07p-53), first);

@@ -17,8 +17,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from mmg.compile.batch import padded
+from mmg.compile.batch_source import source
 from mmg.compile.cache import load_library
-from mmg.compile.codegen import source
 from residual.bounded_network import TwoLayers
 from residual.physics.operator import Operator, Physics
 
