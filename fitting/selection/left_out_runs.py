@@ -186,17 +186,35 @@ def scores_of_folds(
     prediction may use; compiled: whether to use a C compiler, by default as the problem did. Raises UserError for
     trials without positions.
     """
-    own = np.full((len(trials), len(problem.ship.symbols)), np.nan)
+    return scores_of_estimates(problem, trials, folds, [estimates], sigma, adapt, compiled)[0]
+
+
+def scores_of_estimates(
+    problem: Problem,
+    trials: Sequence[Trial],
+    folds: Sequence[Sequence[int]],
+    several: Sequence[np.ndarray],
+    sigma: np.ndarray | None = None,
+    adapt: float | None = None,
+    compiled: bool | None = None,
+) -> list[RunScores]:
+    """``scores_of_folds`` of ``several`` estimates of the folds, (folds, P) each, all predicted side by side; the other
+    arguments are as there."""
+    own = np.full((len(several), len(trials), len(problem.ship.symbols)), np.nan)
     group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
-    for out, p in zip(folds, estimates, strict=True):
-        theta = np.atleast_2d(problem.coefficients(p))
-        for i in out:
-            own[i] = theta[group.get(i, 0)]
+    for each, estimates in zip(own, several, strict=True):
+        for out, p in zip(folds, estimates, strict=True):
+            theta = np.atleast_2d(problem.coefficients(p))
+            for i in out:
+                each[i] = theta[group.get(i, 0)]
     sigma = pooled_sigma(trials) if sigma is None else sigma
     simulator = ShipsByTrial(
-        problem.ship, own, not problem.kernels.interpreted_because if compiled is None else compiled
+        problem.ship,
+        own.reshape(-1, own.shape[2]),
+        not problem.kernels.interpreted_because if compiled is None else compiled,
     )
-    return run_scores(trials, score(simulator, trials, sigma, adapt=adapt).trials, sigma)
+    rows = score(simulator, [*trials] * len(several), sigma, adapt=adapt).trials
+    return [run_scores(trials, rows[i : i + len(trials)], sigma) for i in range(0, len(rows), len(trials))]
 
 
 def run_scores(trials: Sequence[Trial], rows: Sequence, sigma: np.ndarray) -> RunScores:  # type: ignore[type-arg]

@@ -33,7 +33,7 @@ from fitting.selection.left_out_runs import (
     apart,
     estimates_without,
     jackknifed,
-    scores_of_folds,
+    scores_of_estimates,
 )
 from fitting.settings import Settings
 from fitting.solvers.ipopt import Solution
@@ -139,24 +139,27 @@ class _Choice:
         self.informations: dict[str, Information] = {}
         self.rows: list[TriedWeighting] = []
 
-    def scores(self, loss: str, weight: float) -> RunScores:
-        """Scores of the runs left out."""
+    def estimates(self, loss: str, weight: float) -> np.ndarray:
+        """Estimates without the runs left out, (folds, P)."""
         if loss not in self.informations:
             self.informations[loss] = information(reweighed(self.problem, self.x, loss), self.x)
         info = weighed(self.informations[loss], weight)
-        estimates = estimates_without(info, self.folds, self.problem.p_bounds())
-        return scores_of_folds(self.problem, self.trials, self.folds, estimates, self.sigma)
+        return estimates_without(info, self.folds, self.problem.p_bounds())
+
+    def scores(self, candidates: Sequence[tuple[str, float]]) -> list[RunScores]:
+        """Scores of the runs left out, by each of ``candidates`` (loss, weight)."""
+        several = [self.estimates(*candidate) for candidate in candidates]
+        return scores_of_estimates(self.problem, self.trials, self.folds, several, self.sigma)
 
     def begin(self, loss: str, weight: float) -> None:
         self.loss, self.weight = loss, weight
-        self.first = self.best = self.scores(loss, weight)
+        self.first = self.best = self.scores([(loss, weight)])[0]
         self.rows.append(self._row(loss, weight, self.first, Jackknifed(0.0, 0.0), (), True))
 
     def offer(self, candidates: Sequence[tuple[str, float]]) -> None:
         """The best of ``candidates`` (loss, weight) replaces the present choice if it is clearly better."""
         tried = []
-        for loss, weight in candidates:
-            scores = self.scores(loss, weight)
+        for (loss, weight), scores in zip(candidates, self.scores(candidates), strict=True):
             change, worse = log_change(self.best, scores), kinds_worse(self.best, scores)
             good = change.value < -max(LEAST_GAIN, CLEARLY * change.error) and not worse
             tried.append(

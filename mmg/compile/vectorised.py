@@ -7,13 +7,15 @@ one costs as much as a hundred points do: it pays from FEWEST points on. The wor
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-FEWEST = 192
+from mmg.compile.stages import Program
+
+FEWEST = 160
 """Points from which numpy is faster than the virtual machine."""
 BLOCK = 2048
 """Points worked on at once."""
@@ -49,62 +51,103 @@ OPERATIONS: dict[int, Operation] = {
 """What each CasADi operation is in numpy: a function of its operands that writes into ``out``."""
 
 
+_SHARED, _OWN = 1, 2
+"""Stages of values: those that all points share, constants among them, are worked out once a call."""
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Order of work for inputs of which some are shared.
+
+    values: shared ones, 0-d arrays, None where they are still to come; given: (place, argument, element) of shared and
+    of own inputs; shared, own: (operation, place or buffer of the result, places of the operands); results: (output,
+    nonzero, place) of each; at: buffer of each own value that is worked out; buffers: how many.
+    """
+
+    constants: dict[int, np.ndarray]
+    given_shared: list[tuple[int, int, int]]
+    given_own: list[tuple[int, int, int]]
+    shared: list[tuple[Operation, int, tuple[int, ...]]]
+    own: list[tuple[Operation, int, int, tuple[int, ...]]]
+    results: list[tuple[int, int, int]]
+    buffers: int
+
+
 class VectorisedFunction:
-    """An SXFunction as a list of numpy operations on its work arrays."""
+    """An SXFunction as a list of numpy operations on work arrays."""
 
     def __init__(self, function: ca.Function) -> None:
         """Raises NotImplementedError for an operation that numpy lacks."""
         self.function = function
-        self._steps = [self._step(k) for k in range(function.n_instructions())]
+        known = {*OPERATIONS, ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}
+        for k in range(function.n_instructions()):
+            if function.instruction_id(k) not in known:
+                raise NotImplementedError(f"no numpy function for CasADi operation {function.instruction_id(k)}")
+        self._plans: dict[tuple[bool, ...], _Plan] = {}
 
-    def _step(self, k: int) -> Callable[[list[np.ndarray], Sequence[np.ndarray], Sequence[np.ndarray]], None]:
-        """Instruction ``k`` as a function of work arrays, inputs and results."""
-        f, operation = self.function, self.function.instruction_id(k)
-        inputs, outputs = f.instruction_input(k), f.instruction_output(k)
-        if operation == ca.OP_CONST:
-            return partial(_constant, outputs[0], f.instruction_constant(k))
-        if operation == ca.OP_INPUT:
-            return partial(_read, outputs[0], inputs[0], inputs[1])
-        if operation == ca.OP_OUTPUT:
-            return partial(_written, inputs[0], outputs[0], outputs[1])
-        if operation not in OPERATIONS:
-            raise NotImplementedError(f"no numpy function for CasADi operation {operation}")
-        if len(inputs) == 1:
-            return partial(_one, OPERATIONS[operation], outputs[0], inputs[0])
-        return partial(_two, OPERATIONS[operation], outputs[0], inputs[0], inputs[1])
+    def _plan(self, shared: tuple[bool, ...]) -> _Plan:
+        """The work for inputs that are ``shared`` or not."""
+        program = Program.of(self.function, [_SHARED if one else _OWN for one in shared])
+        outputs = range(self.function.n_out())
+        results = [
+            (j, k, place)
+            for j in outputs
+            for k, place in enumerate(place for place in program.results[j] if place is not None)
+        ]
+        kept, last = {place for _, _, place in results}, {}
+        needed = program.needed(outputs, -1)
+        for number, place in enumerate(needed):
+            last.update(dict.fromkeys(program.values[place].operands, number))
+        constants: dict[int, np.ndarray] = {}
+        given: dict[int, list[tuple[int, int, int]]] = {_SHARED: [], _OWN: []}
+        plan = _Plan(constants, given[_SHARED], given[_OWN], [], [], results, 0)
+        buffer: dict[int, int] = {}
+        free: list[int] = []
+        count = 0
+        for number, place in enumerate(needed):
+            value = program.values[place]
+            if value.operation == ca.OP_CONST:
+                constants[place] = np.array(value.number)
+            elif value.argument is not None:
+                given[value.stage].append((place, *value.argument))
+            elif value.stage < _OWN:
+                plan.shared.append((OPERATIONS[value.operation], place, value.operands))
+            else:
+                for operand in set(value.operands):  # whose buffer the result may take
+                    if last[operand] == number and operand in buffer and operand not in kept:
+                        free.append(buffer[operand])
+                if not free:
+                    free.append(count)
+                    count += 1
+                buffer[place] = free.pop()
+                plan.own.append((OPERATIONS[value.operation], place, buffer[place], value.operands))
+        return replace(plan, buffers=count)
 
     @np.errstate(all="ignore")
     def __call__(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Results (nonzeros, points) each, of ``inputs`` (nonzeros, points), or (nonzeros,) that all points share."""
-        f = self.function
-        results = [np.zeros((f.nnz_out(j), points)) for j in range(f.n_out())]
-        work = np.empty((f.sz_w(), min(points, BLOCK)))
+        f, shared = self.function, tuple(a.ndim == 1 for a in inputs)
+        plan = self._plans.get(shared) or self._plans.setdefault(shared, self._plan(shared))
+        found = [np.zeros((f.nnz_out(j), points)) for j in range(f.n_out())]
+        inputs = [np.asarray(a, dtype=float) for a in inputs]
+        same = dict(plan.constants)
+        for place, i, k in plan.given_shared:
+            same[place] = inputs[i][k, ...]
+        for operation, place, operands in plan.shared:
+            same[place] = np.empty(())
+            operation(*[same[each] for each in operands], same[place])
+        work = np.empty((plan.buffers, min(points, BLOCK)))
         for begin in range(0, points, BLOCK):
             end = min(begin + BLOCK, points)
-            w, r = list(work[:, : end - begin]), [each[:, begin:end] for each in results]
-            own = [a if a.ndim == 1 else a[:, begin:end] for a in inputs]
-            for step in self._steps:
-                step(w, own, r)
-        return results
-
-
-def _constant(to: int, value: float, w: list[np.ndarray], _: Sequence[np.ndarray], __: Sequence[np.ndarray]) -> None:
-    w[to].fill(value)
-
-
-def _read(to: int, i: int, k: int, w: list[np.ndarray], x: Sequence[np.ndarray], _: Sequence[np.ndarray]) -> None:
-    w[to][...] = x[i][k]
-
-
-def _written(at: int, i: int, k: int, w: list[np.ndarray], _: Sequence[np.ndarray], r: Sequence[np.ndarray]) -> None:
-    r[i][k] = w[at]
-
-
-def _one(f: Operation, to: int, a: int, w: list[np.ndarray], _: Sequence[np.ndarray], __: Sequence[np.ndarray]) -> None:
-    f(w[a], out=w[to])
-
-
-def _two(
-    f: Operation, to: int, a: int, b: int, w: list[np.ndarray], _: Sequence[np.ndarray], __: Sequence[np.ndarray]
-) -> None:
-    f(w[a], w[b], out=w[to])
+            w, buffers = dict(same), list(work[:, : end - begin])
+            for place, i, k in plan.given_own:
+                w[place] = inputs[i][k, begin:end]
+            for operation, place, to, operands in plan.own:
+                out = w[place] = buffers[to]
+                if len(operands) == 2:
+                    operation(w[operands[0]], w[operands[1]], out)
+                else:
+                    operation(w[operands[0]], out)
+            for j, k, place in plan.results:
+                found[j][k, begin:end] = w[place]
+        return found
