@@ -144,14 +144,15 @@ def calibrate(
     scores = later.made("scores", lambda: score_pairs(first.value, scores_by_set(after, sets)), NO_SCORES)
     content = _first_rows(found, options, scores, train, validation)
     objects = FitObjects(found, before, after, tuple(train), tuple(validation))
+    bands_of = begun_beside(options.beside, partial(prediction_bands, found, after, train))
     past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
     objects = _with_next_trial(objects, content, options, later)
-    bands = later.made("prediction bands", lambda: prediction_bands(found, after, train), None)
     adaptation = later.made("worth of adaptation", lambda: past.value, None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     left_out = later.made("worth of what was left out", lambda: worth.value, None)
+    bands = later.made("prediction bands", lambda: bands_of.value, None)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)
@@ -314,8 +315,7 @@ def _said_before(found: Calibration, weighting: Mapping[str, Any] | None) -> lis
 
 
 def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:
-    """How far predictions of ``simulator``, that of the calibration ``found``, are off, from windows of its ``trials``,
-    each predicted without it."""
+    """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), without_trials(found, trials))
 
