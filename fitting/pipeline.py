@@ -149,10 +149,9 @@ def calibrate(
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
     objects = _with_next_trial(objects, content, options, later)
-    adaptation = later.made("worth of adaptation", lambda: past.value, None)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
-    left_out = later.made("worth of what was left out", lambda: worth.value, None)
-    bands = later.made("prediction bands", lambda: bands_of.value, None)
+    awaited = (("worth of adaptation", past), ("worth of what was left out", worth), ("prediction bands", bands_of))
+    adaptation, left_out, bands = (later.made(name, partial(getattr, one, "value"), None) for name, one in awaited)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -166,14 +167,41 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
+KEPT = 16
+"""Models that are remembered."""
+_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=KEPT)
+
+
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:
     """The model of a ship.
 
     ``symbols`` names the coefficients that become arguments (default: all); the others are put in as
     numbers. ``exact`` evaluates the published branches instead of their smooth blends: for checking only. ``acted``:
     what ``Effect.acted`` does was done to the inputs.
+    The functions of a ship that differs from an earlier one in values of arguments alone are those of that one.
     """
     chosen = tuple(ship.symbols if symbols is None else symbols)
+    values = {name: c.value for name, c in ship.coefficients.items()}
+    key: tuple[Any, ...] = (
+        *(tuple(m.items()) for m in (ship.particulars, ship.components, ship.monomials)),
+        tuple((name, None if name in chosen else value) for name, value in values.items()),
+        (ship.effects, *map(effect, ship.effects), chosen, exact, acted),
+    )
+    if ship.network is not None:
+        return _assembled(ship, chosen, exact, acted)[0]
+    found = next((each for each in list(_KNOWN) if each[0] == key), None)
+    if found is None:
+        found = (key, *_assembled(ship, chosen, exact, acted))
+        _KNOWN.append(found)
+    _, model, sizes = found
+    same = replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
+    vars(same)["_by_numpy"] = model._by_numpy
+    return same
+
+
+def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) -> tuple[Model, ca.Function]:
+    """The model of a ship with the coefficients ``chosen`` as arguments, and the sizes of its memory as a function of
+    them. exact, acted: as of ``assemble``."""
     six, controls = ca.SX.sym("state", 6), ca.SX.sym("controls", len(ship.inputs))
     theta = ca.SX.sym("coefficients", len(chosen))
     values_of = {name: c.value for name, c in ship.coefficients.items()}
@@ -193,12 +221,13 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         arguments, labels = [state, controls, theta], ["state", "controls", "coefficients"]
         return ca.Function(name, arguments, [expression], labels, [name], {"cse": True})
 
-    return Model(
+    sizes = ca.Function("numbers", [theta], [ca.SX(ca.vertcat(*memory.sizes))])
+    model = Model(
         ship=ship,
         symbols=chosen,
         controls=ship.inputs,
         states=(*STATES, *memory.names),
-        sizes=_at_values(ca.vertcat(*memory.sizes), theta, [values_of[name] for name in chosen]),
+        sizes=_numbers(sizes, chosen, values_of),
         first=0 if placed else 2,
         rates=function("rates", derivative),
         forces=function("forces", rows),
@@ -210,11 +239,12 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         features=function("features", ca.densify(ca.vertcat(*features.values()))),
         measured=any(effect(name).measures for name in ship.effects),
     )
+    return model, sizes
 
 
-def _at_values(expression: Any, theta: ca.SX, values: Sequence[float]) -> np.ndarray:
-    """A vector expression of the coefficients (n,) as numbers."""
-    return np.array(ca.Function("numbers", [theta], [ca.SX(expression)])(values), dtype=float).reshape(-1)
+def _numbers(sizes: ca.Function, chosen: Sequence[str], values: Mapping[str, float]) -> np.ndarray:
+    """What a function of the coefficients ``chosen`` gives for their ``values``, (n,)."""
+    return np.array(sizes([values[name] for name in chosen]), dtype=float).reshape(-1)
 
 
 def _settled(memory: Memory) -> list[Any]:

@@ -198,8 +198,8 @@ def scores_of_estimates(
     adapt: float | None = None,
     compiled: bool | None = None,
 ) -> list[RunScores]:
-    """``scores_of_folds`` of ``several`` estimates of the folds, (folds, P) each, all predicted side by side; the other
-    arguments are as there."""
+    """``scores_of_folds`` of ``several`` estimates of the ``folds``, (folds, P) each, all predicted side by side;
+    problem, trials, sigma, adapt, compiled: as there."""
     own = np.full((len(several), len(trials), len(problem.ship.symbols)), np.nan)
     group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
     for each, estimates in zip(own, several, strict=True):
