@@ -44,11 +44,14 @@ class Since:
     delta: np.ndarray
 
 
+def _gone(speed: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """The way (N,) from the first of the times ``t`` (N,) on, by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
+
+
 def since(trial: Trial, order_time: float) -> Since:
     """The rows of ``trial`` with heading and speed from ``order_time`` [s after the first sample] on."""
     t = trial.t - trial.t[0]
-    from scipy.integrate import cumulative_trapezoid  # late: slow to import
-
     psi, u, v = trial.psi_unwrapped, trial["u"], trial["v"]
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
     if trial.has_position:
@@ -64,14 +67,14 @@ def since(trial: Trial, order_time: float) -> Since:
     if trial.has_position:
         x, y = at(trial["x"]), at(trial["y"])
     else:
-        x = cumulative_trapezoid(u * np.cos(psi) - v * np.sin(psi), times, initial=0)
-        y = cumulative_trapezoid(u * np.sin(psi) + v * np.cos(psi), times, initial=0)
+        x = _gone(u * np.cos(psi) - v * np.sin(psi), times)
+        y = _gone(u * np.sin(psi) + v * np.cos(psi), times)
     x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
     return Since(
         t=times - start,
         advance=x * c + y * s,
         transfer=y * c - x * s,
-        path=cumulative_trapezoid(np.hypot(u, v), times, initial=0),
+        path=_gone(np.hypot(u, v), times),
         change=psi - psi[0],
         u=u,
         r=at(trial["r"]),

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 TOLERANCE = math.radians(1.0)
 """An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
@@ -49,9 +50,7 @@ def without_spikes(delta: np.ndarray, dt: float, ship_time: float) -> np.ndarray
     """``delta`` (N,) without single samples that are off: a running median over a fortieth of the ship_time L/U [s], of
     three samples at least and nine at most; dt: sampling interval [s]."""
     size = 2 * min(max(round(0.0125 * ship_time / dt), 1), 4) + 1
-    from scipy.ndimage import median_filter  # late: slow to import
-
-    return np.asarray(median_filter(delta, size, mode="nearest"))
+    return np.median(sliding_window_view(np.pad(delta, size // 2, mode="edge"), size), axis=1)
 
 
 def held_stretches(t: np.ndarray, delta: np.ndarray, ship_time: float) -> list[RudderStep]:

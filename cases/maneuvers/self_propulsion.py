@@ -81,17 +81,32 @@ def speed_for(ship: Ship, n: float) -> float:
 
 
 def _root(function: Callable[[float], float], first: float, failure: str) -> float:
-    """Root of a function that is negative at small positive arguments and positive at large ones."""
-    from scipy.optimize import brentq
+    """Root of a function that is negative at small positive arguments and positive at large ones.
 
+    To 1e-12 of it by the Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import.
+    """
     low, high = 1e-3 * first, first
     for _ in range(8):
         if function(high) > 0:
             break
         low, high = high, 2 * high
-    if not function(low) < 0 < function(high):
+    below, above = function(low), function(high)
+    if not below < 0 < above:
         raise UserError(f"{failure}; check thrust and resistance, or give both n and speed")
-    return float(brentq(function, low, high, xtol=1e-12, rtol=1e-12))
+    last = 0
+    for _ in range(200):
+        if high - low <= 1e-12 * high:
+            break
+        at = (low * above - high * below) / (above - below)
+        value = function(at)
+        if value == 0 or not low < at < high:
+            return at
+        if value < 0:
+            low, below, above = at, value, above / 2 if last < 0 else above
+        else:
+            high, above, below = at, value, below / 2 if last > 0 else below
+        last = -1 if value < 0 else 1
+    return high
 
 
 def own_speed(ship: Ship, froude: float = FROUDE) -> float:

@@ -12,6 +12,7 @@ the model, discounted by one factor: correlations estimated from a few tens of w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -83,8 +84,7 @@ class Identifiability:
 
     findings: one per free coefficient, in the prior's order. clusters, directions: see there, strongest first.
     condition_number: of the data's information in prior standard deviations, infinite when it is singular.
-    condition_with_prior: of the posterior precision. correlation: (P, P); order: the P coefficients in an order that
-    puts correlated ones beside each other.
+    condition_with_prior: of the posterior precision. correlation: (P, P).
     """
 
     findings: tuple[CoefficientFinding, ...]
@@ -93,7 +93,12 @@ class Identifiability:
     condition_number: float
     condition_with_prior: float
     correlation: np.ndarray
-    order: np.ndarray
+
+    @cached_property
+    def order(self) -> np.ndarray:
+        """The P coefficients in an order that puts correlated ones beside each other."""
+        known = np.isfinite(self.correlation).all()
+        return order(self.correlation) if known else np.arange(len(self.correlation))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for result.json; counts: of the coefficients of each kind."""
@@ -151,7 +156,7 @@ def analyse(
             CoefficientFinding(s, "bound" if bound else "unknown", nan, nan, bound=bound)
             for s, bound in zip(prior.symbols, bounds, strict=True)
         )
-        return Identifiability(unknown, (), (), nan, nan, np.full((P, P), nan), np.arange(P))
+        return Identifiability(unknown, (), (), nan, nan, np.full((P, P), nan))
     data, worth = precision(covariance) - np.eye(P) if information is None else information, 1.0
     if information is not None:
         worth = information_discount(data, covariance)
@@ -170,7 +175,6 @@ def analyse(
         float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
         float(with_prior[-1] / with_prior[0]),
         correlation,
-        order(correlation),
     )
 
 

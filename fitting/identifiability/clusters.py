@@ -32,13 +32,17 @@ class Direction:
 
 def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
     """Connected groups of the coefficients ``symbols`` whose ``correlation`` (P, P) is strong, strongest first."""
-    from scipy.sparse.csgraph import connected_components
-
     off = np.abs(correlation) - np.eye(len(symbols))
-    label = connected_components(off >= CORRELATED, directed=False)[1]
-    found = []
-    for number in range(label.max(initial=-1) + 1):
-        members = np.flatnonzero(label == number)
+    near = off >= CORRELATED
+    found, seen = [], np.zeros(len(symbols), dtype=bool)
+    for first in range(len(symbols)):
+        if seen[first]:
+            continue
+        group = np.arange(len(symbols)) == first
+        while (more := near[group].any(axis=0) & ~group).any():
+            group |= more
+        seen |= group
+        members = np.flatnonzero(group)
         if len(members) > 1:
             strongest = float(off[np.ix_(members, members)].max())
             found.append(Cluster(tuple(symbols[k] for k in members), strongest))

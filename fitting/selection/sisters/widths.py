@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from cases.evidence.tails import chi2_tail
 from fitting.selection.sisters.evidence import SisterEvidence
@@ -136,6 +135,8 @@ def _common(A: np.ndarray, b: np.ndarray) -> tuple[float, tuple[float, float]]:
 
 def _by_coefficient(A: np.ndarray, b: np.ndarray, common: float) -> np.ndarray:
     """The most likely width (P,) of each coefficient under a half-Cauchy prior at the ``common`` one."""
+    from scipy.optimize import minimize  # late: slow to import
+
     scale = max(common, LEAST) ** 2
 
     def cost(square: np.ndarray) -> tuple[float, np.ndarray]:
