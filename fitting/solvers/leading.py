@@ -20,10 +20,14 @@ STEPS = 30
 """Steps of the leading method before IPOPT is left alone."""
 ROUGH_CHANGE = 3e-4
 """Predicted relative change of the objective at which a rough solve ends."""
+ROUGH_GAIN = 1e-3
+"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
 FEASIBLE = 1e-2
 """Largest violation with which a rough solve may end."""
 NEAR = 1e-7
 """Predicted relative change at which IPOPT takes over."""
+ENOUGH = 1e-5
+"""The same, or the gain of two steps, where it takes over later, perhaps from another solve that begins there."""
 UNCERTIFIED: Mapping[str, Any] = MappingProxyType({})
 """Options of a solve whose end by the leading method is enough, until ``certified``."""
 
@@ -59,7 +63,9 @@ def solve_led(
         return bool(INTERRUPTED.requested) or late
 
     with interrupts_noted():
-        found = lead(problem, x, ROUGH_CHANGE if rough else NEAR, min(STEPS, max_iterations), at_iterate)
+        to_its_end = (ENOUGH, ENOUGH) if options is UNCERTIFIED else (NEAR, 0.0)
+        change, gain = (ROUGH_CHANGE, ROUGH_GAIN) if rough else to_its_end
+        found = lead(problem, x, change, min(STEPS, max_iterations), at_iterate, gain)
         if found.reached and rough and float(np.abs(problem.defects(found.x)).max()) < FEASIBLE:
             return _ended(problem, found, time.perf_counter() - began)
         if found.reached and not rough:

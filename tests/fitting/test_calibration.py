@@ -100,7 +100,8 @@ def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bo
     assert found.ship.coefficients["N_r"].verdict == whole.ship.coefficients["N_r"].verdict
     for name, value in whole.iterate.items():
         np.testing.assert_allclose(found.iterate[name], value, rtol=1e-9, atol=1e-9)
-    rows = [[{k: v for k, v in row.items() if k != "seconds"} for row in c.passes] for c in (found, whole)]
+    own = ("seconds", "iterations", "objective")  # how near the leading method comes is not the same
+    rows = [[{k: v for k, v in row.items() if k not in own} for row in c.passes] for c in (found, whole)]
     assert rows[0] == rows[1]
 
 

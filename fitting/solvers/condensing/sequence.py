@@ -29,6 +29,8 @@ SHORT = 0.25
 """Length of an exact step below which one of Gauss and Newton follows."""
 MARGIN = 1.1
 """Price of a violation over its multiplier."""
+STALLS = 2
+"""Steps in a row that gain little before a sequence counts as stalled."""
 Watch = Callable[[float, float], bool]
 """Of an iterate: takes the objective and the largest violation, returns whether to stop."""
 
@@ -47,18 +49,26 @@ class Lead:
     history: list[tuple[float, float]] = field(default_factory=list)
 
 
-def lead(problem: Problem, x: np.ndarray, tolerance: float, most: int, at_iterate: Watch = lambda *_: False) -> Lead:
+def lead(
+    problem: Problem,
+    x: np.ndarray,
+    tolerance: float,
+    most: int,
+    at_iterate: Watch = lambda *_: False,
+    stalled: float = 0.0,
+) -> Lead:
     """The sequence for ``problem`` from x (n,), which takes at most ``most`` steps.
 
     tolerance: predicted change of the merit, relative to the objective, at which a full step is the last one;
     at_iterate: called at each iterate with the objective and the largest violation; where it says True, the sequence
-    stops. It also stops where a step of Gauss and Newton does not lower the merit, or numbers are not finite. A problem
-    with states that may jump at nodes is not begun.
+    stops; stalled: change of the merit, relative to the objective, below which STALLS steps in a row, of whatever
+    length, are the last ones too. It also stops where a step of Gauss and Newton does not lower the merit, or numbers
+    are not finite. A problem with states that may jump at nodes is not begun.
     """
     x = x.copy()
     x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
     found = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
-    prices, newton = np.zeros(problem.m), False
+    prices, newton, stalls = np.zeros(problem.m), False, 0
     while len(problem.random) == 0 and len(found.history) < most:
         f, c = problem.objective(x), np.abs(problem.defects(x))
         found.history.append((f, float(c.max(initial=0.0))))
@@ -81,7 +91,8 @@ def lead(problem: Problem, x: np.ndarray, tolerance: float, most: int, at_iterat
         found.x, found.bound = x, step.bound
         found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
         newton = length >= SHORT if newton else length < 1.0 or merit - reached < SLOW * abs(reached)
-        if length == 1.0 and abs(slope) < tolerance * abs(f):
+        stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
+        if stalls == STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f)):
             found.reached = True
             break
     return found

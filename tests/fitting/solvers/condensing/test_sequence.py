@@ -133,3 +133,11 @@ def test_each_iterate_is_told_and_can_stop_it() -> None:
 
     found = lead(p, p.start(), 1e-7, 40, stop)
     assert not found.reached and found.history == seen and len(seen) == 3
+
+
+def test_steps_that_gain_little_end_it_where_that_is_asked_for() -> None:
+    p = problem()
+    whole, early = lead(p, p.start(), 1e-12, 60), lead(p, p.start(), 1e-12, 60, stalled=1e-2)
+    assert early.reached and len(early.history) < len(whole.history)
+    assert early.history == whole.history[: len(early.history)]
+    assert p.objective(early.x) == pytest.approx(p.objective(whole.x), rel=0.05)
