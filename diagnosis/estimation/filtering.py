@@ -16,6 +16,7 @@ from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
 from mmg.compile.cache import load_library
 from mmg.compile.kernel_threads import even_shares, in_threads
+from mmg.compile.recycled import room
 from mmg.progress import LOGGER
 
 
@@ -133,11 +134,11 @@ class Kernel:
         """As the function."""
         K, R, n = s.T.shape[:3]
         f = Filtered(
-            L=np.empty((K, R, n, n)),
-            gain=np.empty((K, R, n, 6)),
-            P=np.empty((K + 1, R, n, n)),
-            inverse=np.empty((K + 1, R, 6, 6)),
-            root=np.empty((K + 1, R, 6, 6)),
+            L=room(K, R, n, n),
+            gain=room(K, R, n, 6),
+            P=room(K + 1, R, n, n),
+            inverse=room(K + 1, R, 6, 6),
+            root=room(K + 1, R, 6, 6),
             log_det=np.empty(R),
         )
         self._run("filter", s, f)
@@ -155,12 +156,12 @@ class Kernel:
         """As the function; returns the states."""
         K, R, n = s.T.shape[:3]
         m, c = columns.forcing.shape[2:]
-        states = np.empty((K + 1, R, n, c) if with_states else 0)
+        states = room(K + 1, R, n, c) if with_states else np.empty(0)
         given = (columns.forcing, columns.scale, columns.observed, columns.start)
         arrays = [None if a is None else _real(a) for a in given]
         at = np.ascontiguousarray(columns.observing, dtype=np.int64)
         apart = out.strides[2] // out.itemsize
-        made = out if out.strides == _strides(out.shape[:3], apart) else np.empty(out.shape)
+        made = out if out.strides == _strides(out.shape[:3], apart) else room(*out.shape)
         place = None
         if rows is not None:
             place = np.full(K + 1, -1, dtype=np.int64)
@@ -196,16 +197,14 @@ class Kernel:
     def adjoint(self, s: LinearSystem, f: Filtered) -> Adjoint:
         """As the function."""
         K, R, n = s.T.shape[:3]
-        found = Adjoint(
-            np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n)), np.zeros((K, R, n)), np.empty((K + 1, R, 6))
-        )
+        found = Adjoint(room(K, R, n, n), room(K + 1, R, 6, n), np.zeros((K, R, n)), np.empty((K + 1, R, 6)))
         self._run("adjoint", s, f, *(_at(a) for a in (found.by_T, found.by_Z, found.N, found.D)))
         return found
 
     def by_rates(self, s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
         """As the function."""
         K, R, n = s.T.shape[:3]
-        out, by_T = np.empty((K, R, A, A + 3)), _real(found.by_T)
+        out, by_T = room(K, R, A, A + 3), _real(found.by_T)
         T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
         rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
 

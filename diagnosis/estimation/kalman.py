@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from diagnosis.estimation.transition_model import LinearModel
+from mmg.compile.recycled import cleared
 
 PRIOR_SAMPLES = 30.0
 """Samples that a prior of the noise counts as."""
@@ -99,7 +100,7 @@ def linear_system(
     seen = S + 3 + len(gust)
     n = seen + len(coloured)
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
-    T = np.zeros((K, R, n, n))
+    T = cleared(K, R, n, n)
     T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
     if gusts is not None:
         T[..., :S, S + 3 : seen] = linear.force @ gusts
@@ -107,7 +108,7 @@ def linear_system(
     at = np.arange(S, n)
     T[..., at, at] = decay
     T[~inside] = np.eye(n)
-    Z = np.zeros((K + 1, R, 6, n))
+    Z = cleared(K + 1, R, 6, n)
     Z[..., :S] = linear.H
     Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0

@@ -15,6 +15,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
+from mmg.compile.recycled import room
 from mmg.model import settled
 from mmg.motion.froude import state_scale
 
@@ -115,7 +116,8 @@ class Linearisation:
         middle of each step [1/s]."""
         found, A = self.adjoint, len(self.active)
         if self.data.gusts is not None:  # they push as the latent force does
-            by_T = found.by_T.copy()
+            by_T = room(*found.by_T.shape)
+            by_T[...] = found.by_T
             by_T[:, :, :A, A : A + 3] += by_T[:, :, :A, A + 3 : A + 5] @ self.data.gusts.swapaxes(2, 3)
             found = replace(found, by_T=by_T)
         return by_rates(self.system, found, A, self.data.h)
@@ -230,7 +232,7 @@ def linearise_and_filter(
     left, states = (x[..., 0] for x in whitened(system, filter_run, residual, with_states=True))
     rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
     last = left if rows is None else left[rows]
-    white, end = np.empty((*last.shape, sum(part.width for part in parts) + 1)), 0
+    white, end = room(*last.shape, sum(part.width for part in parts) + 1), 0
     for block in (block for part in parts for block in part.blocks()):
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
