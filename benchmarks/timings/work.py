@@ -57,6 +57,7 @@ class Bench:
         Raises RuntimeError where it fails."""
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         given = {**os.environ, "MMG_CACHE": str(self.cache), **environment}
+        given.pop("PYTHONDONTWRITEBYTECODE", None)  # who uses the tool has the bytecode of its modules
         done = subprocess.run([sys.executable, *arguments], env=given, cwd=ROOT, capture_output=True, text=True)
         wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
