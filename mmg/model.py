@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from mmg.compile.vectorised import FEWEST, VectorisedFunction
+from mmg.compile.vectorised import FEWEST, VectorisedFunction, by_numpy
 from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
@@ -46,6 +45,7 @@ class Model:
     coefficients ``measured_by`` (numbers of them) alone.
     features: Function (state (S,), controls (C,), coefficients (P,)) -> what a network sees, ``ship.features`` (F,).
     measured: whether the columns differ from the first six states.
+    vectorised: functions by name as ``at_points`` has made them.
     """
 
     ship: Ship
@@ -63,10 +63,7 @@ class Model:
     measured_by: np.ndarray
     features: ca.Function
     measured: bool
-
-    @cached_property
-    def _by_numpy(self) -> dict[str, VectorisedFunction | None]:
-        return {}
+    vectorised: dict[str, VectorisedFunction | None] = field(default_factory=dict, repr=False, compare=False)
 
     def at_points(self, name: str, *inputs: np.ndarray) -> np.ndarray:
         """Result (rows, M) of the function called ``name`` at M points, without a compiler.
@@ -75,12 +72,9 @@ class Model:
         first one has M. CasADi's own call copies what is shared to every point.
         """
         function: ca.Function = getattr(self, name)
-        if name not in self._by_numpy:
-            try:
-                self._by_numpy[name] = VectorisedFunction(function)
-            except NotImplementedError:  # an operation that numpy lacks
-                self._by_numpy[name] = None
-        vectorised, points = self._by_numpy[name], inputs[0].shape[1]
+        if name not in self.vectorised:
+            self.vectorised[name] = by_numpy(function)
+        vectorised, points = self.vectorised[name], inputs[0].shape[1]
         if vectorised is None or points < FEWEST:
             return np.array(function(*[a if a.size else 0.0 for a in inputs]))
         return vectorised(points, inputs)[0]
@@ -181,22 +175,20 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     The functions of a ship that differs from an earlier one in values of arguments alone are those of that one.
     """
     chosen = tuple(ship.symbols if symbols is None else symbols)
+    if ship.network is not None:
+        return _assembled(ship, chosen, exact, acted)[0]
     values = {name: c.value for name, c in ship.coefficients.items()}
     key: tuple[Any, ...] = (
         *(tuple(m.items()) for m in (ship.particulars, ship.components, ship.monomials)),
         tuple((name, None if name in chosen else value) for name, value in values.items()),
         (ship.effects, *map(effect, ship.effects), chosen, exact, acted),
     )
-    if ship.network is not None:
-        return _assembled(ship, chosen, exact, acted)[0]
     found = next((each for each in list(_KNOWN) if each[0] == key), None)
     if found is None:
         found = (key, *_assembled(ship, chosen, exact, acted))
         _KNOWN.append(found)
     _, model, sizes = found
-    same = replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
-    vars(same)["_by_numpy"] = model._by_numpy
-    return same
+    return replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
 
 
 def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) -> tuple[Model, ca.Function]:

@@ -14,7 +14,7 @@ from mmg.compile import batch_source, codegen, staged_lanes, stages, vector_math
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.self_test import alike, by_virtual_machine, points
-from mmg.compile.vectorised import FEWEST, VectorisedFunction
+from mmg.compile.vectorised import FEWEST, VectorisedFunction, by_numpy
 
 FLAGS: tuple[str, ...] = (
     "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
@@ -41,11 +41,7 @@ class BatchFunction:
 
     @cached_property
     def _by_numpy(self) -> VectorisedFunction | None:
-        """The function by numpy, None where numpy lacks an operation of it."""
-        try:
-            return VectorisedFunction(self.function)
-        except NotImplementedError:
-            return None
+        return by_numpy(self.function)
 
     def __call__(self, *inputs: np.ndarray, outputs: Sequence[bool] | None = None) -> list[np.ndarray | None]:
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)

@@ -59,9 +59,9 @@ _SHARED, _OWN = 1, 2
 class _Plan:
     """Order of work for inputs of which some are shared.
 
-    values: shared ones, 0-d arrays, None where they are still to come; given: (place, argument, element) of shared and
-    of own inputs; shared, own: (operation, place or buffer of the result, places of the operands); results: (output,
-    nonzero, place) of each; at: buffer of each own value that is worked out; buffers: how many.
+    Values go by their place in the program. constants: 0-d arrays; given_shared, given_own: (place, argument, element)
+    of the inputs; shared: (operation, place of the result, places of the operands); own: the same with the buffer of
+    the result after its place; results: (output, nonzero, place) of each; buffers: how many of them.
     """
 
     constants: dict[int, np.ndarray]
@@ -151,3 +151,11 @@ class VectorisedFunction:
             for j, k, place in plan.results:
                 found[j][k, begin:end] = w[place]
         return found
+
+
+def by_numpy(function: ca.Function) -> VectorisedFunction | None:
+    """The SXFunction ``function`` by numpy, None where numpy lacks an operation of it."""
+    try:
+        return VectorisedFunction(function)
+    except NotImplementedError:
+        return None
