@@ -134,13 +134,18 @@ def straight_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.n
 
     t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
     """
-    until = np.column_stack([_integral(*with_corners(t, column), edges) for column in values.T])
+    until = np.column_stack([_integral_until(*with_corners(t, column), edges) for column in values.T])
     return np.diff(until, axis=0) / np.diff(edges)[:, None]
 
 
-def _integral(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
+def integral(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Integral (N,) of ``values`` (N,) from the first of the times ``t`` (N,) [s] on, by the trapezoidal rule."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+
+
+def _integral_until(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The integral until each time of ``at`` (K,) [s] of a line through ``values`` (N,) at the times t (N,) [s]."""
-    known = np.concatenate([[0.0], np.cumsum(0.5 * (values[:-1] + values[1:]) * np.diff(t))])
+    known = integral(t, values)
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
     into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]
     return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)

@@ -20,6 +20,7 @@ from cases.checks.repeated import repeated
 from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.checks.rest import SWINGING, without_cause
 from cases.checks.spikes import spike_trains
+from cases.inputs import integral
 from cases.trial import Trial
 
 STEP = 10
@@ -118,10 +119,10 @@ def mismatches(trial: Trial) -> dict[str, np.ndarray]:
     "psi" [rad]; "position" [m], north + i east, where there are positions.
     """
     t, psi = trial.t, _filled(trial.psi_unwrapped)
-    found = {"psi": psi - _integral(t, _filled(trial["r"]))}
+    found = {"psi": psi - integral(t, _filled(trial["r"]))}
     if trial.has_position:
         w = _filled(trial["u"]) + 1j * _filled(trial["v"])
-        found["position"] = _filled(trial["x"]) + 1j * _filled(trial["y"]) - _integral(t, w * np.exp(1j * psi))
+        found["position"] = _filled(trial["x"]) + 1j * _filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
     return found
 
 
@@ -279,10 +280,6 @@ def _joined(t: np.ndarray, breaks: Sequence[Break], reach: float) -> list[Break]
         else:
             out.append((first, last, what, channels))
     return out
-
-
-def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _filled(values: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.inputs import integral
 from cases.trial import Trial
 
 _UNITS = {"time": "s", "overshoot": "rad", "width": "rad", "drift": "rad", "rate": "rad/s", "height": "rad/s"}
@@ -44,11 +45,6 @@ class Since:
     delta: np.ndarray
 
 
-def _gone(speed: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The way (N,) from the first of the times ``t`` (N,) on, by the trapezoidal rule."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t))])
-
-
 def since(trial: Trial, order_time: float) -> Since:
     """The rows of ``trial`` with heading and speed from ``order_time`` [s after the first sample] on."""
     t = trial.t - trial.t[0]
@@ -67,14 +63,14 @@ def since(trial: Trial, order_time: float) -> Since:
     if trial.has_position:
         x, y = at(trial["x"]), at(trial["y"])
     else:
-        x = _gone(u * np.cos(psi) - v * np.sin(psi), times)
-        y = _gone(u * np.sin(psi) + v * np.cos(psi), times)
+        x = integral(times, u * np.cos(psi) - v * np.sin(psi))
+        y = integral(times, u * np.sin(psi) + v * np.cos(psi))
     x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
     return Since(
         t=times - start,
         advance=x * c + y * s,
         transfer=y * c - x * s,
-        path=_gone(np.hypot(u, v), times),
+        path=integral(times, np.hypot(u, v)),
         change=psi - psi[0],
         u=u,
         r=at(trial["r"]),

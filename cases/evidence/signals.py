@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cases.inputs import integral
 from cases.trial import Trial
 
 PIECES = 12
@@ -219,7 +220,7 @@ def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -
     """``values`` (N,) at ``t`` [s] as means over a ``step`` [s] around each point of the ``clock`` (M,)."""
     good = np.isfinite(values)
     t, values = t[good], values[good]
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
+    total = integral(t, values)
     low, high = np.clip(clock - step / 2, t[0], t[-1]), np.clip(clock + step / 2, t[0], t[-1])
     inside = high - low > 0.25 * step
     mean = (np.interp(high, t, total) - np.interp(low, t, total)) / np.where(inside, high - low, 1.0)

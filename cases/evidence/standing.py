@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cases.inputs import integral
 from cases.trial import Trial
 
 TURNED = 0.1
@@ -23,7 +24,7 @@ def standing(trial: Trial) -> dict[str, str]:
     out: dict[str, str] = {}
     if not still or len(trial) < 20:
         return out
-    turned, integrated = _range(psi), _range(_integral(trial.t, r))
+    turned, integrated = _range(psi), _range(integral(trial.t, np.nan_to_num(r)))
     if "r" in still and turned > TURNED:
         out["r"] = f"the heading turns by {turned:.2g} rad"
     if "psi" in still and integrated > TURNED:
@@ -49,11 +50,6 @@ def _stands(values: np.ndarray) -> bool:
 def _range(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(np.ptp(known)) if len(known) else 0.0
-
-
-def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    filled = np.nan_to_num(rate)
-    return np.concatenate([[0.0], np.cumsum(0.5 * (filled[1:] + filled[:-1]) * np.diff(t))])
 
 
 def _track(trial: Trial) -> np.ndarray:

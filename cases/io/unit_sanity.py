@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from cases.inputs import integral
 from cases.trial import RUDDERS
 
 DEG = math.pi / 180.0
@@ -83,13 +84,9 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
     t, psi, r = t[good], psi[good], r[good]
     if len(t) < 20:
         return ""
-    turned = _integral(t, r)
+    turned = integral(t, r)
     lags = (max(1, min(lag, len(t) // 10)) for lag in (20, 50, 100))
     return next(filter(None, (_compare_over(lag, t, psi, turned) for lag in lags)), "")
-
-
-def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
@@ -124,7 +121,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     lag = max(1, min(20, len(t) // 10))
     usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
     moved = (place[lag:] - place[:-lag])[usable]
-    turned = _integral(t, columns["r"][good])
+    turned = integral(t, columns["r"][good])
     heading = np.unwrap(psi)
     change, turn = (heading[lag:] - heading[:-lag])[usable], (turned[lag:] - turned[:-lag])[usable]
     if float(np.std(turn)) > 0.01 and _misfit(change, turn) < 0.5:
@@ -132,7 +129,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
     misfit = []
     for unit in (1.0, DEG):
-        way = _integral(t, body * np.exp(1j * psi * unit))
+        way = integral(t, body * np.exp(1j * psi * unit))
         error = moved - (way[lag:] - way[:-lag])[usable]
         misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
     if misfit[1] < 0.35 and misfit[0] > 0.3 and misfit[0] > 4 * misfit[1]:
