@@ -45,6 +45,8 @@ HATCHES = {
     "strained": "++++",
 }
 """Hatches of the bars beside their colours, so that they can be told apart in grey."""
+BAR = 0.95
+"""Margin [inches] for the bar of colours, its figures and its label."""
 SHOWN = 0.5
 """Absolute correlation from which a coefficient appears in the correlation plot."""
 
@@ -62,8 +64,11 @@ def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
     names = [found.findings[k].symbol for k in order]
     if not order:
         return _empty(3.0, f"no two estimates are correlated by {SHOWN:g} or more")
-    figure = new_figure(1.0 + min(WIDTH - 1.0, 2.0 + 0.17 * len(order)))
-    ax = dress(figure.subplots())
+    room, side = room_for_labels(names, 7.5), min(WIDTH - 1.0, 2.0 + 0.17 * len(order))
+    side = min(side, WIDTH - room - BAR)
+    beside = 0.5 * (WIDTH - room - BAR - side)
+    figure, axes = placed_axes(side + room + 0.14, (1, 1), (room + beside, BAR + beside, room + 0.06, 0.08))
+    ax = dress(axes[0, 0])
     ax.grid(visible=False)
     shown = found.correlation[np.ix_(order, order)]
     image = ax.imshow(shown, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="none")
@@ -76,7 +81,7 @@ def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
         if where and where[-1] - where[0] == len(where) - 1:
             corner, size = (where[0] - 0.5, where[0] - 0.5), len(where)
             ax.add_patch(Rectangle(corner, size, size, fill=False, edgecolor="black", linewidth=1.4))
-    _colour_bar(ax, image, f"correlation of the estimates [-]; framed: {CORRELATED:g} or more", shrink=0.7)
+    _colour_bar(ax, image, f"correlation of the estimates [-]; framed: {CORRELATED:g} or more", 0.7)
     return figure
 
 
@@ -88,8 +93,12 @@ def _empty(height: float, words: str) -> Figure:
     return figure
 
 
-def _colour_bar(ax: Axes, image: Any, label: str, **look: Any) -> None:
-    bar = ax.figure.colorbar(image, ax=ax, pad=0.02, **look)
+def _colour_bar(ax: Axes, image: Any, label: str, share: float = 1.0) -> None:
+    """What the colours of ``image`` in ``ax`` stand for, in the margin BAR on the right of it, along a ``share`` of its
+    height."""
+    box, thin, gap = ax.get_position(), 0.22 / WIDTH, 0.14 / WIDTH
+    place = (box.x1 + gap, box.y0 + 0.5 * (1 - share) * box.height, thin, share * box.height)
+    bar = ax.figure.colorbar(image, cax=ax.figure.add_axes(place))
     bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=8)
 
@@ -140,13 +149,15 @@ def next_trial_plot(trial: NextTrial, findings: Sequence[CoefficientFinding], mo
         return _empty(
             height, f"no trial of the library would take {HELPS:.0%} off the variance of any open coefficient"
         )
-    figure = new_figure(height)
-    ax = dress(figure.subplots())
+    symbols, names = [findings[i].symbol for i in open_], [trial.options[k].name for k in rows]
+    left, below = room_for_labels(names, 8), room_for_labels(symbols, 7.5) + 0.06
+    figure, axes = placed_axes(height, (1, 1), (left, BAR, below, 0.08))
+    ax = dress(axes[0, 0])
     ax.grid(visible=False)
     percent = 100 * (1 - np.sqrt(trial.left[np.ix_(rows, open_)]))
     image = ax.imshow(percent, cmap="Blues", vmin=0, vmax=max(20.0, percent.max()), aspect="auto", interpolation="none")
-    ax.set_xticks(range(len(open_)), [findings[i].symbol for i in open_], rotation=90, fontsize=7.5)
-    ax.set_yticks(range(len(rows)), [trial.options[k].name for k in rows], fontsize=8)
+    ax.set_xticks(range(len(open_)), symbols, rotation=90, fontsize=7.5)
+    ax.set_yticks(range(len(rows)), names, fontsize=8)
     for j in range(len(open_)):
         i = int(np.argmax(percent[:, j]))
         dark = percent[i, j] > 0.6 * image.get_clim()[1]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BEFORE, AFTER, MEASURED, GREY, ALARM = "#D58A00", "#0072B2", "#111111", "#8A8A8A", "#C0305A"
+GRID = "#E4E4E4"
 STYLES: tuple[dict, ...] = (
     {"color": BEFORE, "linestyle": (0, (4, 1.5))},
     {"color": AFTER},
@@ -147,7 +148,9 @@ class FigureFolder:
 
 def png_of(draw: Callable[[], Figure]) -> bytes:
     """The figure that ``draw`` gives as the content of a PNG file."""
+    import numpy as np
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # late: slow to import
+    from PIL import Image
 
     out = io.BytesIO()
     with warnings.catch_warnings():
@@ -157,7 +160,9 @@ def png_of(draw: Callable[[], Figure]) -> bytes:
         if layout is not None:  # by hand: for it savefig draws everything twice
             layout.execute(figure)
             figure.set_layout_engine("none")
-        canvas.print_png(out, pil_kwargs={"compress_level": 3})  # a tenth larger, in two thirds of the time
+        canvas.draw()
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # the figure is white below
+    image.save(out, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))  # a tenth larger, in two thirds of the time
     return out.getvalue()
 
 
@@ -172,7 +177,7 @@ def dress(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
     ax.set_ylabel(y, fontsize=9)
     ax.set_title(literal(title), fontsize=9.5, loc="left", fontweight="bold")
     ax.tick_params(labelsize=8, length=3, color=GREY)
-    ax.grid(True, color="#E4E4E4", linewidth=0.6)
+    ax.grid(True, color=GRID, linewidth=0.6)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)

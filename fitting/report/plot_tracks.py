@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
-from fitting.report.plot_style import MEASURED, STYLES, dress, new_figure, placed_axes
+from fitting.report.plot_style import GRID, MEASURED, STYLES, dress, new_figure, placed_axes
 from mmg.rollout import Simulator
 
 if TYPE_CHECKING:
@@ -75,15 +75,24 @@ def trajectory_plot(
             ax.legend(fontsize=7, ncols=4, loc="upper right", frameon=False, borderaxespad=0.1)
         strips.append(ax)
     strips[-1].set_xlabel("time from the first sample [s]", fontsize=9)
+    strips[-1].set_xlim(0, max(t[-1], 1e-9))
     for ax in strips:
-        for begin in t[first]:
-            ax.axvline(begin, color="#C8C8C8", lw=0.7, ls=":", zorder=0)
-        ax.set_xlim(0, max(t[-1], 1e-9))
-        ax.tick_params(labelbottom=ax is strips[-1])
+        _upright(ax, t[first], color="#C8C8C8", linewidth=0.7, linestyle=":")
+        if ax is not strips[-1]:  # a tick is five artists: those of the lowest strip serve all
+            ax.xaxis.set_visible(False)
+            _upright(ax, strips[-1].get_xticks(), color=GRID, linewidth=0.6)
         ax.yaxis.set_label_coords(-0.085, 0.5)
     handles, labels = strips[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
     return figure
+
+
+def _upright(ax: Axes, at: np.ndarray, **look: Any) -> None:
+    """Lines of one ``look`` through the whole height of ``ax``, behind all else, ``at`` these values (m,)."""
+    from matplotlib.collections import LineCollection  # late: slow to import
+
+    lines = [((x, 0.0), (x, 1.0)) for x in at]
+    ax.add_collection(LineCollection(lines, transform=ax.get_xaxis_transform(), zorder=0, **look), autolim=False)
 
 
 def _inputs(trial: Trial) -> dict[str, dict[str, np.ndarray]]:

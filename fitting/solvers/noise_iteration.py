@@ -182,9 +182,9 @@ def solve_with_noise_estimation(
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``; course: see
     there. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a solution; the
-    estimate of each solve starts the next. IPOPT alone makes the first one, far from any solution; the others are those
-    of ``leading``. One that gets stuck is repeated with damping. With a robust loss the rough solves use Student's t,
-    which gives gross outliers no weight. Returns the last solve, and what is kept of all.
+    estimate of each solve starts the next. IPOPT alone makes an only solve, as it begins far from any solution; the
+    others are those of ``leading``. One that gets stuck is repeated with damping. With a robust loss the rough solves
+    use Student's t, which gives gross outliers no weight. Returns the last solve, and what is kept of all.
     """
     course = course or Course()
     choose, near = course.choose, course.near
@@ -212,7 +212,7 @@ def solve_with_noise_estimation(
         if rough and problem.loss.robust:
             problem = problem.with_changes(loss=replace(problem.loss, name="student"))
         name = f"pass {number + 1} of {count}"
-        method = solve_led if number or near else solve
+        method = solve_led if rough or number or near else solve
         rest = (settings, began, progress, name, ROUGH if rough else None if course.certify else UNCERTIFIED)
         solution = solve_in_time(problem, x, *rest, method)
         restarted = solution.status in STUCK
