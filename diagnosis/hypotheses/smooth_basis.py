@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from mmg.compile.batch import BatchFunction
+
 FEATURES = 200
 """Random features."""
 
@@ -43,13 +45,14 @@ def evaluated(
     """``expressions`` of ``arguments``, the first being the six logged states, at ``values`` (K, R, ...); mask: (K, R)
     where they exist, else 0."""
     names, shape = tuple(expressions), mask.shape
-    each = ca.vertcat(*expressions.values())
+    each = ca.densify(ca.vertcat(*expressions.values()))
     function = ca.Function("forms", list(arguments), [each, ca.densify(ca.jacobian(each, arguments[0]))])
     count = int(mask.sum())
-    made = function.map(count)(*(v.reshape(*shape, -1)[mask].T for v in values))
     value, gradient = np.zeros((len(names), *shape)), np.zeros((len(names), *shape, 6))
-    value[:, mask] = np.array(made[0])
-    gradient[:, mask] = np.array(made[1]).reshape(len(names), count, 6)  # CasADi lays the blocks side by side
+    if count:
+        made = BatchFunction(function, None).at(*(v.reshape(*shape, -1)[mask].T for v in values))
+        value[:, mask] = made[0]
+        gradient[:, mask] = np.moveaxis(made[1].reshape(6, len(names), count), 0, 2)  # nonzeros column by column
     return Forms(names, value, gradient)
 
 

@@ -224,9 +224,9 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, see
     the fitted model with new random forces and sensor errors, to first order. Returns log Bayes factors.
     """
     slopes = unnamed_slopes(steps, data, found)
-    mixture, single, by_kind = slopes.statistics(slopes.g)
-    chance = np.stack(slopes.statistics(slopes.by_chance(seed))[:2], axis=1)
-    return UnnamedForms(float(mixture), {k: float(v) for k, v in by_kind.items()}, float(single), chance, slopes)
+    mixture, single, by_kind = slopes.statistics(np.vstack([slopes.g, slopes.by_chance(seed)]))
+    here = {kind: float(logs[0]) for kind, logs in by_kind.items()}
+    return UnnamedForms(float(mixture[0]), here, float(single[0]), np.stack([mixture[1:], single[1:]], axis=1), slopes)
 
 
 def left_and_limit(steps: TransitionModel, data: GriddedTrials, found: Point) -> tuple[float, float]:
