@@ -120,6 +120,19 @@ def test_every_input_that_moves_is_drawn(inputs: dict[str, float], labels: list[
     assert [len(names) for names in drawn] == lines and {n for names in drawn for n in names} <= set(inputs)
 
 
+def test_strips_share_the_time_axis_of_the_lowest_one_and_mark_where_windows_start() -> None:
+    after, trial = held_out_run()
+    windows = predict(after, trial, 50.0, 50.0)[0]
+    strips = trajectory_plot(trial, windows, windows).axes[1:]
+    ticks, starts = strips[-1].get_xticks(), trial.t[[w.first for w in windows]] - trial.t[0]
+    assert [ax.xaxis.get_visible() for ax in strips] == [ax is strips[-1] for ax in strips]
+    for ax in strips:
+        assert ax.get_xlim() == (0.0, trial.t[-1] - trial.t[0])
+        drawn = [np.array([s[0, 0] for s in lines.get_segments()]) for lines in ax.collections]
+        np.testing.assert_allclose(drawn[0], starts)
+        assert ax is strips[-1] or np.array_equal(drawn[1], ticks)
+
+
 def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
     model, trial = held_out_run()
     figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)

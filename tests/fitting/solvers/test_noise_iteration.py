@@ -1,0 +1,56 @@
+"""Solves in turn: who makes which, and that the estimates do not hang on it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fitting.nlp.fisher_information import information
+from fitting.nlp.problem import Problem
+from fitting.settings import Settings
+from fitting.solvers import noise_iteration
+from fitting.solvers.noise_iteration import NoiseSolves, solve_with_noise_estimation
+from tests.support.synthetic_runs import SIGMA, problem, runs
+
+
+def solved(p: Problem, x: np.ndarray, settings: Settings) -> NoiseSolves:
+    return solve_with_noise_estimation(p, x, settings, time.perf_counter(), None)
+
+
+@pytest.mark.parametrize("sigma, expected", [(None, ["solve_led"] * 3), (tuple(SIGMA), ["solve"])])
+def test_ipopt_alone_makes_an_only_solve(
+    sigma: tuple[float, ...] | None, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, whole = [], noise_iteration.solve_in_time
+
+    def noted(*given: Any) -> Any:
+        made.append((given[-1].__name__, len(given[0].segments.run)))
+        return whole(*given)
+
+    monkeypatch.setattr(noise_iteration, "solve_in_time", noted)
+    p = problem(window=10.0, trials=runs()[0])
+    found = solved(p, p.start(), Settings(sigma=sigma))
+    assert [name for name, _ in made] == expected and found.solution.converged
+    windows = [count for _, count in made]
+    assert windows[-1] == len(p.segments.run) and (sigma or windows[0] < windows[-1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_estimates_are_the_same_whoever_makes_the_first_solve(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    p = problem(window=10.0, trials=runs()[0])
+    x = p.start(np.random.default_rng(seed).normal(size=p.P))
+    led = solved(p, x, Settings())
+    monkeypatch.setattr(noise_iteration, "solve_led", _ipopt_where_rough)
+    alone = solved(p, x, Settings())
+    assert led.solution.converged and alone.solution.converged
+    std = np.sqrt(np.diag(np.linalg.inv(information(alone.problem, alone.solution.x).hessian)))
+    ours, theirs = (found.problem.split(found.solution.x)[1] for found in (led, alone))
+    assert (np.abs(ours - theirs) < 0.05 * std).all()
+    np.testing.assert_allclose(led.problem.sigma, alone.problem.sigma, rtol=0.01)
+
+
+def _ipopt_where_rough(p: Problem, x: np.ndarray, *given: Any) -> Any:
+    return noise_iteration.solve(p, x, *given)
