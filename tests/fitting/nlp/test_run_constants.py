@@ -261,7 +261,7 @@ def command(folder: Path, out: str, *more: str) -> list[str]:
 
 @pytest.mark.slow
 def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    first = command(folder, "run", "--per-run", "current", "--max-iterations", "4")
+    first = command(folder, "run", "--per-run", "current", "--max-iterations", "2")
     assert main(first) == 1
     assert main(command(folder, "run", "--resume")) == 2
     assert "--resume needs the same --per-run" in capsys.readouterr().err
