@@ -64,8 +64,8 @@ def correlation_plot(found: Identifiability, most: int = 36) -> Figure:
     names = [found.findings[k].symbol for k in order]
     if not order:
         return _empty(3.0, f"no two estimates are correlated by {SHOWN:g} or more")
-    room, side = room_for_labels(names, 7.5), min(WIDTH - 1.0, 2.0 + 0.17 * len(order))
-    side = min(side, WIDTH - room - BAR)
+    room = room_for_labels(names, 7.5)
+    side = min(WIDTH - room - BAR, 2.0 + 0.17 * len(order))
     beside = 0.5 * (WIDTH - room - BAR - side)
     figure, axes = placed_axes(side + room + 0.14, (1, 1), (room + beside, BAR + beside, room + 0.06, 0.08))
     ax = dress(axes[0, 0])
