@@ -28,7 +28,6 @@ from fitting.solvers.noise_iteration import Course, NoiseSolves, Resumption, sol
 from fitting.solvers.preparation import holding, prepared
 from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
-from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -45,8 +44,8 @@ class Calibration:
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
     was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given;
-    unfinished: warnings on what it began with, while ``finished`` has still to certify it and to say what is wrong,
-    else None.
+    rough: its last solve is left out, ``solution`` is where that begins; unfinished: warnings on what it began with,
+    while ``finished`` has still to make that solve, to certify it and to say what is wrong, else None.
     """
 
     ship: Ship
@@ -68,6 +67,7 @@ class Calibration:
     resumption: Resumption
     constants: RunConstants | None
     weighting: Weighting | None = None
+    rough: bool = False
     unfinished: tuple[Message, ...] | None = None
 
     @property
@@ -145,7 +145,7 @@ def estimate_coefficients(
     nothing can be identified.
     """
     question = _Question(ship, trials, settings or Settings(), warm, captive, per_run, held)
-    return finished(_estimated(question, progress, certify=True), progress)
+    return finished(_estimated(question, progress, certify=True, rough=False), progress)
 
 
 @with_one_thread
@@ -157,14 +157,17 @@ def first_estimate(
     progress: OnProgress | None = None,
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
+    rough: bool = False,
 ) -> Calibration:
     """The calibration that ``estimate_coefficients`` gives for the same arguments, before it is ``finished``: for a fit
     that another one may replace. IPOPT has not certified it where the leading method came to its end.
 
-    ship, trials, settings, progress, captive: as there; warm: as there, "p" (P,) at least. Raises UserError as there.
+    ship, trials, settings, progress, captive: as there; warm: as there, "p" (P,) at least; rough: it may lack its last
+    solve, where one solve only is made of it and its time is not limited. Raises UserError as there.
     """
-    certify = settings.starts > 1  # other starts are compared with what is certified
-    return _estimated(_Question(ship, trials, settings, warm, captive), progress, certify)
+    several = settings.starts > 1  # other starts are compared with what is certified
+    rough = rough and not several and settings.time_limit is None
+    return _estimated(_Question(ship, trials, settings, warm, captive), progress, several, rough)
 
 
 @with_one_thread
@@ -178,7 +181,9 @@ def finished(found: Calibration, progress: OnProgress | None = None) -> Calibrat
     if found.unfinished is None:
         return found
     began, before, early = time.perf_counter(), found.timings, found.unfinished
-    if found.solution.guess is not None:
+    if found.rough:
+        found = _with_last(found, progress)
+    elif found.solution.guess is not None:
         with finishing():
             found = _certified(found, progress)
     certified, problem, x = time.perf_counter() - began, found.problem.with_changes(), found.solution.x
@@ -206,8 +211,9 @@ class _Question:
     held: Sequence[str] = ()
 
 
-def _estimated(question: _Question, progress: OnProgress | None, certify: bool) -> Calibration:
-    """The calibration that the ``question`` is for, before it is ``finished``; certify: whether by IPOPT at once."""
+def _estimated(question: _Question, progress: OnProgress | None, certify: bool, rough: bool) -> Calibration:
+    """The calibration that the ``question`` is for, before it is ``finished``; certify: whether by IPOPT at once;
+    rough: whether it may lack its last solve."""
     began, warm = time.perf_counter(), question.warm
     first, x, settings, warnings, notices = prepared(
         question.ship, question.trials, question.settings, warm, question.captive, question.per_run
@@ -218,7 +224,7 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool) 
     deciding = OpenWeighting(question.trials, settings)
     resumed = Resumption.of_arrays(warm or {}, first)
     near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
-    course = Course(resumed, deciding.choose, near, certify)
+    course = Course(resumed, deciding.choose, near, certify, rough)
     solves = solve_with_noise_estimation(first, x, settings, began, progress, course)
     weighting = deciding.weighting(solves.solution)
     if weighting:
@@ -240,6 +246,7 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool) 
         timings=timings,
         resumption=solves.resumption,
         weighting=weighting,
+        rough=solves.rough,
         unfinished=tuple(warnings),
     )
 
@@ -278,37 +285,30 @@ def _certified(found: Calibration, progress: OnProgress | None) -> Calibration:
     solves = NoiseSolves(problem, found.solution, found.noise, found.passes, found.resumption)
     used = found.timings["total"]
     solves = solves.certified(settings, used, progress)
-    best, starts = solve_starts(problem, solves.solution, settings, time.perf_counter() - used, progress)
+    return _solved_on(found, solves, time.perf_counter() - used, progress)
+
+
+def _with_last(found: Calibration, progress: OnProgress | None) -> Calibration:
+    """The ``rough`` calibration found, with its last solve."""
+    began, problem, course = time.perf_counter(), found.problem.with_changes(), Course(found.resumption)
+    solves = solve_with_noise_estimation(problem, found.solution.x, found.settings, began, progress, course)
+    solves = replace(solves, passes=(*found.passes, *solves.passes))
+    return replace(_solved_on(found, solves, began, progress), rough=False)
+
+
+def _solved_on(found: Calibration, solves: NoiseSolves, began: float, progress: OnProgress | None) -> Calibration:
+    """The calibration found with ``solves`` instead of its own, without constants of runs; began [s], progress: as of
+    ``solve_starts``."""
+    best, starts = solve_starts(solves.problem, solves.solution, found.settings, began, progress)
     return replace(
         found,
-        **_statistics(problem, best, ()),
+        **_statistics(solves.problem, best, ()),
         noise=solves.noise,
         solution=best,
         passes=solves.passes,
         starts=tuple(starts),
         resumption=solves.resumption,
     )
-
-
-def moved_by(
-    found: Calibration, ship: Ship, captive: Captive | None, per_run: Own, trials: Sequence[Trial]
-) -> np.ndarray:
-    """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
-
-    One Gauss-Newton step on these trials, less that on the windows of the calibration, both from the estimates and the
-    measured states. ship, captive, per_run: as of ``estimate_coefficients``. Raises UserError for trials that cannot be
-    fitted.
-    """
-    p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
-    other = prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
-    if len(p) != other.P:
-        raise UserError("the runs that have constants of their own are others")
-    steps = []
-    for problem in (other, found.problem):
-        about = information(problem, problem.start(p))
-        steps.append(-np.linalg.solve(about.hessian, about.score.sum(axis=0) + about.prior_score))
-    shared = slice(len(found.p))
-    return np.asarray((steps[0] - steps[1])[shared] / np.sqrt(np.diag(found.covariance)))
 
 
 def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:

@@ -13,11 +13,10 @@ import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
 from cases.checks.propulsion import doubtful_revolutions
-from cases.evidence.kinematics import kinematics_of
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate, moved_by
+from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
@@ -32,7 +31,13 @@ from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
+from fitting.selection.campaigns.by_campaign import (
+    CampaignFit,
+    CampaignQuestion,
+    by_campaign,
+    may_keep,
+    with_kinematics,
+)
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.disturbance_choice import choose_disturbance
@@ -42,7 +47,7 @@ from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Later, unless_interrupted
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
-from fitting.uncertainty.left_out import worth_message, worth_of_left_out
+from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import UserError
@@ -131,7 +136,7 @@ def calibrate(
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
     asked = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    question = _with_kinematics(asked, options)
+    question = asked if options.hold or options.per_run else with_kinematics(asked, options.beside)
     before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
     first = begun_beside(options.beside, partial(scores_by_set, before, sets))
@@ -225,14 +230,6 @@ def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str
     return rows
 
 
-def _with_kinematics(question: CampaignQuestion, options: FitOptions) -> CampaignQuestion:
-    """The ``question`` with the kinematics of its trials begun beside, before longer work that is awaited later."""
-    if options.beside and not (options.hold or options.per_run) and asks_kinematics(question):
-        work = partial(kinematics_of, question.trials, question.ship)
-        return replace(question, kinematics=begun_beside(options.beside, work))
-    return question
-
-
 def _estimated(
     question: CampaignQuestion, constants: tuple[str, ...], options: FitOptions, later: Later
 ) -> CampaignFit:
@@ -247,8 +244,10 @@ def _estimated(
         return CampaignFit(found, model, constants, messages=messages)
     if options.beside:
         begun_beside(options.beside, prepare_figures)
-    found = first_estimate(model, train, settings, progress, warm, options.captive)
-    if settings.horizon or options.try_disturbance:  # which are for what has converged
+    converged = settings.horizon or options.try_disturbance  # what is for an estimate that has
+    rough = not converged and may_keep(question)
+    found = first_estimate(model, train, settings, progress, warm, options.captive, rough)
+    if converged:
         found = finished(found, progress)
     if settings.horizon and not (settings.window or options.resume):
         ask = partial(choose_window, found, model, train, options.captive, progress)

@@ -75,7 +75,8 @@ numbers of a column by its number, its name, and whether it may be a clock: call
 def _csv(path: Path, content: bytes) -> _Parts:
     header, lines = csv_header(path, content), count_rows(path, content)
     table = csv_columns(path, content, len(header), lines)
-    single = not set(b"\r\n") & set(content.strip())  # a header of thousands of cells is not parsed for nothing
+    stripped = content.strip()
+    single = b"\n" not in stripped and b"\r" not in stripped  # a header of thousands of cells is not parsed for nothing
     return header, lines, lambda: 0 if single else table().rows, lambda index, name, clock: table().numbers(index, name)
 
 

@@ -65,8 +65,9 @@ def solve_led(
     with interrupts_noted():
         to_its_end = (ENOUGH, ENOUGH) if options is UNCERTIFIED else (NEAR, 0.0)
         change, gain = (ROUGH_CHANGE, ROUGH_GAIN) if rough else to_its_end
-        found = lead(problem, x, change, min(STEPS, max_iterations), at_iterate, gain)
-        if found.reached and rough and float(np.abs(problem.defects(found.x)).max()) < FEASIBLE:
+        feasible = FEASIBLE if rough else np.inf
+        found = lead(problem, x, change, min(STEPS, max_iterations), at_iterate, gain, feasible)
+        if found.reached and rough:
             return _ended(problem, found, time.perf_counter() - began)
         if found.reached and not rough:
             guess = Guess(found.x, found.multipliers, found.bound)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -24,18 +24,22 @@ NEVER = 1e300
 """A limit that is never wider."""
 FEW_WINDOWS = 12
 """Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
+TIMES = 3
+"""Windows of a further solve over those of the one before, until all are there."""
 
 
 @dataclass(frozen=True)
 class Resumption:
     """Where the last of the solves in turn began, so that they can go on as if they had not been stopped.
 
-    number: of that solve, (1,); x, best: where it began and where it ended, (n,) of all windows; sigma, tau: noise that
-    it assumed, (6,); sizes: of the latent forces of the ship; limits: iterations and seconds (2,), those that stopped
-    it, else 0; NEVER where it cannot end better from where it began.
+    number, count: of that solve, and of all that there are to be, (1,) each; x, best: where it began and where it
+    ended, (n,) of all windows; sigma, tau: noise that it assumed, (6,); sizes: of the latent forces of the ship;
+    limits: iterations and seconds (2,), those that stopped it, else 0; NEVER where it cannot end better from where it
+    began.
     """
 
     number: np.ndarray
+    count: np.ndarray
     x: np.ndarray
     best: np.ndarray
     sigma: np.ndarray
@@ -45,25 +49,41 @@ class Resumption:
 
     @classmethod
     def of(
-        cls, number: int, problem: Problem, x: np.ndarray, best: np.ndarray, status: str, settings: Settings
+        cls,
+        number_count: tuple[int, int],
+        problem: Problem,
+        x: np.ndarray,
+        best: np.ndarray,
+        status: str,
+        settings: Settings,
     ) -> Resumption:
-        """That of the solve ``number`` of the whole ``problem`` from x to best, (n,) each, which ended with ``status``
-        by ``settings``."""
+        """That of the solve ``number_count`` (its number, and how many there are to be) of the whole ``problem`` from x
+        to best, (n,) each, which ended with ``status`` by ``settings``."""
         reached = {
             "Maximum_Iterations_Exceeded": (settings.max_iterations, 0.0),
             "Maximum_WallTime_Exceeded": (0.0, settings.time_limit or 0.0),
         }
         reached |= dict.fromkeys(("Solve_Succeeded", "User_Requested_Stop"), (0.0, 0.0))
         sizes = [problem.ship.coefficients[s].value for s in _sizes(problem)]
-        values = ([number], x, best, problem.sigma, problem.loss.tau, sizes, reached.get(status, (NEVER, NEVER)))
+        number, count = number_count
+        values = (
+            [number],
+            [count],
+            x,
+            best,
+            problem.sigma,
+            problem.loss.tau,
+            sizes,
+            reached.get(status, (NEVER, NEVER)),
+        )
         return cls(*(np.array(value, dtype=float) for value in values))
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray], problem: Problem) -> Resumption | None:
         """That in ``arrays``, as ``arrays`` gives them; None where they are not of this ``problem``."""
         n = (problem.n,)
-        shapes = dict(zip(_NAMES, ((1,), n, n, (6,), (6,), (len(_sizes(problem)),), (2,)), strict=True))
-        found = {name: arrays.get(f"solve.{name}", np.empty(0)) for name in _NAMES}
+        shapes = dict(zip(_NAMES, ((1,), (1,), n, n, (6,), (6,), (len(_sizes(problem)),), (2,)), strict=True))
+        found = {name: arrays.get(f"solve.{name}", np.zeros(int(name == "count"))) for name in _NAMES}
         return cls(**found) if all(found[name].shape == shape for name, shape in shapes.items()) else None
 
     @property
@@ -119,25 +139,28 @@ class Course:
 
     resumed: the solve to go on with; choose: called before the last one; where it names another loss than the problem
     has, a rough solve more settles the noise; near: they begin near a solution; certify: IPOPT ends the last one; else
-    the leading method may, until ``NoiseSolves.certified``.
+    the leading method may, until ``NoiseSolves.certified``; rough: the last one is left out where a rough one of all
+    windows came before it.
     """
 
     resumed: Resumption | None = None
     choose: Choose | None = None
     near: bool = False
     certify: bool = True
+    rough: bool = False
 
 
 @dataclass(frozen=True)
 class NoiseSolves:
     """Solves in turn: the last ``problem`` and its ``solution``, the ``noise`` of its residuals, passes: a row on each
-    solve, resumption: how to go on with the last one."""
+    solve, resumption: how to go on with the last one, rough: which was left out, the solution being where it begins."""
 
     problem: Problem
     solution: Solution
     noise: ResidualNoise
     passes: tuple[dict, ...]
     resumption: Resumption
+    rough: bool = False
 
     def certified(self, settings: Settings, used: float, progress: OnProgress | None) -> NoiseSolves:
         """The same with a last solve that IPOPT has ended; as they are where it has.
@@ -154,13 +177,13 @@ class NoiseSolves:
         if restarted:
             p, began = problem.split(led.x)[1], time.perf_counter() - used
             solution = solve_damped(problem, p, settings, began, progress)
-        number, x = int(self.resumption.number[0]), self.resumption.x
+        number_count, x = (int(self.resumption.number[0]), int(self.resumption.count[0])), self.resumption.x
         return NoiseSolves(
             problem,
             solution,
             _noise_of(problem, solution),
             (*self.passes[:-1], _row(problem, solution, restarted)),
-            Resumption.of(number, problem, x, solution.x, solution.status, settings),
+            Resumption.of(number_count, problem, x, solution.x, solution.status, settings),
         )
 
 
@@ -168,6 +191,25 @@ def _noise_of(problem: Problem, solution: Solution) -> ResidualNoise:
     """The noise of the residuals of ``problem`` at its ``solution``."""
     floor = 1e-6 * problem.scale[:6]
     return estimate_noise(problem.segments, *problem.errors(solution.x), floor=floor, robust=problem.loss.robust)
+
+
+def _sizes_of_rough(windows: int) -> list[int]:
+    """Numbers of windows of the rough solves that come before those of all ``windows``."""
+    sizes = [FEW_WINDOWS] if windows > 1.5 * FEW_WINDOWS else []
+    while sizes and windows > 1.5 * TIMES * sizes[-1]:
+        sizes.append(TIMES * sizes[-1])
+    return sizes
+
+
+def _without_last(
+    problem: Problem, x: np.ndarray, number: int, passes: Sequence[dict], settings: Settings
+) -> NoiseSolves:
+    """Solves in turn, of which the last one, that of this ``number``, is left out: ``problem`` and x (n,) where it
+    begins, ``passes`` and ``settings`` as there."""
+    status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
+    start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
+    last = Resumption.of((number, number + 1), problem, x, x, "User_Requested_Stop", settings)
+    return NoiseSolves(problem, start, _noise_of(problem, start), tuple(passes), last, rough=True)
 
 
 def solve_with_noise_estimation(
@@ -181,10 +223,11 @@ def solve_with_noise_estimation(
     """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``; course: see
-    there. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a solution; the
-    estimate of each solve starts the next. IPOPT alone makes an only solve, as it begins far from any solution; the
-    others are those of ``leading``. One that gets stuck is repeated with damping. With a robust loss the rough solves
-    use Student's t, which gives gross outliers no weight. Returns the last solve, and what is kept of all.
+    there. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a solution, and others
+    TIMES as many as the one before, until all are there; the estimate of each solve starts the next. IPOPT alone makes
+    an only solve, as it begins far from any solution; the others are those of ``leading``. One that gets stuck is
+    repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no weight.
+    Returns the last solve, and what is kept of all.
     """
     course = course or Course()
     choose, near = course.choose, course.near
@@ -199,12 +242,15 @@ def solve_with_noise_estimation(
     number = 0
     if course.resumed:
         number, full, x = course.resumed.restored(full, settings)
-        p, count = full.split(x)[1], max(count, number + 1)
+        p, count, problem = full.split(x)[1], max(count, number + 1, int(course.resumed.count[0])), full
+    sizes = _sizes_of_rough(len(full.segments.run)) if count > 1 and not near else []
+    count += 0 if course.resumed else max(0, len(sizes) - 1)
     while number < count:
         rough, start = number < count - 1, x
-        windows = len(full.segments.run)
-        if rough and number == 0 and windows > 1.5 * FEW_WINDOWS and not near:
-            few = np.unique(np.linspace(0, windows - 1, FEW_WINDOWS).round().astype(int))
+        if course.rough and not rough and number > 0 and problem.segments is full.segments:
+            return _without_last(full, x, number, passes, settings)
+        if rough and number < len(sizes):
+            few = np.linspace(0, len(full.segments.run) - 1, sizes[number]).round().astype(int)
             problem = full.with_changes(segments=full.segments.subset(few))
             x = problem.start(p)
         else:
@@ -222,7 +268,7 @@ def solve_with_noise_estimation(
         passes.append(_row(problem, solution, restarted))
         p = problem.split(solution.x)[1]
         end = solution.x if problem.segments is full.segments else full.start(p)
-        last = Resumption.of(number, full, start, end, solution.status, settings)
+        last = Resumption.of((number, count), full, start, end, solution.status, settings)
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break

@@ -3,20 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cases.io.leave_out import inside, spans_left_out
 from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.nlp.captive import Captive
+from fitting.nlp.fisher_information import information
+from fitting.nlp.run_constants import Own
 from fitting.prediction.score import ScorePair, in_words, score
+from fitting.solvers.preparation import prepared
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 
 SETS = {"validation": "held-out trials", "training": "training trials"}
 LISTED = 3
 """Coefficients named in the message."""
+
+
+def moved_by(
+    found: Calibration, ship: Ship, captive: Captive | None, per_run: Own, trials: Sequence[Trial]
+) -> np.ndarray:
+    """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
+
+    One Gauss-Newton step on these trials, less that on the windows of the calibration, both from the estimates and the
+    measured states. ship, captive, per_run: as of ``estimate_coefficients``. Raises UserError for trials that cannot be
+    fitted.
+    """
+    p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
+    other = prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
+    if len(p) != other.P:
+        raise UserError("the runs that have constants of their own are others")
+    steps = []
+    for problem in (other, found.problem):
+        about = information(problem, problem.start(p))
+        steps.append(-np.linalg.solve(about.hessian, about.score.sum(axis=0) + about.prior_score))
+    shared = slice(len(found.p))
+    return np.asarray((steps[0] - steps[1])[shared] / np.sqrt(np.diag(found.covariance)))
 
 
 def worth_of_left_out(

@@ -85,6 +85,25 @@ def few_free() -> Ship:
     return ship.fixing([s for s in ship.free if s not in ("N_r", "Y_v", "k_0")])
 
 
+@pytest.mark.parametrize("resumed", [False, True])
+def test_a_first_estimate_without_its_last_solve_gets_it_when_it_is_finished(resumed: bool) -> None:
+    ship, trials, settings = few_free(), runs()[0][:3], Settings()
+    whole, rough = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings, rough=True)
+    assert rough.rough and not rough.converged and rough.solution.iterations == 0
+    assert len(rough.passes) == len(whole.passes) - 1
+    if resumed:
+        again = first_estimate(ship, trials, settings, warm=rough.iterate, rough=True)
+        assert again.rough and again.passes == ()
+        np.testing.assert_allclose(again.p, rough.p, rtol=1e-12)
+        rough = again
+    found = finished(rough)
+    assert found.converged and not found.rough and found.unfinished is None
+    assert found.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
+    np.testing.assert_allclose(found.p, whole.p, atol=1e-6)
+    np.testing.assert_allclose(found.covariance, whole.covariance, atol=1e-6)
+    assert len(found.passes) == (1 if resumed else len(whole.passes))
+
+
 @pytest.mark.parametrize("pressed", [False, True])
 def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bool) -> None:
     """Also where Ctrl-C came before: what is nearly done goes on."""

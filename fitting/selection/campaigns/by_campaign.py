@@ -16,7 +16,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.run_constants import ByCampaign, prior_with
-from fitting.parallel import Awaited
+from fitting.parallel import Awaited, ProcessBeside, begun_beside
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
 from fitting.selection.campaigns.chance import chances, seen_by_kinematics
@@ -71,17 +71,33 @@ class CampaignQuestion:
     kinematics: Awaited[Kinematics | None] | None = None
 
 
-def asks_kinematics(question: CampaignQuestion) -> bool:
-    """Whether the ``question`` will need what the logs of its trials say of one another. Raises as ``by_campaign``."""
+def may_keep(question: CampaignQuestion) -> bool:
+    """Whether ``by_campaign`` may keep anything for the ``question``. Raises as that."""
     if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
         return False
-    return seen_by_kinematics(candidates(question.ship, question.trials, question.wanted))
+    return bool(candidates(question.ship, question.trials, question.wanted))
+
+
+def asks_kinematics(question: CampaignQuestion) -> bool:
+    """Whether the ``question`` will need what the logs of its trials say of one another. Raises as ``by_campaign``."""
+    return may_keep(question) and seen_by_kinematics(candidates(question.ship, question.trials, question.wanted))
+
+
+def with_kinematics(question: CampaignQuestion, process: ProcessBeside | None) -> CampaignQuestion:
+    """The ``question`` with the kinematics of its trials begun by the ``process``, before longer work that is awaited
+    later; as it is without one, or where they are not needed."""
+    if process and asks_kinematics(question):
+        return replace(
+            question, kinematics=begun_beside(process, partial(kinematics_of, question.trials, question.ship))
+        )
+    return question
 
 
 def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     """The calibration ``found`` with a value per campaign of each instrument for which that pays, else as it is.
 
-    question: of what ship and trials.
+    found: where it is ``rough``, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); question:
+    of what ship and trials.
     Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
     other, or an instrument wanted for is unknown.
     """
@@ -93,7 +109,8 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     chosen = candidates(found.problem.ship, question.trials, question.wanted)
     reason = why_not(campaigns, bool(question.wanted))
     alone = len(campaigns.comparable) < 2
-    if alone or not chosen or not found.solution.at_end or found.constants is not None:
+    judged = found.rough or found.solution.at_end
+    if alone or not chosen or not judged or found.constants is not None:
         told = (*campaigns.messages, *([reason] if reason else []))
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)

@@ -56,14 +56,16 @@ def lead(
     most: int,
     at_iterate: Watch = lambda *_: False,
     stalled: float = 0.0,
+    feasible: float = np.inf,
 ) -> Lead:
     """The sequence for ``problem`` from x (n,), which takes at most ``most`` steps.
 
     tolerance: predicted change of the merit, relative to the objective, at which a full step is the last one;
     at_iterate: called at each iterate with the objective and the largest violation; where it says True, the sequence
     stops; stalled: change of the merit, relative to the objective, below which STALLS steps in a row, of whatever
-    length, are the last ones too. It also stops where a step of Gauss and Newton does not lower the merit, or numbers
-    are not finite. A problem with states that may jump at nodes is not begun.
+    length, are the last ones too; feasible: violation from which on it goes on instead. It also stops where a step of
+    Gauss and Newton does not lower the merit, or numbers are not finite. A problem with states that may jump at nodes
+    is not begun.
     """
     x = x.copy()
     x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
@@ -92,7 +94,8 @@ def lead(
         found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
         newton = length >= SHORT if newton else length < 1.0 or merit - reached < SLOW * abs(reached)
         stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
-        if stalls == STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f)):
+        done = stalls >= STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f))
+        if done and float(np.abs(problem.defects(x)).max(initial=0.0)) < feasible:
             found.reached = True
             break
     return found

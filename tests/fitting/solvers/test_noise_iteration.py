@@ -12,7 +12,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
 from fitting.solvers import noise_iteration
-from fitting.solvers.noise_iteration import NoiseSolves, solve_with_noise_estimation
+from fitting.solvers.noise_iteration import Course, NoiseSolves, solve_with_noise_estimation
 from tests.support.synthetic_runs import SIGMA, problem, runs
 
 
@@ -20,7 +20,7 @@ def solved(p: Problem, x: np.ndarray, settings: Settings) -> NoiseSolves:
     return solve_with_noise_estimation(p, x, settings, time.perf_counter(), None)
 
 
-@pytest.mark.parametrize("sigma, expected", [(None, ["solve_led"] * 3), (tuple(SIGMA), ["solve"])])
+@pytest.mark.parametrize("sigma, expected", [(None, ["solve_led"] * 4), (tuple(SIGMA), ["solve"])])
 def test_ipopt_alone_makes_an_only_solve(
     sigma: tuple[float, ...] | None, expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -34,8 +34,23 @@ def test_ipopt_alone_makes_an_only_solve(
     p = problem(window=10.0, trials=runs()[0])
     found = solved(p, p.start(), Settings(sigma=sigma))
     assert [name for name, _ in made] == expected and found.solution.converged
-    windows = [count for _, count in made]
-    assert windows[-1] == len(p.segments.run) and (sigma or windows[0] < windows[-1])
+    every = len(p.segments.run)
+    assert every > 54 and [count for _, count in made] == ([every] if sigma else [12, 36, every, every])
+
+
+def test_the_last_solve_can_be_left_out_and_made_later() -> None:
+    p = problem(window=10.0, trials=runs()[0])
+    whole, early = (
+        solve_with_noise_estimation(p, p.start(), Settings(), time.perf_counter(), None, Course(rough=rough))
+        for rough in (False, True)
+    )
+    assert early.rough and not whole.rough and len(early.passes) == 3 and not early.solution.converged
+    assert [row["objective"] for row in early.passes] == [row["objective"] for row in whole.passes[:3]]
+    again = Course(early.resumption)
+    late = solve_with_noise_estimation(early.problem, early.solution.x, Settings(), time.perf_counter(), None, again)
+    assert late.solution.converged and not late.rough and len(late.passes) == 1
+    assert late.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
+    np.testing.assert_allclose(late.problem.sigma, whole.problem.sigma, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -51,7 +66,7 @@ def test_estimates_are_the_same_whoever_makes_the_first_solve(seed: int, monkeyp
 
     monkeypatch.setattr(noise_iteration, "solve_in_time", ipopt_first)
     alone = solved(p, x, Settings())
-    assert [given[-1].__name__ for given in made] == ["solve", "solve_led", "solve_led"]
+    assert [given[-1].__name__ for given in made] == ["solve"] + ["solve_led"] * 3
     assert led.solution.converged and alone.solution.converged
     std = np.sqrt(np.diag(np.linalg.inv(information(alone.problem, alone.solution.x).hessian)))
     ours, theirs = (found.problem.split(found.solution.x)[1] for found in (led, alone))

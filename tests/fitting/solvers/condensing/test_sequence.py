@@ -141,3 +141,13 @@ def test_steps_that_gain_little_end_it_where_that_is_asked_for() -> None:
     assert early.reached and len(early.history) < len(whole.history)
     assert early.history == whole.history[: len(early.history)]
     assert p.objective(early.x) == pytest.approx(p.objective(whole.x), rel=0.05)
+
+
+def test_it_does_not_stall_where_intervals_do_not_join() -> None:
+    p = problem()
+    early = lead(p, p.start(), 1e-12, 60, stalled=1e9)
+    assert early.reached and np.abs(p.defects(early.x)).max() > 1e-6
+    joined = lead(p, p.start(), 1e-12, 60, stalled=1e9, feasible=1e-6)
+    assert joined.reached and np.abs(p.defects(joined.x)).max() < 1e-6
+    assert len(joined.history) > len(early.history)
+    assert not lead(p, p.start(), 1e9, 3, feasible=0.0).reached
