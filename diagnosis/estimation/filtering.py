@@ -15,6 +15,7 @@ from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
 from mmg.compile.cache import load_library
+from mmg.compile.codegen import LANES
 from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.compile.recycled import room
 from mmg.progress import LOGGER
@@ -90,7 +91,8 @@ class _System(ctypes.Structure):
 
     _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "S", "begin", "end")] + [
         (name, ctypes.c_void_p)
-        for name in ("T", "Z", "Q", "white", "first", "good", "inside", "L", "gain", "P", "inverse", "root", "log_det")
+        for names in ("T Z Q white first good inside", "gain P inverse root log_det", "t t_at z z_at")
+        for name in names.split()
     ]
 
 
@@ -113,18 +115,21 @@ class Kernel:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
 
-    def _run(self, name: str, s: LinearSystem, f: Filtered, *rest: object) -> None:
-        """Call a function with the system, its filter run and what else it takes."""
+    def _run(self, name: str, s: LinearSystem, f: Filtered, *rest: object, together: int = LANES) -> None:
+        """Call a function with the system, its filter run and what else it takes; together: windows that it takes at a
+        time, which no two threads share."""
         K, R, n = s.T.shape[:3]
         arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
         arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
-        arrays += [_real(a) for a in (f.L, f.gain, f.P, f.inverse, f.root, f.log_det)]
+        arrays += [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
+        arrays += s.places
         places, work = [a.ctypes.data for a in arrays], getattr(self._library, name)
 
         def part(begin: int, end: int) -> int:
             return int(work(ctypes.byref(_System(K, R, n, s.S, begin, end, *places)), *rest))
 
-        failed = in_threads(part, even_shares(R))
+        shares = even_shares(-(-R // together))
+        failed = in_threads(part, [(begin * together, min(end * together, R)) for begin, end in shares])
         if failed == 1:
             raise np.linalg.LinAlgError("Matrix is not positive definite")
         if failed == 2:
@@ -134,7 +139,6 @@ class Kernel:
         """As the function."""
         K, R, n = s.T.shape[:3]
         f = Filtered(
-            L=room(K, R, n, n),
             gain=room(K, R, n, 6),
             P=room(K + 1, R, n, n),
             inverse=room(K + 1, R, 6, 6),
@@ -172,7 +176,7 @@ class Kernel:
             at.ctypes.data, made.ctypes.data, states.ctypes.data if with_states else None,
             None if place is None else place.ctypes.data,
         )  # fmt: skip
-        self._run("responses", s, f, ctypes.byref(request))
+        self._run("responses", s, f, ctypes.byref(request), together=LANES if c == 1 else 1)
         if made is not out:
             out[...] = made
         return states
@@ -181,7 +185,7 @@ class Kernel:
         """As the function."""
         white = _real(white)
         y = np.empty(white.shape)
-        self._run("observations", s, f, ctypes.c_longlong(white.shape[3]), _at(white), _at(y))
+        self._run("observations", s, f, ctypes.c_longlong(white.shape[3]), _at(white), _at(y), together=1)
         return y
 
     def smoothed(
@@ -255,7 +259,7 @@ def agrees(code: Kernel) -> bool:
     adjoints = kalman.adjoint(s, f), code.adjoint(s, own)
     last, state = white[..., 0], states[..., 0]
     pairs = [
-        *((getattr(f, name), getattr(own, name)) for name in ("L", "gain", "P", "inverse", "root", "log_det")),
+        *((getattr(f, name), getattr(own, name)) for name in ("gain", "P", "inverse", "root", "log_det")),
         (white, out), (states, moved),
         *((getattr(adjoints[0], name), getattr(adjoints[1], name)) for name in ("by_T", "by_Z", "N", "D")),
         *zip(kalman.smoothed(s, f, last, state), code.smoothed(s, own, last, state), strict=True),

@@ -8,6 +8,7 @@ first state of a window is given so wide a covariance that it is as good as unkn
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -79,6 +80,18 @@ class LinearSystem:
     inside: np.ndarray
     S: int
 
+    @cached_property
+    def places(self) -> tuple[np.ndarray, ...]:
+        """Where numbers are not zero in any window: of T, of which the first S rows are alike, where those of each row
+        begin (n + 1,) and the columns of all, and the same of Z (7,)."""
+        T, Z = (self.T != 0).any(axis=(0, 1)), (self.Z != 0).any(axis=(0, 1))
+        T[: self.S] = T[: self.S].any(axis=0)
+        return tuple(
+            found.astype(np.int64)
+            for rows in (T, Z)
+            for found in (np.concatenate([[0], np.cumsum(rows.sum(axis=1))]), np.nonzero(rows)[1])
+        )
+
 
 def linear_system(
     linear: LinearModel,
@@ -122,10 +135,9 @@ def linear_system(
 
 @dataclass(frozen=True)
 class Filtered:
-    """Result of a filter run: gain K (K, R, n, 6), L = T - K Z (K, R, n, n), predicted covariance P (K + 1, R, n, n),
-    inverse (K + 1, R, 6, 6) of the innovation covariance F and its root (root v is white), log_det of F (R,)."""
+    """Result of a filter run: gain K (K, R, n, 6), predicted covariance P (K + 1, R, n, n), inverse (K + 1, R, 6, 6) of
+    the innovation covariance F and its root (root v is white), log_det of F (R,)."""
 
-    L: np.ndarray
     gain: np.ndarray
     P: np.ndarray
     inverse: np.ndarray
@@ -136,7 +148,7 @@ class Filtered:
 def filtered(s: LinearSystem) -> Filtered:
     """Covariances and gains of the system s; they do not depend on the measurements."""
     K, R, n = s.T.shape[:3]
-    L, gain, P = np.empty((K, R, n, n)), np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n))
+    gain, P = np.empty((K, R, n, 6)), np.empty((K + 1, R, n, n))
     inverse, root = np.empty((K + 1, R, 6, 6)), np.empty((K + 1, R, 6, 6))
     log_det = np.zeros(R)
     now, at = s.first, np.arange(n)
@@ -156,11 +168,10 @@ def filtered(s: LinearSystem) -> Filtered:
             break
         T = s.T[k]
         gain[k] = T @ PZ @ inverse[k]
-        L[k] = T - gain[k] @ Z
-        now = L[k] @ now @ T.swapaxes(1, 2)
+        now = (T - gain[k] @ Z) @ now @ T.swapaxes(1, 2)
         now = 0.5 * (now + now.swapaxes(1, 2))
         now[:, at, at] += q[k]
-    return Filtered(L, gain, P, inverse, root, log_det)
+    return Filtered(gain, P, inverse, root, log_det)
 
 
 def responses(
@@ -204,7 +215,7 @@ def smoothed(
         if k < K:
             rs[k] = r[..., 0]
             us[k] -= (f.gain[k].swapaxes(1, 2) @ r)[..., 0]
-            r = f.L[k].swapaxes(1, 2) @ r
+            r = (s.T[k] - f.gain[k] @ s.Z[k]).swapaxes(1, 2) @ r
         r = r + s.Z[k].swapaxes(1, 2) @ v[k]
         mean[k] = states[k] + (f.P[k] @ r)[..., 0]
     return mean, rs, us
@@ -222,7 +233,8 @@ class Adjoint:
 
 
 def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
-    """Derivatives of the filter run f of the system s, by the recursion N_t = Z' F^-1 Z + L' N_t+1 L."""
+    """Derivatives of the filter run f of the system s, by the recursion N_t = Z' F^-1 Z + L' N_t+1 L, in
+    which L = T - K Z."""
     K, R, n = s.T.shape[:3]
     by_T, by_Z = np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n))
     Ns, Ds = np.zeros((K, R, n)), np.empty((K + 1, R, 6))
@@ -235,9 +247,10 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
             Ns[k] = np.einsum("rii->ri", N)
             NK = N @ f.gain[k]
             Ds[k] += np.einsum("rij,rij->rj", f.gain[k], NK)
-            by_T[k] = N @ f.L[k] @ f.P[k]
+            L = s.T[k] - f.gain[k] @ s.Z[k]
+            by_T[k] = N @ L @ f.P[k]
             by_Z[k] -= f.gain[k].swapaxes(1, 2) @ by_T[k]
-            N = f.L[k].swapaxes(1, 2) @ N @ f.L[k]
+            N = L.swapaxes(1, 2) @ N @ L
         N = N + ZF @ s.Z[k]
     return Adjoint(by_T, by_Z, Ns, Ds)
 

@@ -4,86 +4,109 @@ from __future__ import annotations
 
 BACKWARD = """
 EXPORT int smoothed(const System* s, const double* white, const double* states, double* mean, double* rs, double* us) {
-  const long long K = s->K, R = s->R, n = s->n;
-  double *q = malloc(2 * n * sizeof(double)), *next = q + n;
+  const long long K = s->K, R = s->R, n = s->n, NT = s->t[n], NZ = s->z[6];
+  void* whole;
+  V* q = room(&whole, 3 * n + NT + NZ + 6 * n + 48 + 2 * n * n);
   if (!q) return 2;
-  for (long long r = s->begin; r < s->end; r++) {
-    memset(q, 0, n * sizeof(double));
+  V *next = q + n, *state = next + n, *T = state + n, *Z = T + NT + n * n, *gain = Z + NZ, *root = gain + 6 * n;
+  V *w = root + 36, *u = w + 6, *P = u + 6;
+  for (long long r = s->begin; r < s->end; r += LANES) {
+    const int own = s->end - r < LANES ? s->end - r : LANES;
+    memset(q, 0, n * sizeof(V));
     for (long long k = K; k >= 0; k--) {
       const long long i = k * R + r;
-      const double *root = s->root + 36 * i, *w = white + 6 * i, *Z = s->Z + i * 6 * n, *P = s->P + i * n * n;
-      const int blind = nothing(s->good + 6 * i);
-      double v[6] = {0}, *u = us + 6 * i;
-      for (int l = 0; l < 6; l++) for (int j = l; j < 6; j++) v[l] -= root[6 * j + l] * w[j];
-      memcpy(u, v, sizeof v);
+      taken(36, 36, own, s->root + 36 * i, root);
+      taken(6, 6, own, white + 6 * i, w);
+      seen(s, own, s->Z + i * 6 * n, Z);
+      for (int l = 0; l < 6; l++) {
+        u[l] = fill(0.0);
+        for (int j = l; j < 6; j++) u[l] -= root[6 * j + l] * w[j];
+      }
       if (k < K) {
-        const double *gain = s->gain + i * n * 6, *L = s->L + i * n * n;
-        memcpy(rs + i * n, q, n * sizeof(double));
+        given(n, n, own, q, rs + i * n);
+        moving(s, own, s->T + i * n * n, T);
+        taken(6 * n, 6 * n, own, s->gain + i * n * 6, gain);
         for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) u[l] -= gain[a * 6 + l] * q[a];
-        memset(next, 0, n * sizeof(double));
-        for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) next[b] += L[a * n + b] * q[a];
-        memcpy(q, next, n * sizeof(double));
+        memset(next, 0, n * sizeof(V));
+        for (long long a = 0; a < n; a++)
+          for (long long e = s->t[a]; e < s->t[a + 1]; e++) next[s->t_at[e]] += T[e] * q[a];
+        memcpy(q, next, n * sizeof(V));
       }
-      if (!blind) for (int l = 0; l < 6; l++) for (long long b = 0; b < n; b++) q[b] += Z[l * n + b] * v[l];
-      for (long long a = 0; a < n; a++) {
-        double x = states[i * n + a];
-        for (long long b = 0; b < n; b++) x += P[a * n + b] * q[b];
-        mean[i * n + a] = x;
-      }
+      given(6, 6, own, u, us + 6 * i);
+      for (int l = 0; l < 6; l++) for (long long e = s->z[l]; e < s->z[l + 1]; e++) q[s->z_at[e]] += Z[e] * u[l];
+      taken(n, n, own, states + i * n, state);
+      taken(n * n, n * n, own, s->P + i * n * n, P);
+      for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) state[a] += P[a * n + b] * q[b];
+      given(n, n, own, state, mean + i * n);
     }
   }
-  free(q);
+  free(whole);
   return 0;
 }
 EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, double* Ds) {
-  const long long K = s->K, R = s->R, n = s->n, nv = (n + LANES - 1) / LANES, np = nv * LANES;
+  const long long K = s->K, R = s->R, n = s->n, S = s->S, size = n * n, NT = s->t[n], NZ = s->z[6], top = s->t[S > 0];
   void* whole;
-  V* N = room(&whole, 5 * n * nv + 24 * nv);
+  V* N = room(&whole, 5 * size + NT + NZ + 36 * n + 48);
   if (!N) return 2;
-  V *L = N + n * nv, *P = L + n * nv, *NL = P + n * nv, *bT = NL + n * nv, *Z = bT + n * nv;
-  V *IZ = Z + 6 * nv, *bZ = IZ + 6 * nv, *NG = bZ + 6 * nv;
-  memset(N, 0, (5 * n * nv + 24 * nv) * sizeof(V));
-  double *nn = (double*)N, *bz = (double*)bZ, *ng = (double*)NG;
-  for (long long r = s->begin; r < s->end; r++) {
-    const long long own = steps_of(s, r);
-    memset(N, 0, n * nv * sizeof(V));
+  V *X = N + size, *P = X + size, *bT = P + size, *T = bT + size, *Z = T + NT + size, *gain = Z + NZ;
+  V *KN = gain + 6 * n, *XK = KN + 6 * n, *ZP = XK + 6 * n, *bZ = ZP + 6 * n;
+  V *inverse = bZ + 6 * n, *D = inverse + 36;
+  for (long long r = s->begin; r < s->end; r += LANES) {
+    const int own = s->end - r < LANES ? s->end - r : LANES;
+    const long long last = last_of(s, r, own);
+    memset(N, 0, size * sizeof(V));
     for (long long k = K; k >= 0; k--) {
       const long long i = k * R + r;
-      const int blind = nothing(s->good + 6 * i);
-      const double *inverse = s->inverse + 36 * i, *gain = s->gain + i * n * 6;
-      double* D = Ds + 6 * i;
-      for (int l = 0; l < 6; l++) D[l] = inverse[7 * l];
-      if (k >= own && k < K) {
-        memset(Ns + i * n, 0, n * sizeof(double));
-        memset(by_T + i * n * n, 0, n * n * sizeof(double));
-      }
-      if (k > own) {
-        memset(by_Z + i * 6 * n, 0, 6 * n * sizeof(double));
+      if (k > last) {
+        for (int j = 0; j < 6 * own; j++) Ds[6 * i + j] = 1.0;
+        memset(by_Z + i * 6 * n, 0, own * 6 * n * sizeof(double));
+        if (k < K) {
+          memset(Ns + i * n, 0, own * n * sizeof(double));
+          memset(by_T + i * size, 0, own * size * sizeof(double));
+        }
         continue;
       }
-      spread(n, n, np, s->P + i * n * n, (double*)P);
-      if (blind) memset(bZ, 0, 6 * nv * sizeof(V));
-      else {
-        spread(6, n, np, s->Z + i * 6 * n, (double*)Z);
-        product(6, 6, nv, inverse, 6, 1, Z, IZ, 0);
-        product(6, n, nv, (double*)IZ, np, 1, P, bZ, 0);
+      taken(36, 36, own, s->inverse + 36 * i, inverse);
+      seen(s, own, s->Z + i * 6 * n, Z);
+      taken(size, size, own, s->P + i * size, P);
+      observed(s, Z, n, P, ZP);
+      times(6, 6, n, inverse, 6, 1, ZP, 0, bZ, 0, 0);
+      for (int l = 0; l < 6; l++) D[l] = inverse[7 * l];
+      if (k < K) {
+        for (long long a = 0; a < n; a++) for (int l = 0; l < own; l++)
+          Ns[(i + l) * n + a] = ((double*)(N + a * n + a))[l];
+        moving(s, own, s->T + i * size, T);
+        taken(6 * n, 6 * n, own, s->gain + i * n * 6, gain);
+        times(6, n, n, gain, 1, 6, N, 0, KN, 0, 0);
+        for (int l = 0; l < 6; l++) for (long long a = 0; a < n; a++) D[l] += gain[a * 6 + l] * KN[l * n + a];
+        /* X = L'N = T'N - Z'K'N */
+        memset(X, 0, size * sizeof(V));
+        times(top, S, n, T, 1, top, N, 0, bT, 0, 0);
+        for (long long e = 0; e < top; e++) memcpy(X + s->t_at[e] * n, bT + e * n, n * sizeof(V));
+        for (long long a = S; a < n; a++) for (long long e = s->t[a]; e < s->t[a + 1]; e++)
+          for (long long b = 0; b < n; b++) X[s->t_at[e] * n + b] += T[e] * N[a * n + b];
+        for (int l = 0; l < 6; l++) for (long long e = s->z[l]; e < s->z[l + 1]; e++)
+          for (long long b = 0; b < n; b++) X[s->z_at[e] * n + b] -= Z[e] * KN[l * n + b];
+        times(n, n, n, X, 1, n, P, 0, bT, 0, 0);
+        given(size, size, own, bT, by_T + i * size);
+        for (long long j = 0; j < 6 * n; j++) gain[j] = -gain[j];
+        times(6, n, n, gain, 1, 6, bT, 0, bZ, 1, 0);
+        /* N = X L = X T - X K Z */
+        times(n, n, 6, X, n, 1, gain, 0, XK, 0, 0);
+        times(n, S, top, X, n, 1, T, 0, P, 0, 0);
+        memset(N, 0, size * sizeof(V));
+        for (long long b = 0; b < n; b++) for (long long e = 0; e < top; e++) N[b * n + s->t_at[e]] = P[b * top + e];
+        for (long long a = S; a < n; a++) for (long long e = s->t[a]; e < s->t[a + 1]; e++)
+          for (long long b = 0; b <= s->t_at[e]; b++) N[b * n + s->t_at[e]] += X[b * n + a] * T[e];
+        for (int l = 0; l < 6; l++) for (long long e = s->z[l]; e < s->z[l + 1]; e++)
+          for (long long b = 0; b <= s->z_at[e]; b++) N[b * n + s->z_at[e]] += XK[b * 6 + l] * Z[e];
       }
-      if (k < own) {
-        for (long long a = 0; a < n; a++) Ns[i * n + a] = nn[a * np + a];
-        spread(n, n, np, s->L + i * n * n, (double*)L);
-        product(n, n, nv, nn, np, 1, L, NL, 0);
-        product(n, n, nv, (double*)NL, np, 1, P, bT, 0);
-        narrow(n, n, np, (double*)bT, by_T + i * n * n);
-        if (!blind) {
-          product(6, n, nv, gain, 1, 6, N, NG, 0);
-          for (int l = 0; l < 6; l++) for (long long a = 0; a < n; a++) D[l] += gain[a * 6 + l] * ng[l * np + a];
-          product(6, n, nv, gain, 1, 6, bT, NG, 0);
-          for (long long j = 0; j < 6 * nv; j++) bZ[j] -= NG[j];
-        }
-        product(n, n, nv, (double*)L, 1, np, NL, N, 0);
-      }
-      narrow(6, n, np, bz, by_Z + i * 6 * n);
-      if (!blind) product(n, 6, nv, (double*)Z, 1, np, IZ, N, 1);
+      given(6, 6, own, D, Ds + 6 * i);
+      given(6 * n, 6 * n, own, bZ, by_Z + i * 6 * n);
+      for (int l = 0; l < 6; l++) for (long long e = s->z[l]; e < s->z[l + 1]; e++) for (int m = 0; m < 6; m++)
+        for (long long g = s->z[m]; g < s->z[m + 1]; g++) if (s->z_at[g] >= s->z_at[e])
+          N[s->z_at[e] * n + s->z_at[g]] += Z[e] * inverse[6 * l + m] * Z[g];
+      mirrored(n, N);
     }
   }
   free(whole);

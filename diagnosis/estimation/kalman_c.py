@@ -1,13 +1,17 @@
-"""C source of the functions of ``diagnosis.estimation.kalman``, for any sizes; those that go forwards in time.
+"""C source of the functions of ``diagnosis.estimation.kalman``, for any sizes; those of many columns.
 
-A window is gone through alone, rows of its matrices in vectors of eight numbers; each function goes through those from
-begin to end, and which are together does not change a bit. Arrays are those of the functions in numpy, row by row.
+The filter and what goes backwards take eight windows at a time, one in each lane of a vector; responses of many columns
+take a window at a time and eight columns. Each function goes through the windows from begin to end, and which are
+together does not change a bit. Arrays are those of the functions in numpy, row by row; of the transitions and the
+observations only those numbers are read that are not zero in any window.
 """
 
 from __future__ import annotations
 
 from diagnosis.estimation.kalman_backward_c import BACKWARD
+from diagnosis.estimation.kalman_lanes_c import FILTER
 from mmg.compile.codegen import prelude
+from mmg.compile.transposed_c import TRANSPOSED
 
 FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
 
@@ -45,13 +49,40 @@ typedef struct {
   long long K, R, n, S, begin, end;
   const double *T, *Z, *Q, *white, *first;
   const unsigned char *good, *inside;
-  double *L, *gain, *P, *inverse, *root, *log_det;
+  double *gain, *P, *inverse, *root, *log_det;
+  const long long *t, *t_at, *z, *z_at; /* numbers of row a that are not zero: t[a] to t[a + 1], in columns t_at */
 } System;
-/* T times X or more: the states behind the first S follow themselves alone. */
+/* out = a times X, row by row: at has the columns of the numbers that are not zero, those of row i from first[i] on */
+static void few(long long rows, long long n, const double* a, const long long* first, const long long* at, long long nv,
+                const V* X, V* out) {
+  for (long long i = 0; i < rows; i++, out += nv) {
+    const long long end = first[i + 1];
+    long long v = 0;
+    for (; v + 4 <= nv; v += 4) {
+      V s0 = fill(0.0), s1 = s0, s2 = s0, s3 = s0;
+      for (long long e = first[i]; e < end; e++) {
+        const V x = fill(a[i * n + at[e]]);
+        const V* b = X + at[e] * nv + v;
+        s0 += x * b[0]; s1 += x * b[1]; s2 += x * b[2]; s3 += x * b[3];
+      }
+      out[v] = s0; out[v + 1] = s1; out[v + 2] = s2; out[v + 3] = s3;
+    }
+    for (; v < nv; v++) {
+      V sum = fill(0.0);
+      for (long long e = first[i]; e < end; e++) sum += fill(a[i * n + at[e]]) * X[at[e] * nv + v];
+      out[v] = sum;
+    }
+  }
+}
+/* T times X: the first S rows have the same columns, which come first */
 static void stepped(const System* s, const double* T, long long nv, const V* X, V* next) {
   const long long n = s->n, S = s->S;
-  product(S, n, nv, T, n, 1, X, next, 0);
-  product(n - S, n - S, nv, T + S * n + S, n, 1, X + S * nv, next + S * nv, 0);
+  product(S, s->t[S > 0] ? s->t_at[s->t[1] - 1] + 1 : 0, nv, T, n, 1, X, next, 0);
+  few(n - S, n, T + S * n, s->t + S, s->t_at, nv, X, next + S * nv);
+}
+/* asks for numbers that are read a step later */
+static void soon(const double* p, long long count) {
+  for (long long j = 0; j < count; j += 8) __builtin_prefetch(p + j);
 }
 /* Steps of window r: after them nothing is measured and its state stays. */
 static long long steps_of(const System* s, long long r) {
@@ -60,108 +91,13 @@ static long long steps_of(const System* s, long long r) {
   return k;
 }
 """
-_FILTER = """
-static int whitened(V* F, double* inverse, double* root, double* log_det) {
-  double low[36] = {0}, inv[36] = {0};
-  for (int j = 0; j < 6; j++) {
-    for (int i = j; i < 6; i++) {
-      double x = F[i][j];
-      for (int l = 0; l < j; l++) x -= low[6 * i + l] * low[6 * j + l];
-      if (i == j) {
-        if (!(x > 0.0)) return 1;
-        low[7 * j] = sqrt(x);
-      } else low[6 * i + j] = x / low[7 * j];
-    }
-    *log_det += 2 * log(low[7 * j]);
-  }
-  for (int j = 0; j < 6; j++) {
-    inv[7 * j] = 1 / low[7 * j];
-    for (int i = j + 1; i < 6; i++) {
-      double x = 0;
-      for (int l = j; l < i; l++) x -= low[6 * i + l] * inv[6 * l + j];
-      inv[6 * i + j] = x / low[7 * i];
-    }
-  }
-  for (int i = 0; i < 6; i++) for (int j = 0; j < 6; j++) {
-    double x = 0;
-    for (int l = i > j ? i : j; l < 6; l++) x += inv[6 * l + i] * inv[6 * l + j];
-    inverse[6 * i + j] = x;
-  }
-  memcpy(root, inv, sizeof inv);
-  return 0;
-}
-EXPORT int filter(const System* s) {
-  const long long K = s->K, R = s->R, n = s->n, nv = (n + LANES - 1) / LANES, np = nv * LANES;
-  void* whole;
-  V* at = room(&whole, 5 * n * nv + 24 * nv + n + 8);
-  if (!at) return 2;
-  V *now = at, *T = now + n * nv, *Tt = T + n * nv, *L = Tt + n * nv, *M = L + n * nv, *Z = M + n * nv;
-  V *ZP = Z + 6 * nv, *B = ZP + 6 * nv, *G = B + 6 * nv, *Zt = G + 6 * nv, *F = Zt + n;
-  memset(at, 0, (5 * n * nv + 24 * nv + n + 8) * sizeof(V));
-  double *g = (double*)G, *p = (double*)now, *zt = (double*)Zt;
-  for (long long r = s->begin; r < s->end; r++) {
-    const long long own = steps_of(s, r);
-    double log_det = 0;
-    spread(n, n, np, s->first + r * n * n, p);
-    for (long long k = 0; k <= K; k++) {
-      const long long i = k * R + r;
-      const unsigned char* good = s->good + 6 * i;
-      const int blind = nothing(good);
-      narrow(n, n, np, p, s->P + i * n * n);
-      if (blind) {
-        for (int j = 0; j < 36; j++) s->inverse[36 * i + j] = s->root[36 * i + j] = j % 7 == 0;
-      } else {
-        const double* z = s->Z + i * 6 * n;
-        spread(6, n, np, z, (double*)Z);
-        for (int l = 0; l < 6; l++) for (long long j = 0; j < n; j++) zt[j * LANES + l] = z[l * n + j];
-        product(6, n, nv, (double*)Z, np, 1, now, ZP, 0);
-        product(6, n, 1, (double*)ZP, np, 1, Zt, F, 0);
-        for (int l = 0; l < 6; l++) F[l][l] += good[l] ? s->white[l] : 1.0;
-        if (whitened(F, s->inverse + 36 * i, s->root + 36 * i, &log_det)) { free(whole); return 1; }
-      }
-      if (k == K) break;
-      const double* t = s->T + i * n * n;
-      if (k > own) {
-        memcpy(s->L + i * n * n, t, n * n * sizeof(double));
-        memset(s->gain + i * n * 6, 0, n * 6 * sizeof(double));
-        continue;
-      }
-      spread(n, n, np, t, (double*)T);
-      for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) ((double*)Tt)[b * np + a] = t[a * n + b];
-      memcpy(L, T, n * nv * sizeof(V));
-      if (blind) memset(s->gain + i * n * 6, 0, n * 6 * sizeof(double));
-      else {
-        product(6, n, nv, (double*)ZP, np, 1, Tt, B, 0);
-        product(6, 6, nv, s->inverse + 36 * i, 6, 1, B, G, 0);
-        for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) s->gain[(i * n + a) * 6 + l] = g[l * np + a];
-        for (long long j = 0; j < 6 * nv; j++) G[j] = -G[j];
-        product(n, 6, nv, g, 1, np, Z, L, 1);
-      }
-      narrow(n, n, np, (double*)L, s->L + i * n * n);
-      product(n, n, nv, (double*)L, np, 1, now, M, 0);
-      product(n, n, nv, (double*)M, np, 1, Tt, now, 0);
-      for (long long a = 0; a < n; a++) {
-        for (long long b = 0; b < a; b++) p[a * np + b] = p[b * np + a] = 0.5 * (p[a * np + b] + p[b * np + a]);
-        if (s->inside[i]) p[a * np + a] += s->Q[a];
-      }
-    }
-    s->log_det[r] = log_det;
-  }
-  free(whole);
-  return 0;
-}
-"""
 _RESPONSES = """
-typedef struct {
-  long long c, m, d, apart;
-  const double *forcing, *scale, *observed, *start;
-  const long long* observing;
-  double *white, *states;
-  const long long* place;
-} Columns;
 #define CHUNK 16
+static const long long triangle[7] = {0, 1, 3, 6, 10, 15, 21};
+static const long long below[21] = {0, 0, 1, 0, 1, 2, 0, 1, 2, 3, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5};
 EXPORT int responses(const System* s, const Columns* f) {
   const long long K = s->K, R = s->R, n = s->n, c = f->c;
+  if (c == 1) return response(s, f);
   void* whole;
   V* X = room(&whole, (2 * n + 13) * CHUNK);
   if (!X) return 2;
@@ -180,17 +116,23 @@ EXPORT int responses(const System* s, const Columns* f) {
       const int blind = nothing(good);
       const long long at = f->place ? f->place[k] : k;
       double* white = f->white + (at * R + r) * 6 * f->apart + from;
+      if (k + 1 < K) {
+        const long long j = i + R;
+        soon(s->T + j * n * n, s->S * n); soon(s->Z + j * 6 * n, 6 * n); soon(s->gain + j * 6 * n, 6 * n);
+        soon(s->root + j * 36, 36);
+        for (long long a = 0; a < f->m; a++) soon(f->forcing + (j * f->m + a) * c + from, own);
+      }
       if (f->states) for (long long a = 0; a < n; a++)
         memcpy(f->states + (i * n + a) * c + from, x + a * np, own * sizeof(double));
       if (blind) for (int l = 0; l < 6 && at >= 0; l++) memset(white + l * f->apart, 0, own * sizeof(double));
       else {
-        product(6, n, nv, s->Z + i * 6 * n, n, 1, X, W, 0);
+        few(6, n, s->Z + i * 6 * n, s->z, s->z_at, nv, X, W);
         for (long long e = 0; e < f->d; e++) {
           const long long j = f->observing[e] - from;
           if (j >= 0 && j < own) for (int l = 0; l < 6; l++)
             if (good[l]) w[l * np + j] += scale[j] * f->observed[(i * 6 + l) * f->d + e];
         }
-        product(6, 6, nv, s->root + 36 * i, 6, 1, W, U, 0);
+        few(6, 6, s->root + 36 * i, triangle, below, nv, W, U);
         for (int l = 0; l < 6 && at >= 0; l++) memcpy(white + l * f->apart, u + l * np, own * sizeof(double));
       }
       if (k == K) break;
@@ -251,4 +193,4 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
 
 def source() -> str:
     """The C file with ``filter``, ``responses``, ``observations``, ``smoothed``, ``adjoint`` and ``by_rates``."""
-    return prelude() + _PRODUCTS + _FILTER + _RESPONSES + BACKWARD
+    return prelude() + TRANSPOSED + _PRODUCTS + FILTER + _RESPONSES + BACKWARD

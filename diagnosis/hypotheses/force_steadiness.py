@@ -158,7 +158,7 @@ def _squares(system: LinearSystem, run: Filtered, white: np.ndarray, at: slice) 
     for k in range(K, -1, -1):
         if k < K:
             square[k] = r[:, at] ** 2
-            r = run.L[k].swapaxes(1, 2) @ r
+            r = (system.T[k] - run.gain[k] @ system.Z[k]).swapaxes(1, 2) @ r
         r = r + system.Z[k].swapaxes(1, 2) @ v[k]
     return square
 

@@ -9,6 +9,7 @@ function goes along the windows from begin to end.
 from __future__ import annotations
 
 from mmg.compile.codegen import prelude
+from mmg.compile.transposed_c import TRANSPOSED
 from mmg.runge_kutta import NODES, WEIGHTS
 
 FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
@@ -38,18 +39,21 @@ static inline long long steps_of(const Path* p, long long r) {
 static void coefficients(const Path* p, long long r, V* theta) {
   for (long long a = 0; a < p->all; a++) theta[a] = fill(p->by_window ? p->theta[a * p->R + r] : p->theta[a]);
 }
+/* Numbers of the steps from k on, wide each, into lanes; behind the last one its own. */
+static void along(const Path* p, const double* from, long long r, long long k, long long last, long long wide, V* to) {
+  if (k > last) k = last;
+  taken(wide, p->R * wide, least(LANES, last + 1 - k), from + (k * p->R + r) * wide, to);
+}
 static void pushed(const Path* p, long long r, long long k, const V* theta, V* own) {
-  for (int f = 0; f < 3; f++) for (int l = 0; l < LANES; l++)
-    own[p->force_at[f]][l] = theta[p->force_at[f]][l] + p->force[(least(k + l, p->K - 1) * p->R + r) * 3 + f];
+  V force[3];
+  along(p, p->force, r, k, p->K - 1, 3, force);
+  for (int f = 0; f < 3; f++) own[p->force_at[f]] = theta[p->force_at[f]] + force[f];
 }
 static void states(const Path* p, long long r, long long k, long long last, V* z) {
-  for (long long s = 0; s < p->S; s++) for (int l = 0; l < LANES; l++)
-    z[s][l] = p->z[(least(k + l, last) * p->R + r) * p->S + s];
+  along(p, p->z, r, k, last, p->S, z);
 }
 static void held(const Path* p, long long r, long long k, V* c) {
-  const long long wide = p->changes ? 2 * p->C : p->C;
-  for (long long j = 0; j < wide; j++) for (int l = 0; l < LANES; l++)
-    c[j][l] = p->inputs[(least(k + l, p->K - 1) * p->R + r) * wide + j];
+  along(p, p->inputs, r, k, p->K - 1, p->changes ? 2 * p->C : p->C, c);
 }
 static void during(const Path* p, const V* c, double part, V* own) {
   for (long long j = 0; j < p->C; j++) own[j] = p->changes ? c[j] + (part - 0.5) * c[p->C + j] : c[j];
@@ -58,28 +62,44 @@ static void during(const Path* p, const V* c, double part, V* own) {
 _STEPS = """
 static const double NODES[4] = {@nodes@}, WEIGHTS[4] = {@weights@};
 typedef struct {
-  long long A, W, P, count, nonzeros;
-  const long long *entry, *row, *column, *of_G, *of_force;
+  long long A, W, P, count, nonzeros, direct;
+  const long long *entry, *first, *column, *own_entry, *own_place, *of_G, *of_force;
   double *end, *F, *G, *force;
 } Steps;
-static void chained(long long A, long long W, const Steps* q, const V* J, const V* work, V* slope) {
+/* slope = J_p + J_z (I + far before), and its weighted sum; x: room for a row of J_z */
+static void chained(const Steps* q, const V* J, double far, const V* before, double weight, V* x, V* slope, V* sum) {
+  const long long A = q->A, W = q->W;
   memset(slope, 0, A * W * sizeof(V));
-  for (long long e = 0; e < q->count; e++)
-    if (q->column[e] >= A) slope[q->row[e] * W + q->column[e]] = J[q->entry[e]];
-  for (long long e = 0; e < q->count; e++) {
-    if (q->column[e] >= A) continue;
-    const V x = J[q->entry[e]], *from = work + q->column[e] * W;
-    V* to = slope + q->row[e] * W;
-    for (long long w = 0; w < W; w++) to[w] += x * from[w];
+  for (long long e = 0; e < q->direct; e++) slope[q->own_place[e]] = J[q->own_entry[e]];
+  for (long long a = 0; a < A; a++) {
+    V *to = slope + a * W, *all = sum + a * W;
+    const long long begin = q->first[a], count = q->first[a + 1] - begin, *column = q->column + begin;
+    for (long long e = 0; e < count; e++) to[column[e]] += J[q->entry[begin + e]];
+    long long w = 0;
+    if (before) {
+      for (long long e = 0; e < count; e++) x[e] = far * J[q->entry[begin + e]];
+      for (; w + 4 <= W; w += 4) {
+        V s0 = to[w], s1 = to[w + 1], s2 = to[w + 2], s3 = to[w + 3];
+        for (long long e = 0; e < count; e++) {
+          const V* from = before + column[e] * W + w;
+          s0 += x[e] * from[0]; s1 += x[e] * from[1]; s2 += x[e] * from[2]; s3 += x[e] * from[3];
+        }
+        to[w] = s0; to[w + 1] = s1; to[w + 2] = s2; to[w + 3] = s3;
+        all[w] += weight * s0; all[w + 1] += weight * s1; all[w + 2] += weight * s2; all[w + 3] += weight * s3;
+      }
+      for (long long v = w; v < W; v++) for (long long e = 0; e < count; e++) to[v] += x[e] * before[column[e] * W + v];
+    }
+    for (; w < W; w++) all[w] += weight * to[w];
   }
 }
 EXPORT int steps(const Path* p, Kernel jacobian, const Steps* q) {
   const long long S = p->S, A = q->A, W = q->W, R = p->R, P = q->P;
   void* whole;
-  V* z = room(&whole, 4 * S + 3 * p->C + 2 * p->all + q->nonzeros + 3 * A * W + 8);
+  V* z = room(&whole, 4 * S + 3 * p->C + 2 * p->all + q->nonzeros + q->count + 3 * A * W + A * (A + P + 3) + 8);
   if (!z) return 2;
   V *at = z + S, *rate = at + S, *total = rate + S, *c = total + S, *now = c + 2 * p->C, *theta = now + p->C;
-  V *own = theta + p->all, *J = own + p->all, *slope = J + q->nonzeros, *work = slope + A * W, *sum = work + A * W;
+  V *own = theta + p->all, *J = own + p->all, *slope = J + q->nonzeros, *other = slope + A * W, *sum = other + A * W;
+  V *x = sum + A * W, *wanted = x + q->count;
   const double* arg[3] = {(double*)at, (double*)now, (double*)own};
   double* res[2] = {(double*)rate, (double*)J};
   for (long long r = p->begin; r < p->end; r++) {
@@ -96,25 +116,22 @@ EXPORT int steps(const Path* p, Kernel jacobian, const Steps* q) {
         for (long long s = 0; s < S; s++) at[s] = i ? z[s] + far * rate[s] : z[s];
         during(p, c, NODES[i], now);
         jacobian(LANES, arg, LD, res);
-        for (long long w = 0; w < A * W; w++) work[w] = i ? far * slope[w] : fill(0.0);
-        for (long long a = 0; a < A; a++) work[a * W + a] += 1.0;
-        chained(A, W, q, J, work, slope);
+        if (!i) memset(sum, 0, A * W * sizeof(V));
+        chained(q, J, far, i ? other : 0, WEIGHTS[i], x, slope, sum);
+        V* spare = other; other = slope; slope = spare;
         for (long long s = 0; s < S; s++) total[s] = i ? total[s] + WEIGHTS[i] * rate[s] : WEIGHTS[i] * rate[s];
-        for (long long w = 0; w < A * W; w++) sum[w] = i ? sum[w] + WEIGHTS[i] * slope[w] : WEIGHTS[i] * slope[w];
       }
       for (long long w = 0; w < A * W; w++) sum[w] = p->h * sum[w];
       for (long long a = 0; a < A; a++) sum[a * W + a] += 1.0;
-      for (int l = 0; l < here; l++) {
-        const long long i = (k + l) * R + r;
-        for (long long s = 0; s < S; s++) q->end[i * S + s] = z[s][l] + p->h * total[s][l];
-        for (long long a = 0; a < A; a++) {
-          const V* from = sum + a * W;
-          double *F = q->F + (i * A + a) * A, *G = q->G + (i * A + a) * P, *force = q->force + (i * A + a) * 3;
-          for (long long b = 0; b < A; b++) F[b] = from[b][l];
-          for (long long b = 0; b < P; b++) G[b] = from[q->of_G[b]][l];
-          for (int b = 0; b < 3; b++) force[b] = from[q->of_force[b]][l];
-        }
-      }
+      const long long i = k * R + r;
+      for (long long s = 0; s < S; s++) z[s] += p->h * total[s];
+      given(S, R * S, here, z, q->end + i * S);
+      for (long long a = 0; a < A; a++) memcpy(wanted + a * A, sum + a * W, A * sizeof(V));
+      given(A * A, R * A * A, here, wanted, q->F + i * A * A);
+      for (long long a = 0; a < A; a++) for (long long b = 0; b < P; b++) wanted[a * P + b] = sum[a * W + q->of_G[b]];
+      given(A * P, R * A * P, here, wanted, q->G + i * A * P);
+      for (long long a = 0; a < A; a++) for (int b = 0; b < 3; b++) wanted[a * 3 + b] = sum[a * W + q->of_force[b]];
+      given(A * 3, R * A * 3, here, wanted, q->force + i * A * 3);
     }
   }
   free(whole);
@@ -247,4 +264,4 @@ def source() -> str:
     steps = _STEPS
     for key, values in tables.items():
         steps = steps.replace(key, ", ".join(repr(float(x)) for x in values))
-    return prelude() + _BEGIN + steps + _LOGGED + _FOLLOW
+    return prelude() + TRANSPOSED + _BEGIN + steps + _LOGGED + _FOLLOW

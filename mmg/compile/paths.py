@@ -66,10 +66,11 @@ class _Path(ctypes.Structure):
 class _Steps(ctypes.Structure):
     """The struct Steps of the C code."""
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("A", "W", "P", "count", "nonzeros")] + [
+    _fields_ = [(name, ctypes.c_longlong) for name in ("A", "W", "P", "count", "nonzeros", "direct")] + [
         (name, ctypes.c_void_p)
-        for name in ("entry", "row", "column", "of_G", "of_force", "end", "F", "G", "force")
-    ]  # fmt: skip
+        for names in ("entry first column own_entry own_place of_G of_force", "end F G force")
+        for name in names.split()
+    ]
 
 
 class _Logged(ctypes.Structure):
@@ -105,8 +106,15 @@ class PathCode:
         P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
         empty = room if paths.count is None else cleared
         out = empty(K, R, S), empty(K, R, A, A), empty(K, R, A, P), empty(K, R, A, 3)
-        table = [_whole(a) for a in (wanted.entry, wanted.row, wanted.column, of_G, of_force)]
-        request = _Steps(A, W, P, len(wanted.entry), wanted.nonzeros, *(a.ctypes.data for a in (*table, *out)))
+        through = np.flatnonzero(wanted.column < A)
+        through = through[np.argsort(wanted.row[through], kind="stable")]
+        first = np.searchsorted(wanted.row[through], np.arange(A + 1))
+        direct = np.flatnonzero(wanted.column >= A)
+        places = wanted.row[direct] * W + wanted.column[direct]
+        own = (wanted.entry[through], first, wanted.column[through], wanted.entry[direct], places)
+        table = [_whole(a) for a in (*own, of_G, of_force)]
+        sizes = (A, W, P, len(through), wanted.nonzeros, len(direct))
+        request = _Steps(*sizes, *(a.ctypes.data for a in (*table, *out)))
         self._run("steps", paths, jacobian, ctypes.byref(request))
         return out
 
