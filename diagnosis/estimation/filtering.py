@@ -12,8 +12,10 @@ import numpy as np
 
 from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation.filter_self_test import agrees
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
+from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.kernel_threads import even_shares, in_threads
@@ -79,11 +81,25 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     return code.adjoint(s, f) if code else kalman.adjoint(s, f)
 
 
-def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
     """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states, times the step h
-    [s]. s: the system; found: its adjoint."""
+    [s]. s: the system; found: its adjoint; gusts: as of ``GriddedTrials``."""
     code = _kernel()
-    return code.by_rates(s, found, A, h) if code else kalman.by_rates(s, found, A, h)
+    return (code or kalman).by_rates(s, found, A, h, gusts)
+
+
+def assembled(
+    linear: LinearModel,
+    decay: np.ndarray,
+    coloured: np.ndarray,
+    good: np.ndarray,
+    inside: np.ndarray,
+    gusts: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """T (K, R, n, n) and Z (K + 1, R, 6, n) of a system; linear, decay, coloured, good, inside, gusts: as of
+    ``kalman.assembled``."""
+    code = _kernel()
+    return (code or kalman).assembled(linear, decay, coloured, good, inside, gusts)
 
 
 class _System(ctypes.Structure):
@@ -205,12 +221,15 @@ class Kernel:
         self._run("adjoint", s, f, *(_at(a) for a in (found.by_T, found.by_Z, found.N, found.D)))
         return found
 
-    def by_rates(self, s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+    def by_rates(
+        self, s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None
+    ) -> np.ndarray:
         """As the function."""
         K, R, n = s.T.shape[:3]
         out, by_T = room(K, R, A, A + 3), _real(found.by_T)
         T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
-        rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), _at(out))
+        blown = None if gusts is None else _real(gusts)
+        rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), None if blown is None else _at(blown), _at(out))
 
         def part(begin: int, end: int) -> int:
             system = _System(K, R, n, s.S, begin, end, T=T.ctypes.data, inside=inside.ctypes.data)
@@ -219,6 +238,31 @@ class Kernel:
         if in_threads(part, even_shares(R)):
             raise MemoryError(f"no memory for the filter of {R} windows")
         return out
+
+    def assembled(
+        self,
+        linear: LinearModel,
+        decay: np.ndarray,
+        coloured: np.ndarray,
+        good: np.ndarray,
+        inside: np.ndarray,
+        gusts: np.ndarray | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As the function."""
+        K, R, S = linear.force.shape[:3]
+        n = S + len(decay)
+        T, Z = room(K, R, n, n), room(K + 1, R, 6, n)
+        given = [_real(a) for a in (linear.F, linear.force, linear.H, decay)]
+        given += [np.ascontiguousarray(coloured, dtype=np.int64), *([] if gusts is None else [_real(gusts)])]
+        marks = [np.ascontiguousarray(a, dtype=np.uint8) for a in (good, inside)]
+        rest = [ctypes.c_longlong(len(coloured)), *(_at(a) for a in given), *([None] if gusts is None else [])]
+
+        def part(begin: int, end: int) -> int:
+            system = _System(K, R, n, S, begin, end, good=marks[0].ctypes.data, inside=marks[1].ctypes.data)
+            return int(self._library.assembled(ctypes.byref(system), *rest, _at(T), _at(Z)))
+
+        in_threads(part, even_shares(R))
+        return T, Z
 
 
 def _at(array: np.ndarray) -> ctypes.c_void_p:
@@ -247,41 +291,3 @@ def _kernel() -> Kernel | None:
 def forget_code() -> None:
     """Choose again between code and numpy when the filter is next used."""
     _kernel.cache_clear()
-
-
-def agrees(code: Kernel) -> bool:
-    """Whether compiled functions give on a small system what those in numpy do. code: them."""
-    s, columns = _example()
-    f, own = kalman.filtered(s), code.filtered(s)
-    white, states = kalman.responses(s, f, columns.forcing, columns.dense_observed, columns.start)
-    out = np.empty(white.shape)
-    moved = code.whitened(s, own, columns, out, True)
-    adjoints = kalman.adjoint(s, f), code.adjoint(s, own)
-    last, state = white[..., 0], states[..., 0]
-    pairs = [
-        *((getattr(f, name), getattr(own, name)) for name in ("gain", "P", "inverse", "root", "log_det")),
-        (white, out), (states, moved),
-        *((getattr(adjoints[0], name), getattr(adjoints[1], name)) for name in ("by_T", "by_Z", "N", "D")),
-        *zip(kalman.smoothed(s, f, last, state), code.smoothed(s, own, last, state), strict=True),
-        (kalman.observations(s, f, white), code.observations(s, own, white)),
-        (kalman.by_rates(s, adjoints[0], 3, 0.5), code.by_rates(s, adjoints[0], 3, 0.5)),
-    ]  # fmt: skip
-    return all(bool(np.abs(a - b).max() <= 1e-9 * (1 + np.abs(a).max())) for a, b in pairs)
-
-
-def _example() -> tuple[LinearSystem, DrivenColumns]:
-    """A small system with samples missing and a window that ends early, and columns of it."""
-    rng, K, R, S, c = np.random.default_rng(0), 6, 2, 3, 19
-    inside = np.arange(K)[:, None] < np.array([K, K - 2])
-    good = rng.random((K + 1, R, 6)) > 0.3
-    good[2, 0] = False
-    good[:, 1] &= (np.arange(K + 1) <= K - 2)[:, None]
-    T = np.zeros((K, R, S + 6, S + 6))
-    T[..., :S, :] = 0.3 * rng.standard_normal((K, R, S, S + 6))
-    T[..., np.arange(S + 6), np.arange(S + 6)] += 0.7
-    T[~inside] = np.eye(S + 6)
-    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, S + 6)), 0.0)
-    Q, white = 0.1 + rng.random(S + 6), 0.1 + rng.random(6)
-    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside, S)
-    observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, S + 6, c))
-    return s, DrivenColumns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)

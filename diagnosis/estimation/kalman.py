@@ -7,6 +7,7 @@ first state of a window is given so wide a covariance that it is as good as unkn
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -93,6 +94,41 @@ class LinearSystem:
         )
 
 
+Assemble = Callable[
+    [LinearModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None], tuple[np.ndarray, np.ndarray]
+]
+"""What ``assembled`` does."""
+
+
+def assembled(
+    linear: LinearModel,
+    decay: np.ndarray,
+    coloured: np.ndarray,
+    good: np.ndarray,
+    inside: np.ndarray,
+    gusts: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """T (K, R, n, n) and Z (K + 1, R, 6, n) of a system.
+
+    linear, good, inside, gusts: as of ``linear_system``; decay: (n - S,) of force, gusts and coloured errors over a
+    step; coloured: (c,) sensors that have these.
+    """
+    K, R, S = linear.force.shape[:3]
+    n = S + len(decay)
+    seen, at = n - len(coloured), np.arange(S, n)
+    T = cleared(K, R, n, n)
+    T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
+    if gusts is not None:
+        T[..., :S, S + 3 : seen] = linear.force @ gusts
+    T[..., at, at] = decay
+    T[~inside] = np.eye(n)
+    Z = cleared(K + 1, R, 6, n)
+    Z[..., :S] = linear.H
+    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
+    Z[~good] = 0.0
+    return T, Z
+
+
 def linear_system(
     linear: LinearModel,
     noise: NoiseModel,
@@ -101,30 +137,22 @@ def linear_system(
     inside: np.ndarray,
     h: float,
     gusts: np.ndarray | None = None,
+    assemble: Assemble = assembled,
 ) -> LinearSystem:
     """State-space model of S ship states, latent force, gusts and coloured errors.
 
     linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
-    6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``.
+    6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``; assemble: makes T
+    and Z.
     """
-    K, R, S = linear.force.shape[:3]
+    R, S = linear.force.shape[1:3]
     coloured = np.flatnonzero(noise.coloured > 0)
     gust = noise.gust[: 0 if gusts is None else 2]
-    seen = S + 3 + len(gust)
-    n = seen + len(coloured)
+    n = S + 3 + len(gust) + len(coloured)
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
-    T = cleared(K, R, n, n)
-    T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
-    if gusts is not None:
-        T[..., :S, S + 3 : seen] = linear.force @ gusts
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at = np.arange(S, n)
-    T[..., at, at] = decay
-    T[~inside] = np.eye(n)
-    Z = cleared(K + 1, R, 6, n)
-    Z[..., :S] = linear.H
-    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
-    Z[~good] = 0.0
+    T, Z = assemble(linear, decay, coloured, good, inside, gusts)
     own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
     start = np.zeros((R, n, n))
@@ -255,15 +283,19 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     return Adjoint(by_T, by_Z, Ns, Ds)
 
 
-def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float) -> np.ndarray:
+def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
     """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states by themselves and
     the latent force, times the step h [s].
 
-    s: the system; found: its adjoint. T is the exponential of the generator: a change of the generator acts equally on
-    either side of the step.
+    s: the system; found: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
+    exponential of the generator: a change of the generator acts equally on either side of the step.
     """
     K, R = s.T.shape[:2]
-    weight = np.where(s.inside[..., None, None], found.by_T[:, :, :A, : A + 3], 0.0)
+    by_T = found.by_T[:, :, :A, : A + 3]
+    if gusts is not None:
+        pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
+        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)
+    weight = np.where(s.inside[..., None, None], by_T, 0.0)
     through, rest = s.T[:, :, :A, : A + 3], np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
     ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
     return np.asarray(h * 0.5 * (ahead + through[..., :A].swapaxes(2, 3) @ weight))

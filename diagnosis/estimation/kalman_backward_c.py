@@ -112,7 +112,7 @@ EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* Ns, doub
   free(whole);
   return 0;
 }
-EXPORT int by_rates(const System* s, long long A, double h, const double* by_T, double* out) {
+EXPORT int by_rates(const System* s, long long A, double h, const double* by_T, const double* gusts, double* out) {
   const long long n = s->n, B = A + 3, nv = (B + LANES - 1) / LANES, np = nv * LANES;
   void* whole;
   V* weight = room(&whole, (2 * B + A) * nv);
@@ -130,11 +130,39 @@ EXPORT int by_rates(const System* s, long long A, double h, const double* by_T, 
       w[a * np + b] = 0.5 * h * by[a * n + b];
       f[b * np + a] = T[a * n + b];
     }
+    if (gusts) for (long long a = 0; a < A; a++) for (int b = 0; b < 3; b++)
+      for (int g = 0; g < 2; g++) w[a * np + A + b] += 0.5 * h * by[a * n + B + g] * gusts[i * 6 + 2 * b + g];
     product(A, A, nv, T, 1, n, weight, sum, 0);
     product(A, B, nv, w, np, 1, ahead, sum, 1);
     narrow(A, B, np, (double*)sum, own);
   }
   free(whole);
+  return 0;
+}
+/* T and Z; gusts, of which there are two, or none */
+EXPORT int assembled(const System* s, long long count, const double* F, const double* force, const double* H,
+                     const double* decay, const long long* coloured, const double* gusts, double* T, double* Z) {
+  const long long K = s->K, R = s->R, n = s->n, S = s->S, seen = n - count;
+  for (long long k = 0; k <= K; k++) for (long long r = s->begin; r < s->end; r++) {
+    const long long i = k * R + r;
+    double *t = T + i * n * n, *z = Z + i * 6 * n;
+    if (k < K) {
+      memset(t, 0, n * n * sizeof(double));
+      if (s->inside[i]) for (long long a = 0; a < S; a++, t += n) {
+        const double* f = force + (i * S + a) * 3;
+        for (long long b = 0; b < S; b++) t[b] = F[(i * S + a) * S + b];
+        for (int b = 0; b < 3; b++) t[S + b] = f[b];
+        if (gusts) for (int g = 0; g < 2; g++)
+          t[S + 3 + g] = f[0] * gusts[i * 6 + g] + f[1] * gusts[i * 6 + 2 + g] + f[2] * gusts[i * 6 + 4 + g];
+      } else for (long long a = 0; a < S; a++, t += n) t[a] = 1.0;
+      for (long long a = S; a < n; a++, t += n) t[a] = s->inside[i] ? decay[a - S] : 1.0;
+    }
+    memset(z, 0, 6 * n * sizeof(double));
+    for (int l = 0; l < 6; l++) if (s->good[6 * i + l]) {
+      for (long long b = 0; b < S; b++) z[l * n + b] = H[(i * 6 + l) * S + b];
+      for (long long e = 0; e < count; e++) if (coloured[e] == l) z[l * n + seen + e] = 1.0;
+    }
+  }
   return 0;
 }
 """

@@ -192,5 +192,6 @@ EXPORT int observations(const System* s, long long c, const double* white, doubl
 
 
 def source() -> str:
-    """The C file with ``filter``, ``responses``, ``observations``, ``smoothed``, ``adjoint`` and ``by_rates``."""
+    """The C file with ``filter``, ``responses``, ``observations``, ``smoothed``, ``adjoint``, ``by_rates`` and
+    ``assembled``."""
     return prelude() + TRANSPOSED + _PRODUCTS + FILTER + _RESPONSES + BACKWARD

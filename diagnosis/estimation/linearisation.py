@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
-from diagnosis.estimation.filtering import adjoint, by_rates, filtered, smoothed, whitened
+from diagnosis.estimation.filtering import adjoint, assembled, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
@@ -115,12 +115,7 @@ class Linearisation:
         """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates by states and latent force in the
         middle of each step [1/s]."""
         found, A = self.adjoint, len(self.active)
-        if self.data.gusts is not None:  # they push as the latent force does
-            by_T = room(*found.by_T.shape)
-            by_T[...] = found.by_T
-            by_T[:, :, :A, A : A + 3] += by_T[:, :, :A, A + 3 : A + 5] @ self.data.gusts.swapaxes(2, 3)
-            found = replace(found, by_T=by_T)
-        return by_rates(self.system, found, A, self.data.h)
+        return by_rates(self.system, found, A, self.data.h, self.data.gusts)
 
     @cached_property
     def logdet_gradient(self) -> np.ndarray:
@@ -223,7 +218,7 @@ def linearise_and_filter(
     data = acting(steps, data, theta)
     linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
-    system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
+    system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts, assembled)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
     parts: list[DrivenColumns | ProductColumns] = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]

@@ -12,9 +12,11 @@ import pytest
 
 from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
-from diagnosis.estimation.filtering import Kernel, agrees
+from diagnosis.estimation.filter_self_test import agrees
+from diagnosis.estimation.filtering import Kernel
 from diagnosis.estimation.kalman import Filtered, LinearSystem
 from diagnosis.estimation.kalman_c import FLAGS, source
+from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
 
 RUNS, STEPS = 3, 11
@@ -71,7 +73,24 @@ def test_filter_smoother_and_slopes_are_those_of_numpy(code: Kernel, n: int) -> 
     for x, y in zip(code.smoothed(s, f, white, states), kalman.smoothed(s, f, white, states), strict=True):
         close(x, y)
     if n > 4:
-        close(code.by_rates(s, a, n - 4, 0.3), kalman.by_rates(s, a, n - 4, 0.3))
+        gusts = rng.standard_normal((STEPS, RUNS, 3, 2))
+        for blown, A in ((None, n - 4), (gusts, n - 5)):
+            close(code.by_rates(s, a, A, 0.3, blown), kalman.by_rates(s, a, A, 0.3, blown))
+
+
+@pytest.mark.parametrize("blown", [False, True])
+def test_a_system_is_assembled_as_in_numpy(code: Kernel, blown: bool) -> None:
+    """And a gust that pushes as a force does has its derivative in that of the force."""
+    s, rng, S = system(9), np.random.default_rng(6), 4
+    given = (rng.standard_normal((STEPS, RUNS, S, w)) for w in (S, S, 2, 3))
+    model = LinearModel(*given, s.Z[..., 0], s.Z[..., :S], s.Z, np.arange(0))
+    gusts = rng.standard_normal((STEPS, RUNS, 3, 2)) if blown else None
+    decay = 0.5 + 0.4 * rng.random(7 if blown else 5)
+    one, other = (by.assembled(model, decay, np.array([1, 4]), s.good, s.inside, gusts) for by in (code, kalman))
+    assert one[0].shape == (STEPS, RUNS, S + len(decay), S + len(decay)) and one[1].any()
+    for ours, theirs in zip(one, other, strict=True):
+        close(ours, theirs)
+    assert (one[0][~s.inside] == np.eye(S + len(decay))).all() and not one[1][~s.good].any()
 
 
 @pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
