@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +11,9 @@ from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.kalman import LinearSystem
 from diagnosis.estimation.transition_model import LinearModel
 
-if TYPE_CHECKING:
-    from diagnosis.estimation.filtering import Kernel
 
-
-def agrees(code: Kernel) -> bool:
-    """Whether compiled functions give on a small system what those in numpy do. code: them."""
+def agrees(code: Any) -> bool:
+    """Whether compiled functions give on a small system what those in numpy do. code: has them as methods."""
     s, columns = _example()
     f, own = kalman.filtered(s), code.filtered(s)
     white, states = kalman.responses(s, f, columns.forcing, columns.dense_observed, columns.start)
