@@ -8,7 +8,7 @@ import numpy as np
 
 from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
-from diagnosis.estimation.kalman import LinearSystem
+from diagnosis.estimation.kalman import LinearSystem, SystemParts
 from diagnosis.estimation.transition_model import LinearModel
 
 
@@ -31,8 +31,8 @@ def agrees(code: Any) -> bool:
     for gusts in (None, s.T[:, :, :3, :2]):
         decay = np.linspace(0.5, 0.9, 5 if gusts is None else 7)
         model = LinearModel(*(s.T[..., :3, :3],) * 4, s.Z[..., 0], s.Z[..., :3], s.Z, np.arange(0))
-        given = (model, decay, np.array([1, 4]), s.good, s.inside, gusts)
-        pairs += zip(kalman.assembled(*given), code.assembled(*given), strict=True)
+        parts = SystemParts(model, decay, np.array([1, 4]), s.good, s.inside, gusts)
+        pairs += zip(kalman.assembled(parts), code.assembled(parts), strict=True)
         rates = (s, adjoints[0], 3, 0.5, gusts)
         pairs.append((kalman.by_rates(*rates), code.by_rates(*rates)))
     return all(bool(np.abs(a - b).max() <= 1e-9 * (1 + np.abs(a).max())) for a, b in pairs)

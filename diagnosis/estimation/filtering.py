@@ -6,6 +6,7 @@ The functions in numpy are the portable path, and what the code must agree with 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
@@ -13,9 +14,8 @@ import numpy as np
 from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filter_self_test import agrees
-from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem
+from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, SystemParts
 from diagnosis.estimation.kalman_c import FLAGS, source
-from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.kernel_threads import even_shares, in_threads
@@ -84,31 +84,27 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
 def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
     """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states, times the step h
     [s]. s: the system; found: its adjoint; gusts: as of ``GriddedTrials``."""
-    code = _kernel()
-    return (code or kalman).by_rates(s, found, A, h, gusts)
+    return (_kernel() or kalman).by_rates(s, found, A, h, gusts)
 
 
-def assembled(
-    linear: LinearModel,
-    decay: np.ndarray,
-    coloured: np.ndarray,
-    good: np.ndarray,
-    inside: np.ndarray,
-    gusts: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """T (K, R, n, n) and Z (K + 1, R, 6, n) of a system; linear, decay, coloured, good, inside, gusts: as of
-    ``kalman.assembled``."""
-    code = _kernel()
-    return (code or kalman).assembled(linear, decay, coloured, good, inside, gusts)
+def assembled(parts: SystemParts) -> tuple[np.ndarray, np.ndarray]:
+    """T (K, R, n, n) and Z (K + 1, R, 6, n) of the system of these ``parts``."""
+    return (_kernel() or kalman).assembled(parts)
+
+
+_ARRAYS = (
+    *("T", "Z", "Q", "white", "first", "good", "inside"),
+    *("gain", "P", "inverse", "root", "log_det"),
+    *("t", "t_at", "z", "z_at"),
+)
+"""Arrays of the struct System: of the system, of its filter run, and where numbers are not zero."""
 
 
 class _System(ctypes.Structure):
     """The struct System of the C code."""
 
     _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "S", "begin", "end")] + [
-        (name, ctypes.c_void_p)
-        for names in ("T Z Q white first good inside", "gain P inverse root log_det", "t t_at z z_at")
-        for name in names.split()
+        (name, ctypes.c_void_p) for name in _ARRAYS
     ]
 
 
@@ -134,16 +130,23 @@ class Kernel:
     def _run(self, name: str, s: LinearSystem, f: Filtered, *rest: object, together: int = LANES) -> None:
         """Call a function with the system, its filter run and what else it takes; together: windows that it takes at a
         time, which no two threads share."""
-        K, R, n = s.T.shape[:3]
         arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
-        arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
+        arrays += [_marks(a) for a in (s.good, s.inside)]
         arrays += [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
-        arrays += s.places
-        places, work = [a.ctypes.data for a in arrays], getattr(self._library, name)
+        named = dict(zip(_ARRAYS, (*arrays, *s.places), strict=True))
+        self._over_windows(name, (*s.T.shape[:3], s.S), named, *rest, together=together)
+
+    def _over_windows(
+        self, name: str, sizes: tuple[int, ...], arrays: Mapping[str, np.ndarray], *rest: object, together: int = 1
+    ) -> None:
+        """Call a function on shares of the windows; sizes: K, R, n and S of the system; arrays: of it, by name; rest,
+        together: as of ``_run``."""
+        work, places = getattr(self._library, name), {key: a.ctypes.data for key, a in arrays.items()}
 
         def part(begin: int, end: int) -> int:
-            return int(work(ctypes.byref(_System(K, R, n, s.S, begin, end, *places)), *rest))
+            return int(work(ctypes.byref(_System(*sizes, begin, end, **places)), *rest))
 
+        R = sizes[1]
         shares = even_shares(-(-R // together))
         failed = in_threads(part, [(begin * together, min(end * together, R)) for begin, end in shares])
         if failed == 1:
@@ -226,43 +229,27 @@ class Kernel:
     ) -> np.ndarray:
         """As the function."""
         K, R, n = s.T.shape[:3]
-        out, by_T = room(K, R, A, A + 3), _real(found.by_T)
-        T, inside = _real(s.T), np.ascontiguousarray(s.inside, dtype=np.uint8)
-        blown = None if gusts is None else _real(gusts)
+        out, by_T, blown = room(K, R, A, A + 3), _real(found.by_T), None if gusts is None else _real(gusts)
         rest = (ctypes.c_longlong(A), ctypes.c_double(h), _at(by_T), None if blown is None else _at(blown), _at(out))
-
-        def part(begin: int, end: int) -> int:
-            system = _System(K, R, n, s.S, begin, end, T=T.ctypes.data, inside=inside.ctypes.data)
-            return int(self._library.by_rates(ctypes.byref(system), *rest))
-
-        if in_threads(part, even_shares(R)):
-            raise MemoryError(f"no memory for the filter of {R} windows")
+        self._over_windows("by_rates", (K, R, n, s.S), {"T": _real(s.T), "inside": _marks(s.inside)}, *rest)
         return out
 
-    def assembled(
-        self,
-        linear: LinearModel,
-        decay: np.ndarray,
-        coloured: np.ndarray,
-        good: np.ndarray,
-        inside: np.ndarray,
-        gusts: np.ndarray | None,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def assembled(self, parts: SystemParts) -> tuple[np.ndarray, np.ndarray]:
         """As the function."""
-        K, R, S = linear.force.shape[:3]
-        n = S + len(decay)
+        linear, K, R, S = parts.linear, *parts.linear.force.shape[:3]
+        n = S + len(parts.decay)
         T, Z = room(K, R, n, n), room(K + 1, R, 6, n)
-        given = [_real(a) for a in (linear.F, linear.force, linear.H, decay)]
-        given += [np.ascontiguousarray(coloured, dtype=np.int64), *([] if gusts is None else [_real(gusts)])]
-        marks = [np.ascontiguousarray(a, dtype=np.uint8) for a in (good, inside)]
-        rest = [ctypes.c_longlong(len(coloured)), *(_at(a) for a in given), *([None] if gusts is None else [])]
-
-        def part(begin: int, end: int) -> int:
-            system = _System(K, R, n, S, begin, end, good=marks[0].ctypes.data, inside=marks[1].ctypes.data)
-            return int(self._library.assembled(ctypes.byref(system), *rest, _at(T), _at(Z)))
-
-        in_threads(part, even_shares(R))
+        given = [_real(a) for a in (linear.F, linear.force, linear.H, parts.decay)]
+        given.append(np.ascontiguousarray(parts.coloured, dtype=np.int64))
+        blown = None if parts.gusts is None else _real(parts.gusts)
+        rest = [ctypes.c_longlong(len(parts.coloured)), *(_at(a) for a in given), None if blown is None else _at(blown)]
+        marks = {"good": _marks(parts.good), "inside": _marks(parts.inside)}
+        self._over_windows("assembled", (K, R, n, S), marks, *rest, _at(T), _at(Z))
         return T, Z
+
+
+def _marks(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=np.uint8)
 
 
 def _at(array: np.ndarray) -> ctypes.c_void_p:

@@ -94,25 +94,25 @@ class LinearSystem:
         )
 
 
-Assemble = Callable[
-    [LinearModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None], tuple[np.ndarray, np.ndarray]
-]
-"""What ``assembled`` does."""
-
-
-def assembled(
-    linear: LinearModel,
-    decay: np.ndarray,
-    coloured: np.ndarray,
-    good: np.ndarray,
-    inside: np.ndarray,
-    gusts: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """T (K, R, n, n) and Z (K + 1, R, 6, n) of a system.
+@dataclass(frozen=True)
+class SystemParts:
+    """What T and Z of a system are made of.
 
     linear, good, inside, gusts: as of ``linear_system``; decay: (n - S,) of force, gusts and coloured errors over a
     step; coloured: (c,) sensors that have these.
     """
+
+    linear: LinearModel
+    decay: np.ndarray
+    coloured: np.ndarray
+    good: np.ndarray
+    inside: np.ndarray
+    gusts: np.ndarray | None
+
+
+def assembled(parts: SystemParts) -> tuple[np.ndarray, np.ndarray]:
+    """T (K, R, n, n) and Z (K + 1, R, 6, n) of the system of these ``parts``."""
+    linear, decay, coloured, gusts = parts.linear, parts.decay, parts.coloured, parts.gusts
     K, R, S = linear.force.shape[:3]
     n = S + len(decay)
     seen, at = n - len(coloured), np.arange(S, n)
@@ -121,11 +121,11 @@ def assembled(
     if gusts is not None:
         T[..., :S, S + 3 : seen] = linear.force @ gusts
     T[..., at, at] = decay
-    T[~inside] = np.eye(n)
+    T[~parts.inside] = np.eye(n)
     Z = cleared(K + 1, R, 6, n)
     Z[..., :S] = linear.H
     Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
-    Z[~good] = 0.0
+    Z[~parts.good] = 0.0
     return T, Z
 
 
@@ -137,7 +137,7 @@ def linear_system(
     inside: np.ndarray,
     h: float,
     gusts: np.ndarray | None = None,
-    assemble: Assemble = assembled,
+    assemble: Callable[[SystemParts], tuple[np.ndarray, np.ndarray]] = assembled,
 ) -> LinearSystem:
     """State-space model of S ship states, latent force, gusts and coloured errors.
 
@@ -152,7 +152,7 @@ def linear_system(
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at = np.arange(S, n)
-    T, Z = assemble(linear, decay, coloured, good, inside, gusts)
+    T, Z = assemble(SystemParts(linear, decay, coloured, good, inside, gusts))
     own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
     start = np.zeros((R, n, n))

@@ -6,25 +6,25 @@ Lane l of a vector belongs to window r + l; behind the last window its numbers a
 from __future__ import annotations
 
 _LANES = """
-/* those of 6 rows of n numbers that are not zero in any window, one after the other */
-static void seen(const System* s, int own, const double* from, V* to) {
+/* of rows of n numbers those that are not zero in any window, one after the other; windows are apart */
+static void taken_few(long long rows, long long n, const long long* first, const long long* at, long long apart,
+                      int own, const double* from, V* to) {
   for (int l = 0; l < LANES; l++) {
-    const double* p = from + (l < own ? l : own - 1) * 6 * s->n;
-    for (int i = 0; i < 6; i++) for (long long e = s->z[i]; e < s->z[i + 1]; e++)
-      ((double*)(to + e))[l] = p[i * s->n + s->z_at[e]];
+    const double* p = from + (l < own ? l : own - 1) * apart;
+    for (long long i = 0; i < rows; i++) for (long long e = first[i]; e < first[i + 1]; e++)
+      ((double*)(to + e))[l] = p[i * n + at[e]];
   }
 }
-/* the same of the transitions; room for S rows behind them */
+static void seen(const System* s, int own, const double* from, V* to) {
+  taken_few(6, s->n, s->z, s->z_at, 6 * s->n, own, from, to);
+}
+/* of the transitions; room for S rows behind them */
 static void moving(const System* s, int own, const double* from, V* to) {
   const long long n = s->n, S = s->S;
   V* all = to + s->t[n];
   taken(S * n, n * n, own, from, all);
   for (long long a = 0; a < S; a++) for (long long e = s->t[a]; e < s->t[a + 1]; e++) to[e] = all[a * n + s->t_at[e]];
-  for (int l = 0; l < LANES; l++) {
-    const double* p = from + (l < own ? l : own - 1) * n * n;
-    for (long long a = S; a < n; a++) for (long long e = s->t[a]; e < s->t[a + 1]; e++)
-      ((double*)(to + e))[l] = p[a * n + s->t_at[e]];
-  }
+  taken_few(n - S, n, s->t + S, s->t_at, n * n, own, from + S * n, to);
 }
 /* out[i][c] = sum over e of a[i * ai + e * ae] b[at ? at[e] : e][c] (plus what is there), of n columns c, those from i
    on if upper */
@@ -49,23 +49,23 @@ static void transposed(long long rows, long long n, const V* a, V* b) {
 static void mirrored(long long n, V* a) {
   for (long long i = 0; i < n; i++) for (long long j = 0; j < i; j++) a[i * n + j] = a[j * n + i];
 }
-/* out = Z X of the numbers that are not zero, rows of n */
-static void observed(const System* s, const V* Z, long long n, const V* X, V* out) {
-  for (int l = 0; l < 6; l++, out += n) for (long long b = 0; b < n; b++) {
+/* out = a X, of a those numbers that are not zero, X of rows of n */
+static void times_few(long long rows, const long long* first, const long long* at, const V* a, long long n, const V* X,
+                      V* out) {
+  for (long long i = 0; i < rows; i++, out += n) for (long long b = 0; b < n; b++) {
     V sum = fill(0.0);
-    for (long long e = s->z[l]; e < s->z[l + 1]; e++) sum += Z[e] * X[s->z_at[e] * n + b];
+    for (long long e = first[i]; e < first[i + 1]; e++) sum += a[e] * X[at[e] * n + b];
     out[b] = sum;
   }
 }
-/* out (n, w) = T X of rows of w */
+static void observed(const System* s, const V* Z, long long n, const V* X, V* out) {
+  times_few(6, s->z, s->z_at, Z, n, X, out);
+}
+/* out (n, w) = T X of rows of w, those of the first S rows from the diagonal on if upper */
 static void through(const System* s, const V* T, long long w, const V* X, V* out, int upper) {
-  const long long n = s->n, S = s->S, top = s->t[S > 0];
+  const long long S = s->S, top = s->t[S > 0];
   times(S, top, w, T, top, 1, X, s->t_at, out, 0, upper);
-  for (long long a = S; a < n; a++) for (long long b = upper ? a : 0; b < w; b++) {
-    V sum = fill(0.0);
-    for (long long e = s->t[a]; e < s->t[a + 1]; e++) sum += T[e] * X[s->t_at[e] * w + b];
-    out[a * w + b] = sum;
-  }
+  times_few(s->n - S, s->t + S, s->t_at, T, w, X, out + S * w);
 }
 static long long last_of(const System* s, long long r, int own) {
   long long last = 0;

@@ -50,32 +50,24 @@ class Resumption:
     @classmethod
     def of(
         cls,
-        number_count: tuple[int, int],
+        number: int,
+        count: int,
         problem: Problem,
         x: np.ndarray,
         best: np.ndarray,
         status: str,
         settings: Settings,
     ) -> Resumption:
-        """That of the solve ``number_count`` (its number, and how many there are to be) of the whole ``problem`` from x
-        to best, (n,) each, which ended with ``status`` by ``settings``."""
+        """That of the solve ``number``, of ``count`` that there are to be, of the whole ``problem`` from x to best,
+        (n,) each, which ended with ``status`` by ``settings``."""
         reached = {
             "Maximum_Iterations_Exceeded": (settings.max_iterations, 0.0),
             "Maximum_WallTime_Exceeded": (0.0, settings.time_limit or 0.0),
         }
         reached |= dict.fromkeys(("Solve_Succeeded", "User_Requested_Stop"), (0.0, 0.0))
         sizes = [problem.ship.coefficients[s].value for s in _sizes(problem)]
-        number, count = number_count
-        values = (
-            [number],
-            [count],
-            x,
-            best,
-            problem.sigma,
-            problem.loss.tau,
-            sizes,
-            reached.get(status, (NEVER, NEVER)),
-        )
+        limits, noise = reached.get(status, (NEVER, NEVER)), (problem.sigma, problem.loss.tau)
+        values = ([number], [count], x, best, *noise, sizes, limits)
         return cls(*(np.array(value, dtype=float) for value in values))
 
     @classmethod
@@ -177,13 +169,13 @@ class NoiseSolves:
         if restarted:
             p, began = problem.split(led.x)[1], time.perf_counter() - used
             solution = solve_damped(problem, p, settings, began, progress)
-        number_count, x = (int(self.resumption.number[0]), int(self.resumption.count[0])), self.resumption.x
+        number, count = int(self.resumption.number[0]), int(self.resumption.count[0])
         return NoiseSolves(
             problem,
             solution,
             _noise_of(problem, solution),
             (*self.passes[:-1], _row(problem, solution, restarted)),
-            Resumption.of(number_count, problem, x, solution.x, solution.status, settings),
+            Resumption.of(number, count, problem, self.resumption.x, solution.x, solution.status, settings),
         )
 
 
@@ -208,7 +200,7 @@ def _without_last(
     begins, ``passes`` and ``settings`` as there."""
     status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
     start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
-    last = Resumption.of((number, number + 1), problem, x, x, "User_Requested_Stop", settings)
+    last = Resumption.of(number, number + 1, problem, x, x, "User_Requested_Stop", settings)
     return NoiseSolves(problem, start, _noise_of(problem, start), tuple(passes), last, rough=True)
 
 
@@ -268,7 +260,7 @@ def solve_with_noise_estimation(
         passes.append(_row(problem, solution, restarted))
         p = problem.split(solution.x)[1]
         end = solution.x if problem.segments is full.segments else full.start(p)
-        last = Resumption.of((number, count), full, start, end, solution.status, settings)
+        last = Resumption.of(number, count, full, start, end, solution.status, settings)
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break

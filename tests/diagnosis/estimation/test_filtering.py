@@ -14,7 +14,7 @@ from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filter_self_test import agrees
 from diagnosis.estimation.filtering import Kernel
-from diagnosis.estimation.kalman import Filtered, LinearSystem
+from diagnosis.estimation.kalman import Filtered, LinearSystem, SystemParts
 from diagnosis.estimation.kalman_c import FLAGS, source
 from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
@@ -86,7 +86,8 @@ def test_a_system_is_assembled_as_in_numpy(code: Kernel, blown: bool) -> None:
     model = LinearModel(*given, s.Z[..., 0], s.Z[..., :S], s.Z, np.arange(0))
     gusts = rng.standard_normal((STEPS, RUNS, 3, 2)) if blown else None
     decay = 0.5 + 0.4 * rng.random(7 if blown else 5)
-    one, other = (by.assembled(model, decay, np.array([1, 4]), s.good, s.inside, gusts) for by in (code, kalman))
+    parts = SystemParts(model, decay, np.array([1, 4]), s.good, s.inside, gusts)
+    one, other = code.assembled(parts), kalman.assembled(parts)
     assert one[0].shape == (STEPS, RUNS, S + len(decay), S + len(decay)) and one[1].any()
     for ours, theirs in zip(one, other, strict=True):
         close(ours, theirs)

@@ -14,8 +14,8 @@ from cases.evidence.kinematics import kinematics_of
 from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
-from fitting import calibration
-from fitting.calibration import Calibration, estimate_coefficients
+from fitting import calibration, pipeline
+from fitting.calibration import Calibration, estimate_coefficients, first_estimate
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import RunConstants
@@ -67,6 +67,29 @@ def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
     assert fit.content is not None and fit.content["left_out"]["with"] < fit.content["left_out"]["without"]
 
 
+@pytest.mark.parametrize("differ", [True, False])
+def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ: bool) -> None:
+    """It is judged a Newton step further, and what is fitted then is the same."""
+    whole, fit = calibrated(differ)
+    lags = {day: [f"gyro:T={lag * differ}"] for day, lag in zip(DAYS, LAGS, strict=False)}
+    trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
+    ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
+    rough = first_estimate(ship, trials, Settings(), rough=True)
+    again = by_campaign(rough, CampaignQuestion(ship, trials, Settings(), wanted=("gyro", "log_scale")))
+    assert rough.rough and rough.solution.objective > whole.solution.objective
+    assert fit.content is not None and again.content is not None
+    taken = [[(row["name"], row["taken"]) for row in c["tried"]] for c in (fit.content, again.content)]
+    assert taken[0] == taken[1]
+    if not differ:
+        assert again.calibration is rough
+        return
+    ours, theirs = again.calibration.constants, fit.calibration.constants
+    assert ours is not None and theirs is not None and ours.symbols == theirs.symbols
+    assert (np.abs(ours.value - theirs.value) < 0.05 * theirs.std).all()
+    std = np.sqrt(np.diag(fit.calibration.covariance))
+    assert (np.abs(again.calibration.p - fit.calibration.p) < 0.05 * std).all()
+
+
 def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
     found, fit = calibrated(False)
     assert fit.calibration is found and not found.ship.campaigns and fit.content is not None
@@ -107,6 +130,12 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
         judged.append(problem.P)
         return [Message(f"{problem.P} coefficients", "outlying_run")]
 
+    def noted(found: Calibration, question: CampaignQuestion) -> CampaignFit:
+        begun.append((found.rough, len(found.passes)))
+        return by_campaign(found, question)
+
+    begun: list[tuple[bool, int]] = []
+    monkeypatch.setattr(pipeline, "by_campaign", noted)
     monkeypatch.setattr(calibration, "outlying_runs", counted)
     monkeypatch.setattr(leading, "solve", watched)
     lags = LAGS if differ else (0.0, 0.0)
@@ -114,6 +143,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
     result = calibrate(ship, trials, options=FitOptions(per_campaign=("gyro",), next_trial=False, instruments=()))
     number = len(FREE) + (len(LAGS) if differ else 0)
+    assert begun == [(True, 2)], "the last solve without values by campaign is left out"
     assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
     assert certified == [number] and result.converged and result.status == "Solve_Succeeded"
     assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
