@@ -18,7 +18,7 @@ from cases.published_splits import TRAIN_TZRB, find
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
-from fitting.solvers.condensing.quadratic import exact, gauss_newton, solved
+from fitting.solvers.condensing.quadratic import gauss_newton, newton, solved
 
 SIGMA = np.array([0.45, 0.45, 0.2, 0.026, 0.058, 0.0136])
 EFFECTS: tuple[tuple[str, ...], ...] = ((), ("velocity_lag",), ("velocity_lag", "gyro"))
@@ -40,12 +40,12 @@ def evaluations(problem: Problem) -> dict[str, float]:
     """Milliseconds by the name of the evaluation, at one point of the ``problem``."""
     rng = np.random.default_rng(0)
     x, multipliers = problem.start(0.05 * rng.standard_normal(problem.P)), rng.standard_normal(problem.m)
-    sub, p = exact(problem, x, multipliers), problem.split(x)[1]
+    sub, p = newton(problem, x, multipliers), problem.split(x)[1]
     works: dict[str, Callable[[], object]] = {
         "objective": lambda: problem.objective(x),
         "sensitivities": lambda: problem.slopes(x),
         "quadratic of Gauss and Newton": lambda: gauss_newton(problem, x),
-        "quadratic with the exact Hessian": lambda: exact(problem, x, multipliers),
+        "quadratic of Newton": lambda: newton(problem, x, multipliers),
         "its solution by condensing": lambda: solved(problem, sub, p),
     }
     return {name: milliseconds(problem, x, work) for name, work in works.items()}

@@ -9,6 +9,8 @@ NODES = (0.0, 0.5, 0.5, 1.0)
 """Stage i is evaluated after this fraction of the step, from the step's start and the rates of stage i - 1."""
 PARTS = (1, 2, 2, 1)
 """The step follows the rates of its stages in these parts of their sum."""
+MIDDLE = 2
+"""The later of the two stages in the middle of a step."""
 WEIGHTS = tuple(part / sum(PARTS) for part in PARTS)
 
 

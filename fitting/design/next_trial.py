@@ -22,7 +22,7 @@ from fitting.identifiability.verdicts import cause, verdict
 from fitting.nlp.fisher_information import information
 from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
-from fitting.nlp.windows import cut
+from fitting.nlp.windows import Segments, cut
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
@@ -168,16 +168,26 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     calibration: whose ship, noise and windows are used; trials: the K runs. In prior standard deviations, prior
     excluded, the initial state of every window being unknown.
     """
-    ship, prior, settings = calibration.ship, calibration.prior, calibration.settings
+    ship, settings, P = calibration.ship, calibration.settings, len(calibration.prior.symbols)
     h = calibration.segments.h
     window = settings.window or settings.horizon or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
-    problem = Problem.of(ship, prior, parts, calibration.sigma, compiled=settings.compiled)
-    per_window = information(problem, problem.join(problem.measured_nodes, calibration.p)).fisher
+    problem = _problem(calibration, parts)
+    p = np.concatenate([calibration.p, np.zeros(problem.P - P)])
+    per_window = information(problem, problem.join(problem.measured_nodes, p)).fisher[:, :P, :P]
     F = group_sums(parts.run, np.nan_to_num(per_window), len(trials))
     repeats = np.array([repetitions(t, seconds, ship) for t in trials])
     found = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
     return F * repeats[:, None, None], found
+
+
+def _problem(calibration: Calibration, parts: Segments) -> Problem:
+    """That of the calibrated ship on the windows ``parts``, with the kernels of the calibration where its ship had the
+    same coefficients; constants of campaigns come last then, at their mean."""
+    ship, prior, fitted = calibration.ship, calibration.prior, calibration.problem
+    if ship.symbols != fitted.ship.symbols or ship.effects != fitted.ship.effects:
+        return Problem.of(ship, prior, parts, calibration.sigma, compiled=calibration.settings.compiled)
+    return Problem(ship, prior.joined(ship, fitted.prior.constants), fitted.kernels, parts, calibration.sigma)
 
 
 def repetitions(trial: Trial, seconds: float, ship: Ship) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.batch import BatchFunction, filled, padded
-from mmg.runge_kutta import NODES, WEIGHTS
+from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 
 class Functions:
@@ -150,12 +150,12 @@ class Intervals:
         result.Q.append(Qs)
 
     def hessian(
-        self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, cost: SampleCost
+        self, sweep: Sweep, theta: np.ndarray, end_weight: np.ndarray, cost: SampleCost, middle: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """Hessian of sum over intervals of end_weight . end + cost of the interior states.
 
-        end_weight: (S, M). Returns the rows of the start nodes (M, S, S + P), symmetric within their first S columns,
-        and the (P, P) block of the coefficients.
+        end_weight: (S, M); middle: as of ``Blocks.hessian``. Returns the rows of the start nodes (M, S, S + P),
+        symmetric within their first S columns, and the (P, P) block of the coefficients.
         """
         P, size = self.P, self.S
         nodes, shared = np.zeros((self.M, size, size + P)), np.zeros((P, P))
@@ -167,8 +167,10 @@ class Intervals:
                 left, right = cost.through(k, sweep.S_interior[k])
                 nodes[:m] += np.swapaxes(left[:, :, :size], 1, 2) @ right
                 shared += left[:, :, size:].reshape(-1, P).T @ right[:, :, size:].reshape(-1, P)
-            multipliers = self._adjoints(adjoint[:, :m], sweep.J_q[k])
-            self._curvature(k, sweep, theta, multipliers, nodes[:m], shared)
+            mu, q, Q = self._adjoints(adjoint[:, :m], sweep.J_q[k]), sweep.q[k], sweep.Q[k]
+            if middle:
+                mu, q, Q = mu.sum(axis=0)[None], q[MIDDLE : MIDDLE + 1], Q[:, MIDDLE : MIDDLE + 1]
+            self._curvature(k, (q, Q), theta, mu, nodes[:m], shared)
         return nodes, shared
 
     def quadratics(self, sweep: Sweep, cost: SampleCost) -> tuple[np.ndarray, np.ndarray]:
@@ -206,26 +208,33 @@ class Intervals:
         return multipliers
 
     def _curvature(
-        self, k: int, sweep: Sweep, theta: np.ndarray, mu: np.ndarray, nodes: np.ndarray, shared: np.ndarray
+        self,
+        k: int,
+        at: tuple[np.ndarray, np.ndarray],
+        theta: np.ndarray,
+        mu: np.ndarray,
+        nodes: np.ndarray,
+        shared: np.ndarray,
     ) -> None:
-        """Adds sum of mu . (second derivative of the stage rates) of one step by the chain rule.
+        """Adds sum of mu (stages, S, m) . (second derivative of the stage rates) of one step by the chain rule; at:
+        arguments (stages, Q, m) of the stages and their sensitivities (m, stages, Q, S + P).
 
         With U = 1/2 H_qq Q + H_qth for each stage: H += Q^T U + U^T Q + H_thth.
         """
+        (q, Q), stages = at, len(mu)
         m, P, size, Q_ = nodes.shape[0], self.P, self.S, self.Q
         rows, columns = self.functions.hessian_at
-        c = np.tile(self.controls[k, :, :m], 4)  # all stages side by side
-        at, pull = (np.concatenate(list(stages), axis=1) for stages in (sweep.q[k], mu))
-        nonzeros = self.functions.hessian.at(at, c, theta, pull)[0].reshape(len(rows), 4, m)
-        H_qq = np.zeros((m, 4, Q_, Q_))
+        c = np.tile(self.controls[k, :, :m], stages)  # all stages side by side
+        beside, pull = (np.concatenate(list(each), axis=1) for each in (q, mu))
+        nonzeros = self.functions.hessian.at(beside, c, theta, pull)[0].reshape(len(rows), stages, m)
+        H_qq = np.zeros((m, stages, Q_, Q_))
         both = np.moveaxis(nonzeros[self._both], 0, 2).swapaxes(0, 1)
         H_qq[:, :, rows[self._both], columns[self._both]] = both
         H_qq[:, :, columns[self._both], rows[self._both]] = both
-        Q = sweep.Q[k]
         U = 0.5 * (H_qq @ Q)
         mixed = np.moveaxis(nonzeros[self._mixed], 0, 2).swapaxes(0, 1)
         U[:, :, rows[self._mixed], columns[self._mixed] - Q_ + size] += mixed
-        Q, U = Q.reshape(m, 4 * Q_, -1), U.reshape(m, 4 * Q_, -1)
+        Q, U = Q.reshape(m, stages * Q_, -1), U.reshape(m, stages * Q_, -1)
         nodes += np.swapaxes(Q[:, :, :size], 1, 2) @ U + np.swapaxes(U[:, :, :size], 1, 2) @ Q
         cross = Q[:, :, size:].reshape(-1, P).T @ U[:, :, size:].reshape(-1, P)
         shared += cross + cross.T
@@ -290,14 +299,21 @@ class Blocks:
         return _joined(found, shared)
 
     def hessian(
-        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, groups: int
+        self,
+        start: np.ndarray,
+        theta: np.ndarray,
+        cost: SampleCost,
+        weight: np.ndarray,
+        groups: int,
+        middle: bool = False,
     ) -> Curved:
         """The same with the whole Hessian of ``weight`` (S, M) . ends + ``cost``, and that of the coefficients by group
-        (G, P, P); start, theta: as of ``values``."""
+        (G, P, P); start, theta: as of ``values``; middle: second derivatives of the rates are taken once a step, in its
+        middle, with the multipliers of all stages."""
         found, shared = [], np.zeros((groups, self.P, self.P))
         for b, s, g in zip(self.blocks, self.slices, self.group, strict=True):
             sweep = b.sweep(start[:, s], theta[g])
-            rows, own = b.hessian(sweep, theta[g], weight[:, s], cost.block(s))
+            rows, own = b.hessian(sweep, theta[g], weight[:, s], cost.block(s), middle)
             shared[g] += own
             found.append((sweep.S_end, b.slope(sweep, cost.pull[:, :, s]), rows))
         return _joined(found, shared)

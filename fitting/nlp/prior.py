@@ -53,6 +53,17 @@ class Prior:
         own = slice(self.shared)
         return Prior(self.symbols[own], self.mean[own], self.std[own], self.lower[own], self.upper[own])
 
+    def joined(self, ship: Ship, symbols: Sequence[str]) -> Prior:
+        """The prior with further coefficients of ``ship`` that all runs share, about their values, the last ones."""
+        mean, std, lower, upper = _stated(ship, symbols)
+        return Prior(
+            (*self.symbols, *symbols),
+            np.concatenate([self.mean, mean]),
+            np.concatenate([self.std, std]),
+            np.concatenate([self.lower, lower]),
+            np.concatenate([self.upper, upper]),
+        )
+
     @classmethod
     def of(
         cls,
@@ -68,8 +79,11 @@ class Prior:
         """
         own = [(f"{symbol}@{run}", symbol) for run in runs for symbol in constants]
         symbols = (*ship.free, *(name for name, _ in own))
-        chosen = [ship.coefficients[s] for s in (*ship.free, *(symbol for _, symbol in own))]
-        mean, std, lower, upper = (
-            np.array([getattr(c, k) for c in chosen]) for k in ("value", "std", "lower", "upper")
-        )
+        mean, std, lower, upper = _stated(ship, (*ship.free, *(symbol for _, symbol in own)))
         return cls(symbols, mean, std, lower, upper, tuple(constants), len(runs) if constants else 0, tuple(campaign))
+
+
+def _stated(ship: Ship, symbols: Sequence[str]) -> list[np.ndarray]:
+    """Value, standard deviation, lower and upper bound of the coefficients ``symbols`` of ``ship``, (P,) each."""
+    chosen = [ship.coefficients[s] for s in symbols]
+    return [np.array([getattr(c, key) for c in chosen]) for key in ("value", "std", "lower", "upper")]

@@ -246,13 +246,13 @@ class Problem:
         """Upper triangle of the Hessian of factor objective + multipliers . defects, nonzeros by ``patterns``."""
         return self.hessian_parts(x, factor, multipliers)[self.patterns[1][1]]
 
-    def hessian_parts(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """The same by blocks: states of nodes, these with coefficients, latent states across intervals, the rest."""
-        seg, S, columns = self.segments, self.S, self.columns
+    def hessian_parts(self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False) -> np.ndarray:
+        """The same by blocks: states of nodes, these with coefficients, latent states across intervals, the rest;
+        middle: as of ``Shooting.hessian``."""
+        seg, S, columns, lam = self.segments, self.S, self.columns, np.zeros((self.S, self.M))
         at_nodes, p, _, _ = self.evaluate(x)
-        lam = np.zeros((S, self.M))
         lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
-        shared, nodes = self._curved(x, factor, lam)
+        shared, nodes = self._curved(x, factor, lam, middle)
         if self.captive:
             shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
         e = self.errors(x)[0]
@@ -279,19 +279,19 @@ class Problem:
         parts = (own, border, across, shared[np.triu_indices(self.P)])
         return np.concatenate([part.reshape(-1) for part in parts])
 
-    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> list[np.ndarray]:
         """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
         and rows of the nodes (B, S, S + L), SI."""
         nodes, p, _, _ = self.evaluate(x)
         ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
         cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
         start = self.segments.start
-        found = self.shooting.hessian(nodes[start].T, self.coefficients(p), cost, lam)
+        found = self.shooting.hessian(nodes[start].T, self.coefficients(p), cost, lam, middle)
         if factor == 1.0:
             self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
         rows[start] += found.rows
-        return found.shared, rows
+        return [found.shared, rows]
 
     def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:
         """Derivatives of the cost of the samples inside the intervals at x (n,).

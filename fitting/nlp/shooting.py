@@ -116,24 +116,29 @@ class Shooting:
             return self.blocks.quadratics(start, np.atleast_2d(theta), cost, self.windows)
         return self._curved(start, theta, cost, None)
 
-    def hessian(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray) -> Curved:
+    def hessian(
+        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
+    ) -> Curved:
         """The same, and the whole Hessian of ``weight`` (S, M) . ends + ``cost``; that of the coefficients by group;
-        start, theta: as of ``values``."""
+        start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
-            return self.blocks.hessian(start, theta, cost, weight, len(theta))
-        found = self._curved(start, theta, cost, weight)
-        return Curved(found.ends, found.slope, found.rows, group_sums(self._of_window, found.shared, len(theta)))
+            return self.blocks.hessian(start, theta, cost, weight, len(theta), middle)
+        found = self._curved(start, theta, cost, weight, middle)
+        return Curved(found.ends, found.slope, found.rows, group_sums(self._by_group[1], found.shared, len(theta)))
 
     @cached_property
-    def _of_window(self) -> np.ndarray:
-        """Group of each window."""
+    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slots for the sums of each group, and the groups of these."""
         group = np.zeros(self.windows, dtype=int)
         group[self.window] = self.group
-        return group
+        return self.lanes.parts(group)
 
-    def _curved(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray | None) -> Curved:
+    def _curved(
+        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray | None, middle: bool = False
+    ) -> Curved:
         assert self.kernel
         both = cost.triangles(), cost.own
         theta = np.atleast_2d(theta)
-        return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, self.windows))
+        slot = self.lanes.slot if weight is None else self._by_group[0]
+        return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))

@@ -3,9 +3,9 @@
 TYPES = """
 #include <stdlib.h>
 typedef struct {
-  long long lanes, steps, groups, extra;
+  long long lanes, steps, groups, extra, middle;
   const double *start, *controls, *theta, *h;
-  const long long *count, *group, *slot;
+  const long long *count, *group, *slot, *interval;
   double *end, *interior;
   const double *pull;
   double *ends, *slope;
@@ -13,11 +13,12 @@ typedef struct {
   const long long* own;
   double *rows, *shared;
 } Run;
-/* start S x lanes, controls steps x C x lanes, theta ALL x groups; count, group, slot by lane, a slot of -1 is none;
-   end S x lanes, interior (steps - 1) x S x lanes; pull (steps - 1) x S x lanes: gradient of the samples' cost;
-   ends S x N x lanes and slope N x lanes; cost (steps - 1) x (S + extra) (S + extra + 1) / 2 x lanes: upper triangle by
-   rows of their Hessian to the state and to the coefficients own[extra]; weight S x lanes of the end, or null for none;
-   rows S x N x lanes; shared slots x P x P, upper triangle. */
+/* start S x lanes, controls steps x C x lanes, theta ALL x groups; count, group, slot, interval by lane; a slot of -1:
+   none, of a lane that only fills a vector; end S x lanes, interior (steps - 1) x S x lanes; pull (steps - 1) x S x
+   lanes: gradient of the samples' cost; ends intervals x S x N and slope intervals x N; cost (steps - 1) x (S + extra)
+   (S + extra + 1) / 2 x lanes: upper triangle by rows of their Hessian to the state and to the coefficients own[extra];
+   weight S x lanes of the end, or null for none; rows intervals x S x N; shared slots x P x P, upper triangle; middle:
+   whether second derivatives are taken once a step, in its middle. */
 
 typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shared_h[KEPT]; } Block;
 
@@ -93,6 +94,21 @@ EXPORT int values(const Run* r, long long begin, long long end) {
 }
 
 static V* room(V** at, long long size) { V* here = *at; *at += size; return here; }
+/* A row of N vectors of the lanes from i on, to the row at of each of their intervals, which has ``all`` rows. */
+static void give_rows(const Run* r, long long i, const V* from, double* to, int at, int all) {
+  for (int j = 0; j < N; j += LANES) {
+    V x[LANES];
+    for (int e = 0; e < LANES; e++) x[e] = from[j + e < N ? j + e : j];
+    turned(x);
+    for (int l = 0; l < LANES; l++) {
+      if (r->slot[i + l] < 0) continue;
+      double* row = to + (r->interval[i + l] * all + at) * N + j;
+      if (j + LANES <= N) store(row, x[l]);
+      else for (int e = 0; e < N - j; e++) row[e] = x[l][e];
+    }
+  }
+}
+
 static Work* work(const Run* r, int order, void** base) {
   const long long K = r->steps, L = order == 2 ? r->extra : 0, panel = (4 * R + S + L) * TILE;
   const long long size = K * 4 * (Q * W + NJ + Q) + (K + 1) * FIRST * W + K * C + 3 * S * W + NH + OWN + 1
@@ -157,9 +173,8 @@ static void sweep(const Run* r, Work* w, long long i, int order) {
     }
   }
   memcpy(w->F + r->steps * FIRST * W, w->Z, sizeof(V) * FIRST * W);
-  for (int s = 0; s < S; s++)
-    for (int j = 0; j < N; j++) store(r->ends + (s * N + j) * r->lanes + i, w->Z[s * W + j]);
-  for (int j = 0; j < N; j++) store(r->slope + j * r->lanes + i, slope[j]);
+  for (int s = 0; s < S; s++) give_rows(r, i, w->Z + s * W, r->ends, s, S);
+  give_rows(r, i, slope, r->slope, 0, 1);
 }
 
 EXPORT int linearise(const Run* r, long long begin, long long end) {
@@ -210,24 +225,31 @@ static int add_samples(const Run* r, Work* w, long long k, long long i, int row)
   return row;
 }
 
+/* Rows of stage g of step k, whose rates have the multipliers u. */
+static int add_stage(Work* w, long long k, int g, const V* u, const V* held, int row) {
+  const V *G = w->G + (k * 4 + g) * Q * W, *q = w->q + (k * 4 + g) * Q;
+  hessian_at(q, w->c + k * C, w->b.p, u, w->b.shared_h, held, w->X);
+  bent(w->X, G, w->A + row * TILE, w->B + row * TILE, w->panel, w->sum);
+  edge(w->X, G, w);
+  return row + R;
+}
+
 /* Rows of step k from the adjoints of its end, which are moved to its begin. */
 static int add_stages(const Run* r, Work* w, long long k, V* adjoint, int row) {
   const V h = fill(*r->h);
   const M active = w->b.steps > (double)k;
-  V held[HELD], later[S], back[S], u[S], moved[Q];
+  V held[HELD], later[S], back[S], u[S], whole[S], moved[Q];
   hessian_inputs(w->c + k * C, w->b.p, w->b.shared_h, held);
-  for (int s = 0; s < S; s++) { later[s] = fill(0.0); back[s] = adjoint[s]; }
-  for (int g = 3; g >= 0; g--, row += R) {
-    const V *G = w->G + (k * 4 + g) * Q * W, *J = w->J + (k * 4 + g) * NJ;
+  for (int s = 0; s < S; s++) { later[s] = whole[s] = fill(0.0); back[s] = adjoint[s]; }
+  for (int g = 3; g >= 0; g--) {
     for (int s = 0; s < S; s++) u[s] = choose(active, h * PART[g] * adjoint[s] + later[s], fill(0.0));
-    pulled(J, u, moved);
+    pulled(w->J + (k * 4 + g) * NJ, u, moved);
     for (int s = 0; s < Q; s++) { back[FIRST + s] += moved[s]; later[FIRST + s] = h * AT[g] * moved[s]; }
-    hessian_at(w->q + (k * 4 + g) * Q, w->c + k * C, w->b.p, u, w->b.shared_h, held, w->X);
-    bent(w->X, G, w->A + row * TILE, w->B + row * TILE, w->panel, w->sum);
-    edge(w->X, G, w);
+    if (r->middle) for (int s = 0; s < S; s++) whole[s] += u[s];
+    else row = add_stage(w, k, g, u, held, row);
   }
   for (int s = 0; s < S; s++) adjoint[s] = back[s];
-  return row;
+  return r->middle ? add_stage(w, k, MIDDLE, whole, held, row) : row;
 }
 
 static V twice(const Work* w, int a, int b) { return w->product[AB(a, b)] + w->product[AB(b, a)]; }
@@ -236,28 +258,56 @@ static void add_shared(const Run* r, long long i, int a, int b, V x) {
   for (int l = 0; l < LANES; l++) if (r->slot[i + l] >= 0) r->shared[(r->slot[i + l] * P + a) * P + b] += x[l];
 }
 
+static void clear_sums(Work* w) {
+  for (int e = 0; e < OWN; e++) w->sum[e] = fill(0.0);
+  memset(w->product, 0, sizeof(V) * W * W);
+}
+
+/* The sums of the coefficients, LANES columns of a row at a time. */
+static void add_coefficients(const Run* r, const Work* w, long long i) {
+  for (int a = S; a < N; a++) {
+    int b = a;
+    for (; b + LANES <= N; b += LANES) {
+      V x[LANES];
+      for (int e = 0; e < LANES; e++) x[e] = twice(w, a, b + e);
+      turned(x);
+      for (int l = 0; l < LANES; l++) {
+        double* to = r->shared + (r->slot[i + l] * P + a - S) * P + b - S;
+        if (r->slot[i + l] >= 0) store(to, load(to) + x[l]);
+      }
+    }
+    for (; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
+  }
+  for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
+}
+
 EXPORT int curve(const Run* r, long long begin, long long end) {
   void* base;
   Work* w = work(r, 2, &base);
+  if (w) clear_sums(w);
   for (long long at = begin; w && at < end; at++) {
     const long long i = at * LANES;
     sweep(r, w, i, 2);
     V adjoint[S];
     for (int s = 0; s < S; s++) adjoint[s] = r->weight ? load(r->weight + s * r->lanes + i) : fill(0.0);
-    for (int e = 0; e < OWN; e++) w->sum[e] = fill(0.0);
-    memset(w->product, 0, sizeof(V) * W * W);
     for (long long k = r->steps - 1; k >= 0; k--) {
-      int row = 0;
+      int row = 0, even = 0;
       if (k < r->steps - 1) {
-        row = add_samples(r, w, k, i, row);
+        row = even = add_samples(r, w, k, i, row);
         if (r->weight) for (int s = 0; s < S; s++) adjoint[s] += load(r->pull + (k * S + s) * r->lanes + i);
       }
       if (r->weight) row = add_stages(r, w, k, adjoint, row);
-      multiply(w, row);
+      multiply(w, even, row);
     }
-    for (int a = 0; a < S; a++) for (int b = 0; b < N; b++) store(r->rows + (a * N + b) * r->lanes + i, twice(w, a, b));
-    for (int a = S; a < N; a++) for (int b = a; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
-    for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
+    for (int a = 0; a < S; a++) {
+      V row[N];
+      for (int b = 0; b < N; b++) row[b] = twice(w, a, b);
+      give_rows(r, i, row, r->rows, a, S);
+    }
+    for (int a = 0; a < S; a++) for (int b = 0; b < N; b++) w->product[AB(a, b)] = w->product[AB(b, a)] = fill(0.0);
+    if (at + 1 < end && !memcmp(r->slot + i, r->slot + i + LANES, LANES * sizeof *r->slot)) continue;
+    add_coefficients(r, w, i);
+    clear_sums(w);
   }
   free(base);
   return w == 0;

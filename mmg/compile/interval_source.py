@@ -19,7 +19,8 @@ from mmg.compile.codegen import prelude
 from mmg.compile.interval_loops import LOOPS, TYPES
 from mmg.compile.staged_lanes import staged_bodies
 from mmg.compile.stages import Program
-from mmg.runge_kutta import NODES, WEIGHTS
+from mmg.compile.transposed_c import TRANSPOSED
+from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 TILE = 4
 """Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
@@ -58,6 +59,7 @@ def interval_source(whole: ca.Function) -> str:
     sizes = {
         "S": S, "FIRST": S - Q, "Q": Q, "P": J.size2() - Q, "C": whole.size1_in(1), "ALL": whole.size1_in(2),
         "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
+        "MIDDLE": MIDDLE,
     }  # fmt: skip
     program = Program.of(whole, _STAGES)
     head, units, known, kept = prelude() + HIDDEN, [], [], [0, 0]
@@ -80,7 +82,7 @@ def interval_source(whole: ca.Function) -> str:
             + "\n}\n"
         )
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n", _through(J, S, Q)]
-    return UNIT.join(["".join([*text, TYPES, _bent(H, Q, S), _multiply(), LOOPS]), *units])
+    return UNIT.join(["".join([*text, TRANSPOSED, TYPES, _bent(H, Q, S), _multiply(), LOOPS]), *units])
 
 
 def _head(sizes: dict[str, int]) -> str:
@@ -164,19 +166,28 @@ static void edge(const V* X, const V* G, Work* w) {{
 
 def _multiply() -> str:
     """C function that adds A^T B to the product, a tile in registers at a time: written out, since compilers leave
-    arrays of vectors in memory."""
+    arrays of vectors in memory. Of the first ``even`` rows A^T B is symmetric: they are left out below the diagonal and
+    count twice above it."""
     each = [(e, f) for e in range(TILE) for f in range(TILE)]
-    read = " ".join(f"V t{e}{f} = sum[{e * TILE + f}];" for e, f in each)
+    none = " ".join(f"V t{e}{f} = fill(0.0);" for e, f in each)
+    double = " ".join(f"t{e}{f} = t{e}{f} + t{e}{f};" for e, f in each)
     loads = " ".join(f"const V x{e} = x[{e}], y{e} = y[{e}];" for e in range(TILE))
     add = " ".join(f"t{e}{f} = more(x{e}, y{f}, t{e}{f});" for e, f in each)
-    write = " ".join(f"sum[{e * TILE + f}] = t{e}{f};" for e, f in each)
-    return f"""static void multiply(const Work* w, int rows) {{
+    write = " ".join(f"sum[{e * TILE + f}] = sum[{e * TILE + f}] + t{e}{f};" for e, f in each)
+    return f"""static void multiply(const Work* w, int even, int rows) {{
   V* sum = w->product;
   for (int a = 0; a < W / TILE; a++)
     for (int b = 0; b < W / TILE; b++, sum += TILE * TILE) {{
       const V *x = w->A + a * w->panel, *y = w->B + b * w->panel;
-      {read}
-      for (int n = 0; n < rows; n++, x += TILE, y += TILE) {{
+      int n = 0;
+      {none}
+      if (b >= a) for (; n < even; n++, x += TILE, y += TILE) {{
+        {loads}
+        {add}
+      }}
+      if (b > a) {{ {double} }}
+      n = even, x = w->A + a * w->panel + even * TILE, y = w->B + b * w->panel + even * TILE;
+      for (; n < rows; n++, x += TILE, y += TILE) {{
         {loads}
         {add}
       }}

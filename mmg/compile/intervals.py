@@ -10,7 +10,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, stages, vector_math
+from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, stages, transposed_c, vector_math
 from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
@@ -24,8 +24,11 @@ class _IntervalRun(ctypes.Structure):
     """The struct Run of the C code."""
 
     _fields_ = (
-        [(name, ctypes.c_longlong) for name in ("lanes", "steps", "groups", "extra")]
-        + [(name, ctypes.c_void_p) for name in ("start", "controls", "theta", "h", "count", "group", "slot")]
+        [(name, ctypes.c_longlong) for name in ("lanes", "steps", "groups", "extra", "middle")]
+        + [
+            (name, ctypes.c_void_p)
+            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval")
+        ]
         + [(name, ctypes.c_void_p) for name in ("end", "interior", "pull", "ends", "slope", "cost", "weight", "own")]
         + [(name, ctypes.c_void_p) for name in ("rows", "shared")]
     )
@@ -96,10 +99,15 @@ class Lanes:
         """Values (..., M) of the intervals in the order of the lanes."""
         return np.ascontiguousarray(values[..., self.interval], dtype=float)
 
-    def gathered(self, values: np.ndarray) -> np.ndarray:
-        """Values (..., lanes) as those of the intervals (M, ...)."""
-        flat = values.reshape(-1, values.shape[-1]).T[self.position]
-        return np.ascontiguousarray(flat).reshape(self.M, *values.shape[:-1])
+    def parts(self, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A slot for each owner in each share: that of each lane (lanes,), -1 for none, and the owner of each of them.
+        owner: (slots,) of what is added up by window."""
+        share = np.repeat(np.arange(len(self.shares)), [LANES * (end - begin) for begin, end in self.shares])
+        real, owners = self.slot >= 0, int(owner.max()) + 1
+        found, number = np.unique(share[real] * owners + owner[self.slot[real]], return_inverse=True)
+        part = np.full(len(share), -1)
+        part[real] = number
+        return part, found % owners
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class IntervalKernel:
         def made(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
-        generators = (codegen, vector_math, stages, staged_lanes, interval_loops, interval_source)
+        generators = (codegen, vector_math, stages, staged_lanes, transposed_c, interval_loops, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(whole), *generators)
         try:
             library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
@@ -147,7 +155,7 @@ class IntervalKernel:
         """
         run = self._sensitivities(lanes, start, theta, pull)
         self._work("linearise", lanes, run)
-        return lanes.gathered(run["ends"]), lanes.gathered(run["slope"])
+        return run["ends"], run["slope"]
 
     def curve(
         self,
@@ -157,26 +165,27 @@ class IntervalKernel:
         pull: np.ndarray,
         cost: tuple[np.ndarray, np.ndarray],
         weight: np.ndarray | None,
-        slots: int,
+        slot: np.ndarray,
+        middle: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
         nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
 
         cost: upper triangles (K - 1, n (n + 1) / 2, M), row by row, of the cost's Hessian to the n = S + O of states
         and O of the free coefficients, and the positions (O,) of these; weight: (S, M), or None for the cost's Hessian
-        to first order in the states (Gauss and Newton); slots: how many there are.
+        to first order in the states (Gauss and Newton); slot: (lanes,) as of ``lanes``, none of two shares;
+        middle: take second derivatives of the rates once a step, in its middle, with the multipliers of all stages.
         """
         S, N, P = self.S, self.S + self.P, self.P
         run = self._sensitivities(lanes, start, theta, pull)
         run |= {"cost": lanes.spread(cost[0]), "own": np.ascontiguousarray(cost[1], dtype=np.int64)}
-        run |= {"rows": np.empty((S, N, len(lanes.interval))), "shared": np.zeros((slots, P, P))}
+        run |= {"rows": np.empty((lanes.M, S, N)), "shared": np.zeros((int(slot.max()) + 1, P, P)), "slot": slot}
         if weight is not None:
             run["weight"] = lanes.spread(weight)
-        self._work("curve", lanes, run)
+        self._work("curve", lanes, run, middle)
         shared, lower = run["shared"], np.tril_indices(P, -1)
         shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]
-        rows = lanes.gathered(run["rows"])
-        return lanes.gathered(run["ends"]), lanes.gathered(run["slope"]), rows, shared
+        return run["ends"], run["slope"], run["rows"], shared
 
     def _states(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> dict[str, np.ndarray]:
         size, K = len(lanes.interval), len(lanes.controls)
@@ -190,8 +199,8 @@ class IntervalKernel:
     def _sensitivities(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
     ) -> dict[str, np.ndarray]:
-        size, N = len(lanes.interval), self.S + self.P
-        more = {"pull": lanes.spread(pull), "ends": np.empty((self.S, N, size)), "slope": np.empty((N, size))}
+        M, N = lanes.M, self.S + self.P
+        more = {"pull": lanes.spread(pull), "ends": np.empty((M, self.S, N)), "slope": np.empty((M, N))}
         return self._states(lanes, start, theta) | more
 
     def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -200,20 +209,24 @@ class IntervalKernel:
             interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
         return run["end"][:, lanes.position], interior
 
-    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray]) -> None:
+    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False) -> None:
         h, call = np.array([lanes.h]), getattr(self.library, name)
         own = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot, "h": h}
-        whole = own | arrays
+        whole = own | {"interval": lanes.interval} | arrays
         sizes = {
             "lanes": len(lanes.interval),
             "steps": len(lanes.controls),
             "groups": arrays["theta"].shape[1],
             "extra": len(arrays.get("own", ())),
+            "middle": middle,
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
 
         def part(begin: int, end: int) -> int:
             return int(call(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end)))
 
-        if in_threads(part, lanes.shares):
+        def shares(begin: int, end: int) -> int:  # one by one, so that sums do not depend on the number of threads
+            return max(part(*share) for share in lanes.shares if begin <= share[0] < end)
+
+        if in_threads(shares, lanes.shares):
             raise MemoryError("no memory for the sensitivities of a block of intervals")

@@ -1,7 +1,7 @@
 """A sequence of quadratic subproblems from a starting point to the optimum, along trajectories that nearly join.
 
-The Hessian of Gauss and Newton begins: it is never indefinite. Then the exact Hessian of the Lagrangian takes over, of
-which only the first state of each window and the coefficients are left after the elimination: where these small blocks
+The Hessian of Gauss and Newton begins: it is never indefinite. Then the Hessian of the Lagrangian takes over, of which
+only the first state of each window and the coefficients are left after the elimination: where these small blocks
 are not positive, they are made so, and nothing is factorised twice. Every trial point is brought back to where the
 intervals join (a second-order correction, which costs a simulation without sensitivities), so that the merit, the
 objective and the violations under their multipliers, is little else than the objective.
@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.solvers.condensing.quadratic import Step, Subproblem, carried, exact, gauss_newton, solved
+from fitting.solvers.condensing.quadratic import Step, Subproblem, carried, gauss_newton, newton, solved
 
 CUTS = 10
 """Halvings of a step before it counts as failed."""
@@ -26,7 +26,7 @@ CORRECTIONS = 3
 SLOW = 0.03
 """Share of the merit that a step of Gauss and Newton must gain for another one to follow."""
 SHORT = 0.25
-"""Length of an exact step below which one of Gauss and Newton follows."""
+"""Length of a Newton step below which one of Gauss and Newton follows."""
 MARGIN = 1.1
 """Price of a violation over its multiplier."""
 STALLS = 2
@@ -70,13 +70,13 @@ def lead(
     x = x.copy()
     x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
     found = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
-    prices, newton, stalls = np.zeros(problem.m), False, 0
+    prices, second, stalls = np.zeros(problem.m), False, 0
     while len(problem.random) == 0 and len(found.history) < most:
         f, c = problem.objective(x), np.abs(problem.defects(x))
         found.history.append((f, float(c.max(initial=0.0))))
         if at_iterate(*found.history[-1]) or not (np.isfinite(f) and np.isfinite(c).all()):
             break
-        sub = exact(problem, x, found.multipliers) if newton else gauss_newton(problem, x)
+        sub = newton(problem, x, found.multipliers) if second else gauss_newton(problem, x)
         step = solved(problem, sub, problem.split(x)[1])
         if step is None:
             break
@@ -84,15 +84,15 @@ def lead(
         prices = np.maximum(needed, 0.5 * (prices + needed))
         merit, slope = f + float(prices @ c), step.decrease - float(prices @ c)
         taken = _searched(problem, x, sub, step, (merit, slope), prices)
-        if taken is None and newton:
-            newton = False
+        if taken is None and second:
+            second = False
             continue
         if taken is None:
             break
         length, x, reached = taken
         found.x, found.bound = x, step.bound
         found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
-        newton = length >= SHORT if newton else length < 1.0 or merit - reached < SLOW * abs(reached)
+        second = length >= SHORT if second else length < 1.0 or merit - reached < SLOW * abs(reached)
         stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
         done = stalls >= STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f))
         if done and float(np.abs(problem.defects(x)).max(initial=0.0)) < feasible:

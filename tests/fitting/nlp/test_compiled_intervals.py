@@ -55,13 +55,14 @@ def test_kernel_and_portable_path_agree(ship: str) -> None:
     kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
     assert kernels.interval is not None
     compiled, portable = (Shooting(kernels, *held, way) for way in (kernels.interval, None))
+    every = start, theta, cost, weight
     pairs = [
         *zip(compiled.values(start, theta), portable.values(start, theta), strict=True),
         *zip(compiled.linearise(start, theta, cost.pull), portable.linearise(start, theta, cost.pull), strict=True),
     ]
     for ours, theirs in (
         (compiled.quadratics(start, theta, cost), portable.quadratics(start, theta, cost)),
-        (compiled.hessian(start, theta, cost, weight), portable.hessian(start, theta, cost, weight)),
+        *((compiled.hessian(*every, middle), portable.hessian(*every, middle)) for middle in (False, True)),
     ):
         pairs += [(getattr(ours, name), getattr(theirs, name)) for name in ("ends", "slope", "rows", "shared")]
     for ours, theirs in pairs:
@@ -80,6 +81,22 @@ def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -
     np.testing.assert_allclose(ours.rows, theirs.rows, rtol=1e-11, atol=1e-12 * np.abs(theirs.rows).max())
 
 
+def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages() -> None:
+    """The midpoint rule is of second order: a quarter of the error at half the step."""
+    kernels, (steps, controls, _, group, window), (start, theta, _, weight) = case(load_ship("esso_osaka_3m"))
+    away = []
+    for parts in (8, 16, 32):  # the same time in shorter steps
+        finer = steps * parts, np.repeat(controls, parts, axis=0), 0.2 / parts, group, window
+        nothing = np.zeros((parts * len(controls) - 1, kernels.S, len(steps)))
+        cost = SampleCost(nothing, nothing)
+        shooting = Shooting(kernels, *finer, kernels.interval)
+        stages, middle = (shooting.hessian(start, theta, cost, weight, way) for way in (False, True))
+        for whole, rough in ((stages.rows, middle.rows), (stages.shared, middle.shared)):
+            away.append(np.linalg.norm(rough - whole) / np.linalg.norm(whole))
+    assert max(away) < 0.01
+    np.testing.assert_allclose(np.divide(away[:4], away[2:]), 4, rtol=0.2)
+
+
 def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(intervals, "SHARE", 1)
     kernels, (steps, controls, h, group, window), (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
@@ -91,7 +108,8 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.setenv("MMG_THREADS", threads)
         arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own))
         curve = kernels.interval.curve
-        found.append((*curve(*arguments, weight, 5), *curve(*arguments, None, 5)))
+        by_group = lanes.parts(np.array([0, 0, 0, 1, 1]))[0]
+        found.append((*curve(*arguments, weight, by_group), *curve(*arguments, None, lanes.slot)))
     for one, two, many in zip(*found, strict=True):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(one, many)
