@@ -207,8 +207,7 @@ def prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
     """What one of the scaled (state, p) is in SI, for points of these groups (m,): (m or 1, 1, S + L)."""
-    std = problem.columns.each(problem.std, group)
-    return np.hstack([np.tile(problem.scale, (len(std), 1)), std])[:, None, :]
+    return problem.columns.each(problem.unit, group)
 
 
 def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -222,7 +221,9 @@ def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     unit, S = _unit(problem, problem.columns.interval), problem.S
     of_window = _unit(problem, problem.columns.window)[:, :, S:]
     slope = problem.slopes(x)[1] * unit[:, 0]
-    return found.rows * problem.scale[:, None] * unit, slope, found.shared * np.swapaxes(of_window, 1, 2) * of_window
+    rows = found.rows
+    rows *= problem.scale[:, None] * unit
+    return rows, slope, found.shared * np.swapaxes(of_window, 1, 2) * of_window
 
 
 def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -257,7 +258,7 @@ def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
     off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
-    T = problem.slopes(x)[0] * _unit(problem, problem.columns.interval) / problem.scale[:, None]
+    T = problem.slopes(x)[0] * (_unit(problem, problem.columns.interval) / problem.scale[:, None])
     T[:, random] = 0.0
     T[:, random, random] = problem.decay[:, None]
     return T, off

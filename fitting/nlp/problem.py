@@ -23,7 +23,7 @@ from fitting.nlp.prior import Prior as Prior
 from fitting.nlp.run_constants import Columns, neutral_values
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting
-from fitting.nlp.sparsity import Pattern, sparsity_patterns
+from fitting.nlp.sparsity import Pattern, sparsity_patterns, upper_triangle
 from fitting.nlp.windows import Segments
 from mmg.effects.disturbance import LATENT_STATES
 from mmg.model import assemble, states_behind
@@ -105,6 +105,11 @@ class Problem:
     def patterns(self) -> tuple[Pattern, Pattern]:
         """Where the nonzeros of the constraint Jacobian and of the Hessian's upper triangle lie, and their order."""
         return sparsity_patterns(self.segments, self.S, self.P, self.fixed, self.random, self.columns)
+
+    @cached_property
+    def unit(self) -> np.ndarray:
+        """What one of the scaled (state, coefficients) of each group is in SI, (G, 1, S + L)."""
+        return np.hstack([np.tile(self.scale, (len(self.std), 1)), self.std])[:, None, :]
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
@@ -244,10 +249,12 @@ class Problem:
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Upper triangle of the Hessian of factor objective + multipliers . defects, nonzeros by ``patterns``."""
-        return self.hessian_parts(x, factor, multipliers)[self.patterns[1][1]]
+        return upper_triangle(*self.hessian_parts(x, factor, multipliers))[self.patterns[1][1]]
 
-    def hessian_parts(self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False) -> np.ndarray:
-        """The same by blocks: states of nodes, these with coefficients, latent states across intervals, the rest;
+    def hessian_parts(
+        self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same by blocks: rows of the nodes (B, S, S + L), latent states across intervals, coefficients (P, P);
         middle: as of ``Shooting.hessian``."""
         seg, S, columns, lam = self.segments, self.S, self.columns, np.zeros((self.S, self.M))
         at_nodes, p, _, _ = self.evaluate(x)
@@ -271,13 +278,10 @@ class Problem:
         np.add.at(nodes, (seg.start[:, None], self.random, self.random), self.decay[:, None] ** 2 * q)
         np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
         across = -self.decay[:, None] * q * self.scale[self.random] ** 2
-        s, t = self.scale, self.std[:, None, :]
-        rows_u, columns_u = np.triu_indices(S)
-        own = (nodes[:, :, :S] * np.outer(s, s))[:, rows_u, columns_u]
-        border = nodes[:, :, S:] * columns.each(s[:, None] * t, columns.node)
+        t = self.std[:, None, :]
+        nodes *= self.scale[:, None] * columns.each(self.unit, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
-        parts = (own, border, across, shared[np.triu_indices(self.P)])
-        return np.concatenate([part.reshape(-1) for part in parts])
+        return nodes, across, shared
 
     def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> list[np.ndarray]:
         """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
@@ -290,7 +294,7 @@ class Problem:
         if factor == 1.0:
             self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
-        rows[start] += found.rows
+        rows[start] = found.rows
         return [found.shared, rows]
 
     def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:

@@ -42,6 +42,15 @@ def sparsity_patterns(
     return jacobian, _sparsity(r, c, n, n)
 
 
+def upper_triangle(nodes: np.ndarray, across: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Values of the Hessian's upper triangle in the order in which its pattern assembles them: of rows of the nodes
+    (B, S, S + L), states across intervals (M, R) and coefficients (P, P)."""
+    S = nodes.shape[1]
+    i, j = np.triu_indices(S)
+    parts = (nodes[:, i, j], nodes[:, :, S:], across, shared[np.triu_indices(len(shared))])
+    return np.concatenate([part.reshape(-1) for part in parts])
+
+
 def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> Pattern:
     """CasADi's compressed-column pattern of distinct triplets and the order that sorts their values into it."""
     order = np.lexsort((rows, columns))

@@ -57,7 +57,7 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
     majorise it."""
     seg, S, columns = problem.segments, problem.S, problem.columns
     parts, p = Quadratics.of(problem, x), problem.split(x)[1]
-    rows, slope = parts.nodes.copy(), parts.node_slope[:, :S].copy()
+    rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
     rows[seg.start] += parts.inside
     slope[seg.start] += parts.inside_slope[:, :S]
     known, score = prior_parts(problem, p)
@@ -73,16 +73,8 @@ def newton(problem: Problem, x: np.ndarray, multipliers: np.ndarray) -> Subprobl
     """That of ``problem`` with the Hessian of the Lagrangian at x (n,) and the ``multipliers`` (m,) of the defects, in
     which the rates are bent once in each Runge-Kutta step, in its middle (the midpoint rule): that takes half the time
     and changes the bending by a few percent, so that steps converge a little slower and to the same place."""
-    S, L, B, P = problem.S, problem.L, problem.B, problem.P
-    values = problem.hessian_parts(x, 1.0, multipliers, middle=True)
-    pairs = S * (S + 1) // 2
-    own, border = values[: B * pairs].reshape(B, pairs), values[B * pairs :][: B * S * L].reshape(B, S, L)
-    rows, shared = np.empty((B, S, S + L)), np.empty((P, P))
-    i, j = np.triu_indices(S)
-    rows[:, i, j] = rows[:, j, i] = own
-    rows[:, :, S:] = border
-    i, j = np.triu_indices(P)
-    shared[i, j] = shared[j, i] = values[len(values) - len(i) :]
+    S, B = problem.S, problem.B
+    rows, _, shared = problem.hessian_parts(x, 1.0, multipliers, middle=True)
     g = problem.gradient(x)
     maps, off = transitions(problem, x)
     return Subproblem(rows, g[: S * B].reshape(B, S), shared, g[S * B :], maps, off[:, :S])

@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.optimize import lsq_linear
 
 from fitting.nlp.problem import Problem
+from fitting.nlp.sparsity import upper_triangle
 from fitting.solvers.condensing.quadratic import gauss_newton, newton, solved, within_bounds
 from fitting.solvers.condensing.sequence import lead
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
@@ -33,7 +34,7 @@ def test_the_exact_step_solves_the_whole_system(kind: str) -> None:
     step = solved(p, newton(p, x, lam), p.split(x)[1])
     assert step is not None and not step.changed
     order = p.patterns[1][1]
-    H = matrix(p.patterns[1][0], p.hessian_parts(x, 1.0, lam, middle=True)[order])
+    H = matrix(p.patterns[1][0], upper_triangle(*p.hessian_parts(x, 1.0, lam, middle=True))[order])
     H, J = H + sp.triu(H, 1).T, matrix(p.patterns[0][0], p.jacobian(x))
     whole = sp.bmat([[H, J.T], [J, None]]).tocsc()
     found = sp.linalg.spsolve(whole, -np.concatenate([p.gradient(x), p.defects(x)]))
