@@ -26,8 +26,9 @@ typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shar
    of the leading states before each step, J (steps x 4 x NJ), q (steps x 4 x Q), c (steps x C). */
 typedef struct {
   Block b;
-  V *G, *F, *J, *q, *c, *A, *B, *X, *sum, *Z, *D, *T, *product;
+  V *G, *F, *J, *q, *c, *A, *B, *X, *sum, *Z, *own, *product;
   long long panel;
+  int even, odd, kept;
   int state[S + 1];
 } Work;
 
@@ -110,21 +111,26 @@ static void give_rows(const Run* r, long long i, const V* from, double* to, int 
 }
 
 static Work* work(const Run* r, int order, void** base) {
-  const long long K = r->steps, L = order == 2 ? r->extra : 0, panel = (4 * R + S + L) * TILE;
-  const long long size = K * 4 * (Q * W + NJ + Q) + (K + 1) * FIRST * W + K * C + 3 * S * W + NH + OWN + 1
-    + (order == 2 ? 2 * panel * (W / TILE) + W * W : 0);
+  const long long K = r->steps, panel = STACK * (S + R) * TILE;
+  const long long size = K * (4 * (NJ + Q) + C) + (S + 4 * MIXED) * W
+    + (order == 2 ? K * 4 * Q * W + (K + 1) * FIRST * W + NH + OWN + 1 + 2 * panel * (W / TILE) + W * W : 0);
   Work* w = aligned(sizeof *w + sizeof(V) * (size_t)size, base);
   if (!w) return 0;
   V* at = (V*)(w + 1);
   w->panel = panel;
-  w->G = room(&at, K * 4 * Q * W); w->F = room(&at, (K + 1) * FIRST * W); w->J = room(&at, K * 4 * NJ);
-  w->q = room(&at, K * 4 * Q); w->c = room(&at, K * C); w->Z = room(&at, S * W); w->D = room(&at, S * W);
-  w->T = room(&at, S * W); w->X = room(&at, NH); w->sum = room(&at, OWN + 1);
+  w->even = w->odd = 0;
+  w->J = room(&at, K * 4 * NJ); w->q = room(&at, K * 4 * Q); w->c = room(&at, K * C); w->Z = room(&at, S * W);
+  w->own = room(&at, 4 * MIXED * W);
+  memset(w->own, 0, sizeof(V) * 4 * MIXED * W);
+  w->kept = order < 2 ? 0 : r->middle ? 1 | 1 << MIDDLE : 15;
   if (order < 2) return w;
+  w->G = room(&at, K * 4 * Q * W); w->F = room(&at, (K + 1) * FIRST * W); w->X = room(&at, NH);
+  w->sum = room(&at, OWN + 1);
   w->A = room(&at, panel * (W / TILE)); w->B = room(&at, panel * (W / TILE)); w->product = room(&at, W * W);
   return w;
 }
 
+/* Stages of step k: states, rates and their derivatives. */
 static void one_step(const Run* r, Work* w, long long k, long long i) {
   const V h = fill(*r->h);
   const M active = w->b.steps > (double)k;
@@ -132,47 +138,32 @@ static void one_step(const Run* r, Work* w, long long k, long long i) {
   read_inputs(r, k, i, c);
   jacobian_inputs(c, w->b.p, w->b.shared_j, held);
   for (int s = 0; s < S; s++) rate[s] = total[s] = fill(0.0);
-  memcpy(w->F + k * FIRST * W, w->Z, sizeof(V) * FIRST * W);
   for (int g = 0; g < 4; g++) {
-    V *G = w->G + (k * 4 + g) * Q * W, *q = w->q + (k * 4 + g) * Q, *J = w->J + (k * 4 + g) * NJ;
+    V* q = w->q + (k * 4 + g) * Q;
     for (int s = 0; s < Q; s++) q[s] = w->b.z[FIRST + s] + AT[g] * h * rate[FIRST + s];
-    if (g == 0) memcpy(G, w->Z + FIRST * W, sizeof(V) * Q * W);
-    else {
-      const V f = AT[g] * h;
-      const V *Z = w->Z + FIRST * W, *D = w->D + FIRST * W;
-      for (int j = 0; j < Q * W; j++) G[j] = more(f, D[j], Z[j]);
-    }
     jacobian_at(q, c, w->b.p, q, w->b.shared_j, held, d);
     memcpy(rate, d, sizeof(V) * S);
-    memcpy(J, d + S, sizeof(V) * NJ);
-    through(J, G, w->D);
-    const V part = fill(PART[g]);
-    if (g == 0) for (int j = 0; j < S * W; j++) w->T[j] = part * w->D[j];
-    else for (int j = 0; j < S * W; j++) w->T[j] = more(part, w->D[j], w->T[j]);
+    memcpy(w->J + (k * 4 + g) * NJ, d + S, sizeof(V) * NJ);
     for (int s = 0; s < S; s++) total[s] = total[s] + PART[g] * rate[s];
   }
   for (int s = 0; s < S; s++) w->b.z[s] = choose(active, w->b.z[s] + h * total[s], w->b.z[s]);
-  for (int s = 0; s < S; s++)
-    for (int j = s * W + FIRST; j < (s + 1) * W; j++) w->Z[j] = choose(active, more(h, w->T[j], w->Z[j]), w->Z[j]);
   keep_states(r, k, i, w->b.z);
 }
 
 static void sweep(const Run* r, Work* w, long long i, int order) {
-  V slope[W];
+  V slope[W], pull[S];
   begin_block(r, i, &w->b, order);
   memset(w->Z, 0, sizeof(V) * S * W);
-  memset(w->D, 0, sizeof(V) * S * W);
   for (int s = 0; s < S; s++) w->Z[s * W + s] = fill(1.0);
   memset(slope, 0, sizeof slope);
   for (long long k = 0; k < r->steps; k++) {
+    if (order == 2) memcpy(w->F + k * FIRST * W, w->Z, sizeof(V) * FIRST * W);
     one_step(r, w, k, i);
-    if (k == r->steps - 1) continue;
-    for (int s = 0; s < S; s++) {
-      const V pull = load(r->pull + (k * S + s) * r->lanes + i);
-      for (int j = 0; j < N; j++) slope[j] = more(pull, w->Z[s * W + j], slope[j]);
-    }
+    const int inside = k < r->steps - 1;
+    if (inside) for (int s = 0; s < S; s++) pull[s] = load(r->pull + (k * S + s) * r->lanes + i);
+    through(w, k, fill(*r->h), w->b.steps > (double)k, inside ? pull : 0, slope);
   }
-  memcpy(w->F + r->steps * FIRST * W, w->Z, sizeof(V) * FIRST * W);
+  if (order == 2) memcpy(w->F + r->steps * FIRST * W, w->Z, sizeof(V) * FIRST * W);
   for (int s = 0; s < S; s++) give_rows(r, i, w->Z + s * W, r->ends, s, S);
   give_rows(r, i, slope, r->slope, 0, 1);
 }
@@ -190,9 +181,8 @@ static const V* sensitivity(const Work* w, long long k, int s) {
 }
 
 /* Rows of the cost of the samples after step k: the sensitivities of the states, then the own coefficients. */
-static int add_samples(const Run* r, Work* w, long long k, long long i, int row) {
+static void add_samples(const Run* r, Work* w, long long k, long long i) {
   const int size = S + (int)r->extra;
-  const long long panel = w->panel;
   const double* cost = r->cost + k * (size * (size + 1) / 2) * r->lanes + i;
   for (int a = 0; a < size; a++) {
     V each[S + 1];
@@ -212,30 +202,30 @@ static int add_samples(const Run* r, Work* w, long long k, long long i, int row)
     if (!used) continue;
     const V *Z = sensitivity(w, k + 1, a), *other[S + 1];
     for (int n = 0; n < used; n++) other[n] = sensitivity(w, k + 1, w->state[n]);
-    V *A = w->A + row * TILE, *B = w->B + row * TILE;
-    for (int t = 0; t < W; t += TILE, A += panel, B += panel)
+    V *A = w->A + w->even * TILE, *B = w->B + w->even * TILE;
+    for (int t = 0; t < W; t += TILE, A += w->panel, B += w->panel)
       for (int e = 0; e < TILE; e++) {
         V sum = each[0] * other[0][t + e];
         for (int n = 1; n < used; n++) sum = more(each[n], other[n][t + e], sum);
         A[e] = Z[t + e];
         B[e] = sum;
       }
-    row++;
+    w->even++;
   }
-  return row;
 }
 
 /* Rows of stage g of step k, whose rates have the multipliers u. */
-static int add_stage(Work* w, long long k, int g, const V* u, const V* held, int row) {
+static void add_stage(Work* w, long long k, int g, const V* u, const V* held) {
   const V *G = w->G + (k * 4 + g) * Q * W, *q = w->q + (k * 4 + g) * Q;
   hessian_at(q, w->c + k * C, w->b.p, u, w->b.shared_h, held, w->X);
-  bent(w->X, G, w->A + row * TILE, w->B + row * TILE, w->panel, w->sum);
+  const long long at = (STACK * S + w->odd) * TILE;
+  bent(w->X, G, w->A + at, w->B + at, w->panel, w->sum);
   edge(w->X, G, w);
-  return row + R;
+  w->odd += R;
 }
 
 /* Rows of step k from the adjoints of its end, which are moved to its begin. */
-static int add_stages(const Run* r, Work* w, long long k, V* adjoint, int row) {
+static void add_stages(const Run* r, Work* w, long long k, V* adjoint) {
   const V h = fill(*r->h);
   const M active = w->b.steps > (double)k;
   V held[HELD], later[S], back[S], u[S], whole[S], moved[Q];
@@ -246,10 +236,10 @@ static int add_stages(const Run* r, Work* w, long long k, V* adjoint, int row) {
     pulled(w->J + (k * 4 + g) * NJ, u, moved);
     for (int s = 0; s < Q; s++) { back[FIRST + s] += moved[s]; later[FIRST + s] = h * AT[g] * moved[s]; }
     if (r->middle) for (int s = 0; s < S; s++) whole[s] += u[s];
-    else row = add_stage(w, k, g, u, held, row);
+    else add_stage(w, k, g, u, held);
   }
   for (int s = 0; s < S; s++) adjoint[s] = back[s];
-  return r->middle ? add_stage(w, k, MIDDLE, whole, held, row) : row;
+  if (r->middle) add_stage(w, k, MIDDLE, whole, held);
 }
 
 static V twice(const Work* w, int a, int b) { return w->product[AB(a, b)] + w->product[AB(b, a)]; }
@@ -291,14 +281,14 @@ EXPORT int curve(const Run* r, long long begin, long long end) {
     V adjoint[S];
     for (int s = 0; s < S; s++) adjoint[s] = r->weight ? load(r->weight + s * r->lanes + i) : fill(0.0);
     for (long long k = r->steps - 1; k >= 0; k--) {
-      int row = 0, even = 0;
+      if (w->even + S > STACK * S || w->odd + (r->middle ? R : 4 * R) > STACK * R) multiply(w);
       if (k < r->steps - 1) {
-        row = even = add_samples(r, w, k, i, row);
+        add_samples(r, w, k, i);
         if (r->weight) for (int s = 0; s < S; s++) adjoint[s] += load(r->pull + (k * S + s) * r->lanes + i);
       }
-      if (r->weight) row = add_stages(r, w, k, adjoint, row);
-      multiply(w, even, row);
+      if (r->weight) add_stages(r, w, k, adjoint);
     }
+    multiply(w);
     for (int a = 0; a < S; a++) {
       V row[N];
       for (int b = 0; b < N; b++) row[b] = twice(w, a, b);

@@ -25,6 +25,8 @@ from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 TILE = 4
 """Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
 
+STACK = 4
+"""Stages whose rows are multiplied at once, and samples."""
 NEWLINE = "\n  "
 _STAGES = (3, 2, 1, 3)
 """Of the arguments state, inputs, coefficients, multipliers."""
@@ -59,7 +61,7 @@ def interval_source(whole: ca.Function) -> str:
     sizes = {
         "S": S, "FIRST": S - Q, "Q": Q, "P": J.size2() - Q, "C": whole.size1_in(1), "ALL": whole.size1_in(2),
         "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
-        "MIDDLE": MIDDLE,
+        "MIDDLE": MIDDLE, "STACK": STACK,
     }  # fmt: skip
     program = Program.of(whole, _STAGES)
     head, units, known, kept = prelude() + HIDDEN, [], [], [0, 0]
@@ -81,8 +83,8 @@ def interval_source(whole: ca.Function) -> str:
             + " ".join(f"{name}_{i}(q, c, p, u, K, H, M, d);" for i in range(parts))
             + "\n}\n"
         )
-    text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n", _through(J, S, Q)]
-    return UNIT.join(["".join([*text, TRANSPOSED, TYPES, _bent(H, Q, S), _multiply(), LOOPS]), *units])
+    text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
+    return UNIT.join(["".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS]), *units])
 
 
 def _head(sizes: dict[str, int]) -> str:
@@ -95,28 +97,58 @@ def _head(sizes: dict[str, int]) -> str:
 
 
 def _through(J: ca.Sparsity, S: int, Q: int) -> str:
-    """C functions that apply the Jacobian: D = J_q Q + J_c over all columns, and back = J_q^T u."""
+    """C functions that apply the Jacobian: ``through`` carries each column of the sensitivities through the stages of a
+    step, in registers, and ``pulled`` is J_q^T u."""
     rows, columns = J.get_triplet()
     ahead: list[list[str]] = [[] for _ in range(S)]
     back: list[list[str]] = [[] for _ in range(Q)]
+    mixed = sorted({r for r, c in zip(rows, columns, strict=True) if c >= Q})
     own = []
     for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
         if c < Q:
-            ahead[r].append(f"J[{at}] * G[{c} * W + j]")
+            ahead[r].append(f"J[{at}], g{c}")
             back[c].append(f"J[{at}] * u[{r}]")
         else:
-            own.append(f"D[{r} * W + {S + c - Q}] += J[{at}];")
-    lines = [f"D[{r} * W + j] = {' + '.join(terms) or 'fill(0.0)'};" for r, terms in enumerate(ahead)]
+            own.append(f"own[{mixed.index(r)} * W + {S + c - Q}] = J[{at}];")
+    moved = [r for r in range(S) if ahead[r] or r in mixed]
+    sums = {r: f"own[{mixed.index(r)} * W + j]" if r in mixed else "fill(0.0)" for r in moved}
+    for r in moved:
+        for term in ahead[r]:
+            sums[r] = f"more({term}, {sums[r]})"
+    stage = [f"const V g{c} = {f'more(f, d{S - Q + c}, z{S - Q + c})' if S - Q + c in moved else f'z{S - Q + c}'};" for c in range(Q)]
+    keep = " ".join(f"G[{c} * W] = g{c};" for c in range(Q))
+    stage += [f"if (w->kept >> g & 1) {{ V* G = w->G + (k * 4 + g) * Q * W + j; {keep} }}"]
+    stage += [f"d{r} = {sums[r]};" for r in moved] + [f"t{r} = more(part, d{r}, t{r});" for r in moved]
+    begin = [f"V z{r} = w->Z[{r} * W + j];" for r in range(S)]
+    begin += [f"V d{r} = fill(0.0), t{r} = fill(0.0);" for r in moved]
+    end = [f"w->Z[{r} * W + j] = z{r} = choose(active, more(h, t{r}, z{r}), z{r});" for r in moved]
+    slope = "fill(0.0)" if not S else "slope[j]"
+    for r in range(S):
+        slope = f"more(pull[{r}], z{r}, {slope})"
     pulled = [f"b[{c}] = {' + '.join(terms) or 'fill(0.0)'};" for c, terms in enumerate(back)]
-    return (
-        "static void through(const V* J, const V* G, V* D) {\n  for (int j = FIRST; j < W; j++) {\n    "
-        + "\n    ".join(lines)
-        + "\n  }\n  "
-        + "\n  ".join(own)
-        + "\n}\nstatic void pulled(const V* J, const V* u, V* b) {\n  "
-        + "\n  ".join(pulled)
-        + "\n}\n"
-    )
+    line, inner = "\n    ", "\n      "
+    return f"""#define MIXED {len(mixed)}
+static void through(Work* w, long long k, V h, M active, const V* pull, V* slope) {{
+  for (int g = 0; g < 4; g++) {{
+    const V* J = w->J + (k * 4 + g) * NJ;
+    V* own = w->own + g * MIXED * W;
+    {line.join(own)}
+  }}
+  for (int j = 0; j < W; j++) {{
+    {line.join(begin)}
+    for (int g = 0; g < 4; g++) {{
+      const V *J = w->J + (k * 4 + g) * NJ, *own = w->own + g * MIXED * W;
+      const V part = fill(PART[g]), f = AT[g] * h;
+      {inner.join(stage)}
+    }}
+    {line.join(end)}
+    if (pull) slope[j] = {slope};
+  }}
+}}
+static void pulled(const V* J, const V* u, V* b) {{
+  {NEWLINE.join(pulled)}
+}}
+"""
 
 
 def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
@@ -166,32 +198,34 @@ static void edge(const V* X, const V* G, Work* w) {{
 
 def _multiply() -> str:
     """C function that adds A^T B to the product, a tile in registers at a time: written out, since compilers leave
-    arrays of vectors in memory. Of the first ``even`` rows A^T B is symmetric: they are left out below the diagonal and
-    count twice above it."""
+    arrays of vectors in memory. Of the ``even`` rows A^T B is symmetric: they are left out below the diagonal and count
+    twice above it."""
     each = [(e, f) for e in range(TILE) for f in range(TILE)]
     none = " ".join(f"V t{e}{f} = fill(0.0);" for e, f in each)
     double = " ".join(f"t{e}{f} = t{e}{f} + t{e}{f};" for e, f in each)
     loads = " ".join(f"const V x{e} = x[{e}], y{e} = y[{e}];" for e in range(TILE))
     add = " ".join(f"t{e}{f} = more(x{e}, y{f}, t{e}{f});" for e, f in each)
     write = " ".join(f"sum[{e * TILE + f}] = sum[{e * TILE + f}] + t{e}{f};" for e, f in each)
-    return f"""static void multiply(const Work* w, int even, int rows) {{
+    return f"""static void multiply(Work* w) {{
   V* sum = w->product;
   for (int a = 0; a < W / TILE; a++)
     for (int b = 0; b < W / TILE; b++, sum += TILE * TILE) {{
+      if (b < a && !w->odd) continue;
       const V *x = w->A + a * w->panel, *y = w->B + b * w->panel;
       int n = 0;
       {none}
-      if (b >= a) for (; n < even; n++, x += TILE, y += TILE) {{
+      if (b >= a) for (; n < w->even; n++, x += TILE, y += TILE) {{
         {loads}
         {add}
       }}
       if (b > a) {{ {double} }}
-      n = even, x = w->A + a * w->panel + even * TILE, y = w->B + b * w->panel + even * TILE;
-      for (; n < rows; n++, x += TILE, y += TILE) {{
+      x = w->A + a * w->panel + STACK * S * TILE, y = w->B + b * w->panel + STACK * S * TILE;
+      for (n = 0; n < w->odd; n++, x += TILE, y += TILE) {{
         {loads}
         {add}
       }}
       {write}
     }}
+  w->even = w->odd = 0;
 }}
 """
