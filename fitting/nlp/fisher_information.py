@@ -176,8 +176,8 @@ def intervals_by_level(seg: Segments) -> list[np.ndarray]:
 class Quadratics:
     """Parts of the windows' cost at x, in scaled (state, p): rows of the states' quadratics (M or B, S, S + L) and
     slopes (M or B, S + L) of the samples inside each interval and at each node, the quadratics in p alone, by window
-    (W, L, L), the map of each interval from (start, p) to its end (M, S, S + L), and what the end is off the next node
-    (M, S + L)."""
+    (W, L, L) or by group (G, L, L), the map of each interval from (start, p) to its end (M, S, S + L), and what the end
+    is off the next node (M, S + L)."""
 
     inside: np.ndarray
     inside_slope: np.ndarray
@@ -188,9 +188,9 @@ class Quadratics:
     off: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, x: np.ndarray) -> Quadratics:
-        nodes, node_slope, at_nodes = _at_nodes(problem, x)
-        inside, inside_slope, shared = _inside(problem, x)
+    def of(cls, problem: Problem, x: np.ndarray, by_window: bool = True) -> Quadratics:
+        nodes, node_slope, at_nodes = _at_nodes(problem, x, by_window)
+        inside, inside_slope, shared = _inside(problem, x, by_window)
         return cls(inside, inside_slope, nodes, node_slope, shared + at_nodes, *transitions(problem, x))
 
 
@@ -210,29 +210,31 @@ def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
     return problem.columns.each(problem.unit, group)
 
 
-def _inside(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadratics of the samples inside each interval: rows (M, S, S + L) and slope (M, S + L) in (start node, p), and
-    those in p alone by window (W, L, L)."""
+    those in p alone by window (W, L, L) or group (G, L, L)."""
     nodes, p, _, _ = problem.evaluate(x)
     pull, own = problem.sample_pull(x)
     cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
-    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost)
+    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost, not by_window)
     problem.keep_slopes(x, found.ends, found.slope, own)
     unit, S = _unit(problem, problem.columns.interval), problem.S
-    of_window = _unit(problem, problem.columns.window)[:, :, S:]
+    own = (_unit(problem, problem.columns.window) if by_window else problem.unit)[:, :, S:]
     slope = problem.slopes(x)[1] * unit[:, 0]
     rows = found.rows
     rows *= problem.scale[:, None] * unit
-    return rows, slope, found.shared * np.swapaxes(of_window, 1, 2) * of_window
+    return rows, slope, found.shared * np.swapaxes(own, 1, 2) * own
 
 
-def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of the samples at the nodes: (B, S, S + L), (B, S + L), (W, L, L)."""
+def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of the samples at the nodes: (B, S, S + L), (B, S + L), (W or G, L, L)."""
     (nodes, p), S, L, group = problem.split(x), problem.S, problem.L, problem.columns.node
     h, own, unit = problem.kernels.measurement, problem.kernels.measurement.own, _unit(problem, group)[:, 0]
     weight, error = problem.weights_at(x)[0], problem.errors(x)[0]
     rows, slope = np.zeros((problem.B, S, S + L)), np.zeros((problem.B, S + L))
-    shared, measured = np.zeros((len(problem.segments.run), L, L)), np.arange(6)
+    of, count = problem.segments.node_window, len(problem.segments.run)
+    of, count = (of, count) if by_window else (group, problem.columns.groups)
+    shared, measured = np.zeros((count, L, L)), np.arange(6)
     if h.identity:
         rows[:, measured, measured] = weight * problem.scale[:6] ** 2
         slope[:, :6] = weight * error * problem.scale[:6]
@@ -243,7 +245,7 @@ def _at_nodes(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         H = np.swapaxes(J, 1, 2) @ weighted
         rows[:, :, at] = H[:, :S]
         slope[:, at] = (error[:, None, :] @ weighted)[:, 0]
-        shared[:, own[:, None], own] = group_sums(problem.segments.node_window, H[:, S:, S:], len(shared))
+        shared[:, own[:, None], own] = group_sums(of, H[:, S:, S:], count)
     memory, remembered = problem.memory_weight * problem.scale[6:], np.arange(6, S)
     rows[:, remembered, remembered] += memory * problem.scale[6:]
     slope[:, 6:S] += memory * (nodes[:, 6:] - problem.measured_nodes[:, 6:])

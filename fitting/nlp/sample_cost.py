@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+
+from fitting.nlp.group_sums import group_sums
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,10 @@ class Curved:
     slope: np.ndarray
     rows: np.ndarray
     shared: np.ndarray
+
+    def of_groups(self, group: np.ndarray, groups: int) -> Curved:
+        """The same with the blocks of the coefficients summed by ``group``, one number below ``groups`` for each."""
+        return replace(self, shared=group_sums(group, self.shared, groups))
 
 
 @dataclass

@@ -13,7 +13,6 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.group_sums import group_sums
 from fitting.nlp.measurement import Measurement
 from fitting.nlp.portable_intervals import Blocks, Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
@@ -109,12 +108,15 @@ class Shooting:
             return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
         return self.blocks.linearise(start, np.atleast_2d(theta), pull)
 
-    def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost) -> Curved:
-        """The same, and the Hessian of the ``cost`` to first order in the states; that of the coefficients by window;
-        start, theta: as of ``values``."""
+    def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, together: bool = False) -> Curved:
+        """The same, and the Hessian of the ``cost`` to first order in the states, that of the coefficients by window or,
+        if ``together``, by group; start, theta: as of ``values``."""
+        theta = np.atleast_2d(theta)
         if not self.kernel:
-            return self.blocks.quadratics(start, np.atleast_2d(theta), cost, self.windows)
-        return self._curved(start, theta, cost, None)
+            found = self.blocks.quadratics(start, theta, cost, self.windows)
+            return found.of_groups(self._group, len(theta)) if together else found
+        found = self._curved(start, theta, cost, None, self._by_group[0] if together else self.lanes.slot)
+        return found.of_groups(self._by_group[1], len(theta)) if together else found
 
     def hessian(
         self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
@@ -124,21 +126,30 @@ class Shooting:
         theta = np.atleast_2d(theta)
         if not self.kernel:
             return self.blocks.hessian(start, theta, cost, weight, len(theta), middle)
-        found = self._curved(start, theta, cost, weight, middle)
-        return Curved(found.ends, found.slope, found.rows, group_sums(self._by_group[1], found.shared, len(theta)))
+        found = self._curved(start, theta, cost, weight, self._by_group[0], middle)
+        return found.of_groups(self._by_group[1], len(theta))
+
+    @cached_property
+    def _group(self) -> np.ndarray:
+        """Of each window, (W,)."""
+        group = np.zeros(self.windows, dtype=int)
+        group[self.window] = self.group
+        return group
 
     @cached_property
     def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
         """Slots for the sums of each group, and the groups of these."""
-        group = np.zeros(self.windows, dtype=int)
-        group[self.window] = self.group
-        return self.lanes.parts(group)
+        return self.lanes.parts(self._group)
 
     def _curved(
-        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray | None, middle: bool = False
+        self,
+        start: np.ndarray,
+        theta: np.ndarray,
+        cost: SampleCost,
+        weight: np.ndarray | None,
+        slot: np.ndarray,
+        middle: bool = False,
     ) -> Curved:
         assert self.kernel
         both = cost.triangles(), cost.own
-        theta = np.atleast_2d(theta)
-        slot = self.lanes.slot if weight is None else self._by_group[0]
         return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))

@@ -84,7 +84,9 @@ def interval_source(whole: ca.Function) -> str:
             + "\n}\n"
         )
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
-    return UNIT.join(["".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS]), *units])
+    return UNIT.join(
+        ["".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS]), *units]
+    )
 
 
 def _head(sizes: dict[str, int]) -> str:
@@ -115,7 +117,10 @@ def _through(J: ca.Sparsity, S: int, Q: int) -> str:
     for r in moved:
         for term in ahead[r]:
             sums[r] = f"more({term}, {sums[r]})"
-    stage = [f"const V g{c} = {f'more(f, d{S - Q + c}, z{S - Q + c})' if S - Q + c in moved else f'z{S - Q + c}'};" for c in range(Q)]
+    stage = [
+        f"const V g{c} = {f'more(f, d{S - Q + c}, z{S - Q + c})' if S - Q + c in moved else f'z{S - Q + c}'};"
+        for c in range(Q)
+    ]
     keep = " ".join(f"G[{c} * W] = g{c};" for c in range(Q))
     stage += [f"if (w->kept >> g & 1) {{ V* G = w->G + (k * 4 + g) * Q * W + j; {keep} }}"]
     stage += [f"d{r} = {sums[r]};" for r in moved] + [f"t{r} = more(part, d{r}, t{r});" for r in moved]

@@ -56,16 +56,15 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
     """That of ``problem`` with the Hessian of Gauss and Newton at x (n,): a robust loss counts by its weights, which
     majorise it."""
     seg, S, columns = problem.segments, problem.S, problem.columns
-    parts, p = Quadratics.of(problem, x), problem.split(x)[1]
+    parts, p = Quadratics.of(problem, x, by_window=False), problem.split(x)[1]
     rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
     rows[seg.start] += parts.inside
     slope[seg.start] += parts.inside_slope[:, :S]
     known, score = prior_parts(problem, p)
-    both = columns.total(parts.shared, columns.window)
     pulls = columns.total(parts.node_slope[:, S:], columns.node)
     pulls = pulls + columns.total(parts.inside_slope[:, S:], columns.interval)
     P = problem.P
-    shared, pull = columns.matrix(both, P) + known, columns.vector(pulls, P) + score
+    shared, pull = columns.matrix(parts.shared, P) + known, columns.vector(pulls, P) + score
     return Subproblem(rows, slope, shared, pull, parts.maps, parts.off[:, :S])
 
 
