@@ -20,7 +20,7 @@ STEPS = 30
 """Steps of the leading method before IPOPT is left alone."""
 ROUGH_CHANGE = 3e-4
 """Predicted relative change of the objective at which a rough solve ends."""
-ROUGH_GAIN = 1e-3
+ROUGH_GAIN = 3e-4
 """Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
 FEASIBLE = 1e-2
 """Largest violation with which a rough solve may end."""
