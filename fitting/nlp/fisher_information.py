@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments
@@ -90,7 +91,8 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
     price = problem.jump_weight[:, None] * problem.scale[problem.random] ** 2
-    left = Eliminated.of(seg, parts, problem.random, price)
+    code = elimination(problem.kernels.interval is not None)
+    left = Eliminated.of(seg, parts, problem.random, price, code)
     shared = parts.shared + left.shared_by_window(seg)
     solved = np.linalg.solve(
         left.rows[:, :, :S], np.concatenate([left.rows[:, :, S:], left.slope[:, :S, None]], axis=2)
@@ -121,9 +123,17 @@ class Eliminated:
     pull: np.ndarray
 
     @classmethod
-    def of(cls, seg: Segments, parts: Quadratics, random: np.ndarray, price: np.ndarray) -> Eliminated:
-        """random: (R,) states that may jump at a node; price: (M, R) of the squares of their jumps."""
+    def of(
+        cls, seg: Segments, parts: Quadratics, random: np.ndarray, price: np.ndarray, code: Elimination | None
+    ) -> Eliminated:
+        """random: (R,) states that may jump at a node; price: (M, R) of the squares of their jumps; code: compiled, for
+        no such states."""
         S, n = parts.maps.shape[1:]
+        if code and not len(random):
+            inside = (parts.inside, parts.inside_slope) if parts.inside.shape[2] == n else None
+            found = code.eliminated(seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside)
+            rows, slope, B, ahead, pull = found
+            return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
         W, M, R, L = len(seg.run), len(parts.maps), len(random), n - S
         rows, slope = np.zeros((W, S, n)), np.zeros((W, n))
         ahead, pull = np.empty((M, S, n)), np.empty((M, S))
@@ -158,17 +168,17 @@ class Eliminated:
         """The same, summed over the intervals of each ``group`` (M,): (groups, L, L)."""
         total = np.empty((groups, *2 * self.factors[0].shape[2:]))
         for g in range(groups):
-            A, B = (f if groups == 1 else f[group == g] for f in self.factors)
+            rows = np.flatnonzero(group == g)
+            together = len(rows) and rows[-1] - rows[0] == len(rows) - 1  # no copy then
+            A, B = (f[rows[0] : rows[-1] + 1] if together else f[rows] for f in self.factors)
             total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
         return total + np.swapaxes(total, 1, 2)
 
 
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
     """Numbers of the intervals of ``seg``, arrays (m,): the last ones of all windows, those before them, ..."""
-    order = np.lexsort((-seg.start, seg.window))
-    window = seg.window[order]
-    first = np.r_[0, np.flatnonzero(np.diff(window)) + 1]
-    level = np.arange(len(order)) - np.repeat(first, np.diff(np.r_[first, len(order)]))
+    order, first = seg.chains.number, seg.chains.first
+    level = np.arange(len(order)) - np.repeat(first[:-1], np.diff(first))
     return [order[level == depth] for depth in range(int(level.max()) + 1)]
 
 

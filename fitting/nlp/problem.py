@@ -59,6 +59,7 @@ class Problem:
         held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
         self.shooting = Shooting(kernels, *held, kernels.interval)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
+        self.unit = np.hstack([np.tile(self.scale, (len(self.std), 1)), self.std])[:, None, :]  # of (state, p), in SI
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         latent = [i for i, name in enumerate(kernels.model.states) if name in LATENT_STATES]
         self.random = np.array(latent, dtype=int)
@@ -73,7 +74,7 @@ class Problem:
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
-        self._values_at = self._slopes_at = np.full(self.n, np.nan)
+        self._values_at = self._slopes_at = self._errors_at = np.full(self.n, np.nan)
 
     @classmethod
     def of(
@@ -105,11 +106,6 @@ class Problem:
     def patterns(self) -> tuple[Pattern, Pattern]:
         """Where the nonzeros of the constraint Jacobian and of the Hessian's upper triangle lie, and their order."""
         return sparsity_patterns(self.segments, self.S, self.P, self.fixed, self.random, self.columns)
-
-    @cached_property
-    def unit(self) -> np.ndarray:
-        """What one of the scaled (state, coefficients) of each group is in SI, (G, 1, S + L)."""
-        return np.hstack([np.tile(self.scale, (len(self.std), 1)), self.std])[:, None, :]
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
@@ -155,14 +151,15 @@ class Problem:
         return self._values
 
     def errors(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M)."""
+        """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M), cached."""
         nodes, p, _, interior = self.evaluate(x)
-        h, seg = self.kernels.measurement, self.segments
-        if h.identity:
-            return nodes[:, :6] - seg.nodes, interior[:, :6] - seg.targets
-        at_nodes, at_intervals = self._theta(p)
-        inside = [h.values(z, at_intervals) for z in interior]
-        return h.values(nodes.T, at_nodes).T - seg.nodes, np.array(inside).reshape(seg.targets.shape) - seg.targets
+        if self._errors_at is not self._values_at:
+            measured, seg = self.kernels.measurement.values, self.segments
+            at_nodes, at_intervals = self._theta(p)
+            inside = np.array([measured(z, at_intervals) for z in interior]).reshape(seg.targets.shape)
+            self._errors = measured(nodes.T, at_nodes).T - seg.nodes, inside - seg.targets
+            self._errors_at = self._values_at
+        return self._errors
 
     def objective(self, x: np.ndarray) -> float:
         e, ei = self.errors(x)
@@ -270,8 +267,7 @@ class Problem:
             pull = self.loss.weight(self.node_weight, e) * e
             H = factor * self.kernels.measurement.curvature(at_nodes, second, pull, self._theta(p)[0])
             own = self.kernels.measurement.own
-            nodes[:, :, :S] += H[:, :S, :S]
-            nodes[:, :, S + own] += H[:, :S, S:]
+            nodes[:, :, np.concatenate([np.arange(S), S + own])] += H[:, :S]
             shared[:, own[:, None], own] += columns.total(H[:, S:, S:], columns.node)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
         q = factor * np.repeat(self.jump_weight[:, None], len(self.random), axis=1)

@@ -109,8 +109,8 @@ class Shooting:
         return self.blocks.linearise(start, np.atleast_2d(theta), pull)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, together: bool = False) -> Curved:
-        """The same, and the Hessian of the ``cost`` to first order in the states, that of the coefficients by window or,
-        if ``together``, by group; start, theta: as of ``values``."""
+        """The same, and the Hessian of the ``cost`` to first order in the states, that of the coefficients by window or
+        by group, if ``together``; start, theta: as of ``values``."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
             found = self.blocks.quadratics(start, theta, cost, self.windows)

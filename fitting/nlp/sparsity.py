@@ -44,7 +44,7 @@ def sparsity_patterns(
 
 def upper_triangle(nodes: np.ndarray, across: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """Values of the Hessian's upper triangle in the order in which its pattern assembles them: of rows of the nodes
-    (B, S, S + L), states across intervals (M, R) and coefficients (P, P)."""
+    (B, S, S + L), of states across intervals (M, R) and of the coefficients ``shared`` (P, P)."""
     S = nodes.shape[1]
     i, j = np.triu_indices(S)
     parts = (nodes[:, i, j], nodes[:, :, S:], across, shared[np.triu_indices(len(shared))])

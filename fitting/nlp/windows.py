@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from cases.inputs import STANDARD
 from cases.trial import Trial
+from fitting.nlp.elimination_c import Chains
 from fitting.nlp.grid import grids
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -57,6 +59,11 @@ class Segments:
     @property
     def intervals(self) -> int:
         return len(self.steps)
+
+    @cached_property
+    def chains(self) -> Chains:
+        """The intervals of each window, from its last one on."""
+        return Chains.of(self.window, self.start, self.end)
 
     def variances(self, sigma: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Variances of samples at nodes (B, 6) and inside (1, 6, M): ``sigma`` (6,) squared, and where a state was

@@ -1,0 +1,73 @@
+"""The compiled elimination of nodes against that in numpy, and a compiler that makes wrong code of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.nlp import elimination_c
+from fitting.nlp.elimination_c import Chains, elimination
+from fitting.nlp.fisher_information import Eliminated, Quadratics
+from fitting.nlp.problem import Problem
+from fitting.solvers.condensing import quadratic
+from fitting.solvers.condensing.quadratic import carried, gauss_newton
+from mmg.compile.cache import compiler
+from tests.fitting.nlp.test_run_constants import small
+from tests.support.synthetic_runs import problem
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+
+PROBLEMS = {"plain": problem, "one interval": lambda: problem(200), "runs": lambda: small(7, True)}
+
+
+def moved(kind: str) -> tuple[Problem, np.ndarray]:
+    p: Problem = PROBLEMS[kind]()
+    return p, p.start(0.1 * np.random.default_rng(1).normal(size=p.P))
+
+
+@pytest.mark.parametrize("kind", PROBLEMS)
+def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
+    p, x = moved(kind)
+    parts, none, columns = Quadratics.of(p, x), np.zeros((p.M, 0)), p.columns
+    assert elimination(True) is not None
+    ours, theirs = (Eliminated.of(p.segments, parts, p.random, none, elimination(way)) for way in (True, False))
+    pairs = [(getattr(ours, name), getattr(theirs, name)) for name in ("rows", "slope", "ahead", "pull")]
+    pairs += [(e.shared_by_window(p.segments), f.shared_by_window(p.segments)) for e, f in ((ours, theirs),)]
+    pairs += [tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs))]
+    for one, other in pairs:
+        assert np.abs(other).max() > 0
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("kind", PROBLEMS)
+def test_steps_are_carried_as_in_numpy(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    p, x = moved(kind)
+    sub, rng, W = gauss_newton(p, x), np.random.default_rng(2), len(p.segments.run)
+    first = rng.normal(size=(W, p.S))
+    for coefficients in (rng.normal(size=(W, p.L)), np.zeros((W, p.L))):
+        ours = carried(p, sub.maps, sub.off, first, coefficients)
+        with monkeypatch.context() as without:
+            without.setattr(quadratic, "elimination", lambda _: None)
+            theirs = carried(p, sub.maps, sub.off, first, coefficients)
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12 * np.abs(theirs).max())
+
+
+def test_chains_go_back_in_time_through_the_intervals_of_each_window() -> None:
+    chains = Chains.of(np.array([1, 0, 1, 1]), np.array([4, 0, 2, 3]), np.array([5, 1, 3, 4]))
+    assert chains.first.tolist() == [0, 1, 4]
+    assert chains.number.tolist() == [1, 0, 3, 2]
+
+
+def test_wrong_code_of_a_compiler_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    wrong = tmp_path / "cc.sh"
+    wrong.write_text(
+        "#!/bin/sh\nfor a; do case $a in *.c) sed -i 's/0[.]5 [*] through/0.25 * through/' $a;; esac; done\n"
+        f'exec {compiler()} "$@"\n'
+    )
+    wrong.chmod(0o700)
+    monkeypatch.setenv("MMG_CC", str(wrong))
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    assert elimination_c.elimination.__wrapped__(True) is None
+    assert not list((tmp_path / "cache").glob("*.so"))
