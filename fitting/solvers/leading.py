@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fitting.nlp.problem import Problem
-from fitting.solvers.condensing.sequence import Lead, lead
+from fitting.solvers.condensing.sequence import Lead, lead, polished
 from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
 from mmg.progress import OnProgress, Progress
@@ -70,6 +70,7 @@ def solve_led(
         if found.reached and rough:
             return _ended(problem, found, time.perf_counter() - began)
         if found.reached and not rough:
+            found = found if options is UNCERTIFIED else polished(problem, found)
             guess = Guess(found.x, found.multipliers, found.bound)
             led = replace(_ended(problem, found, time.perf_counter() - began), status="Near_Optimum", guess=guess)
             if options is UNCERTIFIED:

@@ -69,12 +69,12 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
     return Subproblem(rows, slope, shared, pull, parts.maps, parts.off[:, :S])
 
 
-def newton(problem: Problem, x: np.ndarray, multipliers: np.ndarray) -> Subproblem:
+def newton(problem: Problem, x: np.ndarray, multipliers: np.ndarray, middle: bool = True) -> Subproblem:
     """That of ``problem`` with the Hessian of the Lagrangian at x (n,) and the ``multipliers`` (m,) of the defects, in
     which the rates are bent once in each Runge-Kutta step, in its middle (the midpoint rule): that takes half the time
     and changes the bending by a few percent, so that steps converge a little slower and to the same place."""
     S, B = problem.S, problem.B
-    rows, _, shared = problem.hessian_parts(x, 1.0, multipliers, middle=True)
+    rows, _, shared = problem.hessian_parts(x, 1.0, multipliers, middle)
     g = problem.gradient(x)
     maps, off = transitions(problem, x)
     return Subproblem(rows, g[: S * B].reshape(B, S), shared, g[S * B :], maps, off[:, :S])

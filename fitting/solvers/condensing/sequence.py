@@ -10,7 +10,7 @@ objective and the violations under their multipliers, is little else than the ob
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -99,6 +99,18 @@ def lead(
             found.reached = True
             break
     return found
+
+
+def polished(problem: Problem, found: Lead) -> Lead:
+    """``found`` for the ``problem`` after one more step, with the exact Hessian: multipliers and gradient then balance to
+    second order."""
+    step = solved(problem, newton(problem, found.x, found.multipliers, middle=False), problem.split(found.x)[1])
+    if step is None or step.changed:
+        return found
+    x = found.x + np.concatenate([step.nodes.reshape(-1), step.p])
+    if not problem.objective(x) <= found.history[-1][0] * (1 + 1e-9):
+        return found
+    return replace(found, x=x, multipliers=step.multipliers, bound=step.bound)
 
 
 def _searched(

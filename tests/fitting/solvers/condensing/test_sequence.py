@@ -13,7 +13,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Problem
 from fitting.solvers import leading
-from fitting.solvers.condensing.sequence import lead
+from fitting.solvers.condensing.sequence import Lead, lead, polished
 from fitting.solvers.ipopt import ROUGH, solve
 from fitting.solvers.leading import solve_led
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
@@ -49,6 +49,22 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     "held": held,
     **{name: partial(robust, name) for name in LOSSES},
 }
+
+
+@pytest.mark.parametrize("kind", list(PROBLEMS))
+def test_one_exact_step_balances_gradient_and_multipliers(kind: str) -> None:
+    p = PROBLEMS[kind]()
+    found = lead(p, p.start(), 1e-7, 60)
+    assert found.reached
+
+    def unbalanced(at: Lead) -> float:
+        slope = p.gradient(at.x) + matrix(p.patterns[0][0], p.jacobian(at.x)).T @ at.multipliers
+        slope[p.S * p.B :] += at.bound
+        return float(np.abs(slope).max())
+
+    last = polished(p, found)
+    assert unbalanced(last) < max(0.05 * unbalanced(found), 1e-7)
+    assert p.objective(last.x) <= p.objective(found.x) * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("kind", list(PROBLEMS))
