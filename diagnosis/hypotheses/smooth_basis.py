@@ -96,7 +96,8 @@ class SmoothBasis:
         for v in own:
             along = known.gradients[v][mask]
             if along.any():  # the past of an input has none
-                slope += ((self._mix * self._weight[:, v]) @ steep)[..., None] * along
+                rows = np.flatnonzero(self._weight[:, v])
+                slope += ((self._mix[:, rows] * self._weight[rows, v]) @ steep[rows])[..., None] * along
         values, gradients = (np.zeros((len(found), *mask.shape, *x.shape[2:])) for x in (found, slope))
         values[:, mask], gradients[:, mask] = found, slope
         return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)

@@ -102,13 +102,14 @@ def lead(
 
 
 def polished(problem: Problem, found: Lead) -> Lead:
-    """``found`` for the ``problem`` after one more step, with the exact Hessian: multipliers and gradient then balance to
-    second order."""
+    """Where ``found`` of the ``problem`` comes to by one more step, with the exact Hessian: multipliers and gradient
+    balance to second order there."""
     step = solved(problem, newton(problem, found.x, found.multipliers, middle=False), problem.split(found.x)[1])
-    if step is None or step.changed:
+    if step is None:
         return found
     x = found.x + np.concatenate([step.nodes.reshape(-1), step.p])
-    if not problem.objective(x) <= found.history[-1][0] * (1 + 1e-9):
+    f, c = problem.objective(found.x), problem.defects(found.x)
+    if not problem.objective(x) <= f + np.abs(step.multipliers) @ np.abs(c) + 1e-9 * (1 + abs(f)):
         return found
     return replace(found, x=x, multipliers=step.multipliers, bound=step.bound)
 
