@@ -217,7 +217,8 @@ def prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
     """What one of the scaled (state, p) is in SI, for points of these groups (m,): (m or 1, 1, S + L)."""
-    return problem.columns.each(problem.unit, group)
+    std = problem.columns.each(problem.std, group)
+    return np.hstack([np.tile(problem.scale, (len(std), 1)), std])[:, None, :]
 
 
 def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -228,8 +229,8 @@ def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarra
     cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
     found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost, not by_window)
     problem.keep_slopes(x, found.ends, found.slope, own)
-    unit, S = _unit(problem, problem.columns.interval), problem.S
-    own = (_unit(problem, problem.columns.window) if by_window else problem.unit)[:, :, S:]
+    unit = _unit(problem, problem.columns.interval)
+    own = (problem.columns.each(problem.std, problem.columns.window) if by_window else problem.std)[:, None]
     slope = problem.slopes(x)[1] * unit[:, 0]
     rows = found.rows
     rows *= problem.scale[:, None] * unit

@@ -59,7 +59,6 @@ class Problem:
         held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
         self.shooting = Shooting(kernels, *held, kernels.interval)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
-        self.unit = np.hstack([np.tile(self.scale, (len(self.std), 1)), self.std])[:, None, :]  # of (state, p), in SI
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         latent = [i for i, name in enumerate(kernels.model.states) if name in LATENT_STATES]
         self.random = np.array(latent, dtype=int)
@@ -275,7 +274,8 @@ class Problem:
         np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
         across = -self.decay[:, None] * q * self.scale[self.random] ** 2
         t = self.std[:, None, :]
-        nodes *= self.scale[:, None] * columns.each(self.unit, columns.node)
+        unit = np.hstack([np.tile(self.scale, (len(t), 1)), self.std])[:, None, :]
+        nodes *= self.scale[:, None] * columns.each(unit, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         return nodes, across, shared
 

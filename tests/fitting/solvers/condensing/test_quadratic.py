@@ -13,20 +13,30 @@ from fitting.nlp.problem import Problem
 from fitting.nlp.sparsity import upper_triangle
 from fitting.solvers.condensing.quadratic import gauss_newton, newton, solved, within_bounds
 from fitting.solvers.condensing.sequence import lead
+from fitting.uncertainty.bootstrap import reweighted
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix
 from tests.support.synthetic_runs import problem
 
+
+def drawn() -> Problem:
+    """A replicate of a bootstrap, which has the scales of the problem that it is drawn from."""
+    whole = problem()
+    whole.scale = 1.3 * whole.scale
+    counts = np.arange(len(whole.segments.run)) % 3
+    return reweighted(whole, whole.start(), counts, np.zeros(whole.P))[0]
+
+
 PROBLEMS = {"plain": problem, "one interval": lambda: problem(200), "crowded": lambda: crowded(5),
-            "runs": lambda: small(7, True)}  # fmt: skip
+            "runs": lambda: small(7, True), "drawn": drawn}  # fmt: skip
 
 
 def unbounded(p: Problem) -> Problem:
     return p.with_bounds(np.full(p.P, -1e9), np.full(p.P, 1e9))
 
 
-@pytest.mark.parametrize("kind", ["plain", "one interval", "runs"])
+@pytest.mark.parametrize("kind", ["plain", "one interval", "runs", "drawn"])
 def test_the_exact_step_solves_the_whole_system(kind: str) -> None:
     p = unbounded(PROBLEMS[kind]())
     near, rng = lead(p, p.start(), 1e-8, 60), np.random.default_rng(0)
