@@ -11,6 +11,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.batch import BatchFunction, filled, padded
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
@@ -294,7 +295,7 @@ class Blocks:
         for b, s, g in zip(self.blocks, self.slices, self.group, strict=True):
             sweep = b.sweep(start[:, s], theta[g])
             rows, own = b.quadratics(sweep, cost.block(s))
-            np.add.at(shared, self.window[s], own)
+            shared += group_sums(self.window[s], own, windows)
             found.append((sweep.S_end, b.slope(sweep, cost.pull[:, :, s]), rows))
         return _joined(found, shared)
 
