@@ -42,7 +42,7 @@ def solve_led(
     task: str,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
-    """Where ``ipopt.solve`` ends for ``problem`` from where the condensing method came from x (n,).
+    """Where ``ipopt.solve`` ends for ``problem`` from where the condensing method and one exact step led from x (n,).
 
     tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``; options are of a solve
     that is not led.

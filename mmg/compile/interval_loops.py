@@ -22,8 +22,10 @@ typedef struct {
 
 typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shared_h[KEPT]; } Block;
 
-/* Scratch of one block: G (steps x 4 x Q x W) sensitivities of the stages' arguments, F (steps + 1) x FIRST x W those
-   of the leading states before each step, J (steps x 4 x NJ), q (steps x 4 x Q), c (steps x C). */
+/* Scratch of one block: G (steps x 4 x Q x W) sensitivities of the stages' arguments, of stages in the bits of kept, F
+   (steps + 1) x FIRST x W those of the leading states before each step, J (steps x 4 x NJ), q (steps x 4 x Q), c
+   (steps x C), Z (S x W) sensitivities of the state, own (4 x MIXED x W) derivatives of the rates by coefficients, A
+   and B panels of TILE columns: even rows, whose product is symmetric, then odd others, until they are multiplied. */
 typedef struct {
   Block b;
   V *G, *F, *J, *q, *c, *A, *B, *X, *sum, *Z, *own, *product;

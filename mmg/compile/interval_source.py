@@ -7,7 +7,7 @@ weighted sum and collects its Hessian. What is summed there has the form A^T B +
 stage's arguments and the Hessian (H_qq, H_qc, H_cc) of the weighted rates, A = Q and B = 1/2 H_qq Q + H_qc; with the
 Hessian F of the samples' cost, A = Z and B = 1/2 F Z. The rows of A and B of all stages and steps stay in the
 processor's cache, and the products run in registers. Everything is emitted from the one symbolic expression of the
-rates.
+rates. Where asked, the stage in the middle of a step stands for all four in the second derivatives.
 """
 
 from __future__ import annotations
@@ -25,8 +25,10 @@ from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 TILE = 4
 """Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
 
+
 STACK = 4
-"""Stages whose rows are multiplied at once, and samples."""
+"""Stages, and samples, whose rows are multiplied at once."""
+
 NEWLINE = "\n  "
 _STAGES = (3, 2, 1, 3)
 """Of the arguments state, inputs, coefficients, multipliers."""
@@ -127,7 +129,7 @@ def _through(J: ca.Sparsity, S: int, Q: int) -> str:
     begin = [f"V z{r} = w->Z[{r} * W + j];" for r in range(S)]
     begin += [f"V d{r} = fill(0.0), t{r} = fill(0.0);" for r in moved]
     end = [f"w->Z[{r} * W + j] = z{r} = choose(active, more(h, t{r}, z{r}), z{r});" for r in moved]
-    slope = "fill(0.0)" if not S else "slope[j]"
+    slope = "slope[j]"
     for r in range(S):
         slope = f"more(pull[{r}], z{r}, {slope})"
     pulled = [f"b[{c}] = {' + '.join(terms) or 'fill(0.0)'};" for c, terms in enumerate(back)]

@@ -105,7 +105,7 @@ class Lanes:
         share = np.repeat(np.arange(len(self.shares)), [LANES * (end - begin) for begin, end in self.shares])
         real, owners = self.slot >= 0, int(owner.max()) + 1
         found, number = np.unique(share[real] * owners + owner[self.slot[real]], return_inverse=True)
-        part = np.full(len(share), -1)
+        part = np.full(len(share), -1, dtype=np.int64)
         part[real] = number
         return part, found % owners
 
