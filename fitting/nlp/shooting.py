@@ -62,7 +62,8 @@ class Kernels:
         cost, found = SampleCost(pull, curved), []
         for way in (kernel, None):
             shooting = Shooting(self, steps, controls, 0.1, window % 2, window, way)
-            both_ways = [shooting.quadratics(start, both, cost), shooting.hessian(start, both, cost, weight)]
+            both_ways = [shooting.quadratics(start, both, cost, together) for together in (False, True)]
+            both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
         for ours, theirs in zip(*found, strict=True):

@@ -15,6 +15,7 @@ from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes
 from mmg.model import assemble
 from mmg.ship import Ship
+from tests.support.wrong_compiler import use_wrong_compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -127,18 +128,17 @@ def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> Non
     assert len(seen) > 1 and sum(map(len, seen)) == len(set(window))
 
 
-def test_wrong_code_of_a_compiler_is_found_and_not_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A compiler that turns one product of the sensitivities into another: everything still runs."""
-    wrong = tmp_path / "cc.sh"
-    wrong.write_text(
-        "#!/bin/sh\nfor a; do case $a in *.c) sed -i 's/adjoint\\[s\\] + later/adjoint[s] - later/' $a;; esac; done\n"
-        f'exec {compiler()} "$@"\n'
-    )
-    wrong.chmod(0o700)
-    monkeypatch.setenv("MMG_CC", str(wrong))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+@pytest.mark.parametrize(
+    "change", ["s/adjoint\\[s\\] + later/adjoint[s] - later/", "s/whole\\[s\\] += u/whole[s] -= u/"]
+)
+def test_wrong_code_of_a_compiler_is_found_and_not_kept(
+    change: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A compiler that turns one product of the sensitivities, or one sum of multipliers, into another: everything still
+    runs."""
+    cache = use_wrong_compiler(change, tmp_path, monkeypatch)
     ship = load_ship("kvlcc2_l7")
     kernels = Kernels(assemble(ship), np.arange(3))
     assert kernels.interval is None
     assert "cc.sh made of the equations is wrong" in kernels.interpreted_because
-    assert not list((tmp_path / "cache").glob("*.so"))
+    assert cache.is_dir() and not list(cache.glob("*.so"))

@@ -16,6 +16,7 @@ from fitting.solvers.condensing.quadratic import carried, gauss_newton
 from mmg.compile.cache import compiler
 from tests.fitting.nlp.test_run_constants import small
 from tests.support.synthetic_runs import problem
+from tests.support.wrong_compiler import use_wrong_compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -61,13 +62,6 @@ def test_chains_go_back_in_time_through_the_intervals_of_each_window() -> None:
 
 
 def test_wrong_code_of_a_compiler_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    wrong = tmp_path / "cc.sh"
-    wrong.write_text(
-        "#!/bin/sh\nfor a; do case $a in *.c) sed -i 's/0[.]5 [*] through/0.25 * through/' $a;; esac; done\n"
-        f'exec {compiler()} "$@"\n'
-    )
-    wrong.chmod(0o700)
-    monkeypatch.setenv("MMG_CC", str(wrong))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
+    cache = use_wrong_compiler("s/0[.]5 [*] through/0.25 * through/", tmp_path, monkeypatch)
     assert elimination_c.elimination.__wrapped__(True) is None
-    assert not list((tmp_path / "cache").glob("*.so"))
+    assert cache.is_dir() and not list(cache.glob("*.so"))
