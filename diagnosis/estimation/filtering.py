@@ -15,10 +15,11 @@ from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filter_self_test import agrees
 from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, SystemParts
-from diagnosis.estimation.kalman_c import FLAGS, source
+from diagnosis.estimation.kalman_c import source
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.kernel_threads import even_shares, in_threads
+from mmg.compile.path_c import FLAGS
 from mmg.compile.recycled import room
 from mmg.progress import LOGGER
 

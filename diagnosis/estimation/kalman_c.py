@@ -13,8 +13,6 @@ from diagnosis.estimation.kalman_lanes_c import FILTER
 from mmg.compile.codegen import prelude
 from mmg.compile.transposed_c import TRANSPOSED
 
-FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
-
 _PRODUCTS = """
 #include <stdlib.h>
 /* m rows of w vectors of a product: sums that wait for each other in none of the others */

@@ -14,17 +14,12 @@ from functools import cache
 import numpy as np
 
 from mmg.compile.cache import load_library
+from mmg.compile.codegen import EXPORT
+from mmg.compile.path_c import FLAGS
 
-FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
-
-SOURCE = """
-#include <stdlib.h>
-#include <string.h>
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT
-#endif
+SOURCE = (
+    f"{EXPORT}#include <stdlib.h>\n#include <string.h>"
+    + """
 #if defined(_MSC_VER) || !defined(__GNUC__)
 #define restrict
 #endif
@@ -100,6 +95,7 @@ EXPORT void carry(I W, I S, I n, const I* first, const I* order, const I* start,
     }
 }
 """
+)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.nlp.elimination_c import Elimination, elimination
+from fitting.nlp.elimination_c import Elimination
 from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments
@@ -91,8 +91,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
     price = problem.jump_weight[:, None] * problem.scale[problem.random] ** 2
-    code = elimination(problem.kernels.interval is not None)
-    left = Eliminated.of(seg, parts, problem.random, price, code)
+    left = Eliminated.of(seg, parts, problem.random, price, problem.kernels.elimination)
     shared = parts.shared + left.shared_by_window(seg)
     solved = np.linalg.solve(
         left.rows[:, :, :S], np.concatenate([left.rows[:, :, S:], left.slope[:, :S, None]], axis=2)
@@ -215,21 +214,15 @@ def prior_parts(problem: Problem, p: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return information, score
 
 
-def _unit(problem: Problem, group: np.ndarray) -> np.ndarray:
-    """What one of the scaled (state, p) is in SI, for points of these groups (m,): (m or 1, 1, S + L)."""
-    std = problem.columns.each(problem.std, group)
-    return np.hstack([np.tile(problem.scale, (len(std), 1)), std])[:, None, :]
-
-
 def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadratics of the samples inside each interval: rows (M, S, S + L) and slope (M, S + L) in (start node, p), and
     those in p alone by window (W, L, L) or group (G, L, L)."""
     nodes, p, _, _ = problem.evaluate(x)
     pull, own = problem.sample_pull(x)
     cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
-    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost, not by_window)
+    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost, by_window)
     problem.keep_slopes(x, found.ends, found.slope, own)
-    unit = _unit(problem, problem.columns.interval)
+    unit = problem.columns.unit(problem.scale, problem.std, problem.columns.interval)
     own = (problem.columns.each(problem.std, problem.columns.window) if by_window else problem.std)[:, None]
     slope = problem.slopes(x)[1] * unit[:, 0]
     rows = found.rows
@@ -239,12 +232,13 @@ def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarra
 
 def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of the samples at the nodes: (B, S, S + L), (B, S + L), (W or G, L, L)."""
-    (nodes, p), S, L, group = problem.split(x), problem.S, problem.L, problem.columns.node
-    h, own, unit = problem.kernels.measurement, problem.kernels.measurement.own, _unit(problem, group)[:, 0]
+    (nodes, p), S, L, columns = problem.split(x), problem.S, problem.L, problem.columns
+    h, group = problem.kernels.measurement, columns.node
+    own, unit = h.own, columns.unit(problem.scale, problem.std, group)[:, 0]
     weight, error = problem.weights_at(x)[0], problem.errors(x)[0]
     rows, slope = np.zeros((problem.B, S, S + L)), np.zeros((problem.B, S + L))
-    of, count = problem.segments.node_window, len(problem.segments.run)
-    of, count = (of, count) if by_window else (group, problem.columns.groups)
+    seg = problem.segments
+    of, count = (seg.node_window, len(seg.run)) if by_window else (group, columns.groups)
     shared, measured = np.zeros((count, L, L)), np.arange(6)
     if h.identity:
         rows[:, measured, measured] = weight * problem.scale[:6] ** 2
@@ -271,7 +265,8 @@ def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
     off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
-    T = problem.slopes(x)[0] * (_unit(problem, problem.columns.interval) / problem.scale[:, None])
+    unit = problem.columns.unit(problem.scale, problem.std, problem.columns.interval)
+    T = problem.slopes(x)[0] * (unit / problem.scale[:, None])
     T[:, random] = 0.0
     T[:, random, random] = problem.decay[:, None]
     return T, off

@@ -274,24 +274,22 @@ class Problem:
         np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
         across = -self.decay[:, None] * q * self.scale[self.random] ** 2
         t = self.std[:, None, :]
-        unit = np.hstack([np.tile(self.scale, (len(t), 1)), self.std])[:, None, :]
-        nodes *= self.scale[:, None] * columns.each(unit, columns.node)
+        nodes *= self.scale[:, None] * columns.unit(self.scale, self.std, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         return nodes, across, shared
 
-    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> list[np.ndarray]:
+    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> tuple[np.ndarray, np.ndarray]:
         """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
         and rows of the nodes (B, S, S + L), SI."""
         nodes, p, _, _ = self.evaluate(x)
         ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
         cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
-        start = self.segments.start
-        found = self.shooting.hessian(nodes[start].T, self.coefficients(p), cost, lam, middle)
+        found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam, middle)
         if factor == 1.0:
             self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
-        rows[start] = found.rows
-        return [found.shared, rows]
+        rows[self.segments.start] = found.rows
+        return found.shared, rows
 
     def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:
         """Derivatives of the cost of the samples inside the intervals at x (n,).

@@ -75,6 +75,13 @@ class Columns:
             return values.sum(axis=0)[None]
         return group_sums(group, values, self.groups)
 
+    def unit(self, scale: np.ndarray, std: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """What one of the scaled (state, coefficients) is in SI, for points of these groups (m,): (m or 1, 1, S + L).
+
+        scale: (S,) of the states; std: (G, L) of the coefficients; group: (m,)."""
+        own = self.each(std, group)
+        return np.hstack([np.tile(scale, (len(own), 1)), own])[:, None, :]
+
     def vector(self, parts: np.ndarray, size: int) -> np.ndarray:
         """Sum (P,) of parts (G, L) of the groups."""
         whole = np.zeros(size)

@@ -13,6 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
 from fitting.nlp.portable_intervals import Blocks, Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
@@ -51,6 +52,11 @@ class Kernels:
         """The same, interpreted."""
         return Functions(self.whole)
 
+    @property
+    def elimination(self) -> Elimination | None:
+        """Compiled functions that eliminate nodes, where intervals are compiled."""
+        return elimination(self.interval is not None)
+
     def _tried(self, kernel: IntervalKernel) -> str:
         """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those of numpy."""
         rng, M, K, theta = np.random.default_rng(0), 11, 3, self.model.ship.values
@@ -62,7 +68,7 @@ class Kernels:
         cost, found = SampleCost(pull, curved), []
         for way in (kernel, None):
             shooting = Shooting(self, steps, controls, 0.1, window % 2, window, way)
-            both_ways = [shooting.quadratics(start, both, cost, together) for together in (False, True)]
+            both_ways = [shooting.quadratics(start, both, cost, by_window) for by_window in (False, True)]
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
@@ -109,15 +115,17 @@ class Shooting:
             return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
         return self.blocks.linearise(start, np.atleast_2d(theta), pull)
 
-    def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, together: bool = False) -> Curved:
-        """The same, and the Hessian of the ``cost`` to first order in the states, that of the coefficients by window or
-        by group, if ``together``; start, theta: as of ``values``."""
+    def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
+        """The same, and the Hessian of the ``cost`` to first order in the states; that of the coefficients ``by_window``,
+        else by group; start, theta: as of ``values``."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
             found = self.blocks.quadratics(start, theta, cost, self.windows)
-            return found.of_groups(self._group, len(theta)) if together else found
-        found = self._curved(start, theta, cost, None, self._by_group[0] if together else self.lanes.slot)
-        return found.of_groups(self._by_group[1], len(theta)) if together else found
+            return found if by_window else found.of_groups(self._group, len(theta))
+        if by_window:
+            return self._curved(start, theta, cost, None, self.lanes.slot)
+        slot, group = self._by_group
+        return self._curved(start, theta, cost, None, slot).of_groups(group, len(theta))
 
     def hessian(
         self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
@@ -127,8 +135,8 @@ class Shooting:
         theta = np.atleast_2d(theta)
         if not self.kernel:
             return self.blocks.hessian(start, theta, cost, weight, len(theta), middle)
-        found = self._curved(start, theta, cost, weight, self._by_group[0], middle)
-        return found.of_groups(self._by_group[1], len(theta))
+        slot, group = self._by_group
+        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(theta))
 
     @cached_property
     def _group(self) -> np.ndarray:

@@ -45,14 +45,14 @@ EXPRESSIONS: dict[int, str] = {
 }
 """C expression of each CasADi operation on its operands."""
 
-_COMMON = """#include <math.h>
-#include <string.h>
-#ifdef _WIN32
+EXPORT = """#ifdef _WIN32
 #define EXPORT __declspec(dllexport)
 #else
 #define EXPORT
 #endif
 """
+"""What a function is that Python calls."""
+_COMMON = "#include <math.h>\n#include <string.h>\n" + EXPORT
 _VECTOR = f"""#define LANES {LANES}
 typedef double V __attribute__((vector_size(8 * LANES)));
 typedef long long M __attribute__((vector_size(8 * LANES)));

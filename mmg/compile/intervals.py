@@ -225,8 +225,5 @@ class IntervalKernel:
         def part(begin: int, end: int) -> int:
             return int(call(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end)))
 
-        def shares(begin: int, end: int) -> int:  # one by one, so that sums do not depend on the number of threads
-            return max(part(*share) for share in lanes.shares if begin <= share[0] < end)
-
-        if in_threads(shares, lanes.shares):
+        if in_threads(part, lanes.shares):
             raise MemoryError("no memory for the sensitivities of a block of intervals")

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.nlp.elimination_c import elimination
 from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import Columns
@@ -87,8 +86,7 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))
     node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
     parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
-    code = elimination(problem.kernels.interval is not None)
-    left = Eliminated.of(seg, parts, problem.random, np.zeros((problem.M, 0)), code)
+    left = Eliminated.of(seg, parts, problem.random, np.zeros((problem.M, 0)), problem.kernels.elimination)
     if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
         return None
     first, changed = _positive(left.rows[:, :, :S])
@@ -128,7 +126,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
     """Steps of all nodes (B, S) of the ``problem`` that the linearised intervals make of the steps of the ``first``
     nodes of the windows (W, S) and of the coefficients p (W, L): maps, off as of ``Subproblem``."""
     seg, S = problem.segments, problem.S
-    code = elimination(problem.kernels.interval is not None)
+    code = problem.kernels.elimination
     if code:
         return code.carried(seg.chains, maps, off, first, p if p.any() else None, problem.B)
     nodes = np.zeros((problem.B, S))

@@ -15,9 +15,10 @@ from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filter_self_test import agrees
 from diagnosis.estimation.filtering import Kernel
 from diagnosis.estimation.kalman import Filtered, LinearSystem, SystemParts
-from diagnosis.estimation.kalman_c import FLAGS, source
+from diagnosis.estimation.kalman_c import source
 from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
+from mmg.compile.path_c import FLAGS
 
 RUNS, STEPS = 3, 11
 

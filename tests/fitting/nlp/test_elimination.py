@@ -11,7 +11,7 @@ from fitting.nlp import elimination_c
 from fitting.nlp.elimination_c import Chains, elimination
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.problem import Problem
-from fitting.solvers.condensing import quadratic
+from fitting.nlp.shooting import Kernels
 from fitting.solvers.condensing.quadratic import carried, gauss_newton
 from mmg.compile.cache import compiler
 from tests.fitting.nlp.test_run_constants import small
@@ -50,7 +50,7 @@ def test_steps_are_carried_as_in_numpy(kind: str, monkeypatch: pytest.MonkeyPatc
     for coefficients in (rng.normal(size=(W, p.L)), np.zeros((W, p.L))):
         ours = carried(p, sub.maps, sub.off, first, coefficients)
         with monkeypatch.context() as without:
-            without.setattr(quadratic, "elimination", lambda _: None)
+            without.setattr(Kernels, "elimination", None)
             theirs = carried(p, sub.maps, sub.off, first, coefficients)
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12 * np.abs(theirs).max())
 

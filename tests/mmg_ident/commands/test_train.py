@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import builtins
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -33,6 +32,7 @@ from residual.result import read_training
 from residual.settings import TrainSettings
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
+from tests.support.interrupted_commands import interrupted
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
 
@@ -224,51 +224,6 @@ def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> N
     assert process.returncode == 130 and "best weights so far" in words
     assert {row["status"] for row in read_result(tmp_path / "run")["per_seed"]} == {"stopped"}
     assert [p.name for p in tmp_path.iterdir()] == ["run"] and "--resume continues" in words
-
-
-def interrupted(arguments: list[str], seconds: float) -> tuple[int, str, list[int]]:
-    """Exit code, words and processes left of a command that gets Ctrl-C, with all its processes, after a while.
-
-    The while is of processor time: on a busy machine an interpreter may need long for its first steps."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mmg_ident.commands.main", *arguments],
-        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3], start_new_session=True,
-    )  # fmt: skip
-    while process.poll() is None and processor_time(process.pid) < seconds:
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGINT)
-    _, words = process.communicate(timeout=60)
-    left = still_there(process.pid)
-    for _ in range(100):  # what was told to end may need a moment for it
-        if not left:
-            break
-        time.sleep(0.1)
-        left = still_there(process.pid)
-    return process.returncode, words, left
-
-
-def processes_of(session: int) -> dict[int, list[str]]:
-    """Processes of a session, and of each what /proc/PID/stat says after its name."""
-    found = {}
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            stat = path.read_text().rpartition(")")[2].split()
-        except OSError:  # ended meanwhile
-            continue
-        if int(stat[3]) == session:
-            found[int(path.parent.name)] = stat
-    return found
-
-
-def still_there(session: int) -> list[int]:
-    """Processes of a session that have not ended."""
-    return [pid for pid, stat in processes_of(session).items() if stat[0] != "Z"]
-
-
-def processor_time(session: int) -> float:
-    """Seconds that the processes of a session have worked."""
-    ticks = sum(int(stat[11]) + int(stat[12]) for stat in processes_of(session).values())
-    return ticks / os.sysconf("SC_CLK_TCK")
 
 
 @pytest.mark.parametrize("wait", [2.0, pytest.param(6.5, marks=pytest.mark.slow)])
