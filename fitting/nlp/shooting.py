@@ -116,8 +116,9 @@ class Shooting:
         return self.blocks.linearise(start, np.atleast_2d(theta), pull)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
-        """The same, and the Hessian of the ``cost`` to first order in the states; that of the coefficients ``by_window``,
-        else by group; start, theta: as of ``values``."""
+        """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.
+
+        by_window: whether the Hessian of the coefficients is by window, else by group."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
             found = self.blocks.quadratics(start, theta, cost, self.windows)
