@@ -19,9 +19,9 @@ from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
-from diagnosis.estimation.parameters import Priors
+from diagnosis.estimation.parameters import Priors, mean_over_windows
 from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
@@ -241,6 +241,18 @@ def fit_as_read(
     ]
     gain = fits[0][1].nll - fits[1][1].nll
     return (joined if gain > 0 else held), InputReading(gain > 0, abs(gain), sample, length)
+
+
+def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
+    """The fit without effects of ``trials`` of a ``ship`` that begins where that of a ``few`` of them ended: at its
+    coefficients, sizes of the noise and correlation times, with samples as far apart and inputs read alike. Raises
+    BrokenModelError."""
+    steps, base = few.problem.steps, priors_before(ship)
+    data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
+    theta = mean_over_windows(few.null.theta)
+    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
+    null = estimate(steps, data, initial_point(steps, data, theta, base, wider(few.null.noise, ship).with_(prior=None), p), MAX_FITS)
+    return narrowed(steps, data, null, base, MAX_FITS)[0]
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

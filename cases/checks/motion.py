@@ -63,14 +63,24 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
 
 def delayed(values: np.ndarray, steps: float) -> np.ndarray:
     """``values`` (N,) late by a number of ``steps`` (linear between samples), (N,), NaN outside."""
+    shift, weight = shift_and_weight(steps)
+    return (1 - weight) * ahead(values, shift) + weight * ahead(values, shift + 1)
+
+
+def shift_and_weight(steps: float) -> tuple[int, float]:
+    """How many samples ``ahead`` values lie that are late by a number of ``steps``, and the share of those one further
+    ahead."""
     whole = round(-steps)
-    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)  # in whole samples; the rest is a weight
-    weight = max(-steps - shift, 0.0)
-    first, last = max(0, -shift), min(len(values), len(values) - shift - 1)
+    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)
+    return shift, max(-steps - shift, 0.0)
+
+
+def ahead(values: np.ndarray, shift: int) -> np.ndarray:
+    """``values`` (N,) so many samples later, (N,), NaN outside."""
     out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    first, last = max(0, -shift), min(len(values), len(values) - shift)
     if last > first:
-        low, high = (values[first + shift + k : last + shift + k] for k in (0, 1))
-        out[first:last] = (1 - weight) * low + weight * high
+        out[first:last] = values[first + shift : last + shift]
     return out
 
 

@@ -21,7 +21,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from cases.checks.motion import SMOOTHING, delayed, smooth, uniform
+from cases.checks.motion import SMOOTHING, ahead, shift_and_weight, smooth, uniform
 from cases.evidence.kinematic_fit import Fit, Rows, fit
 from cases.evidence.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from cases.trial import Trial
@@ -144,6 +144,7 @@ class _Log:
         self.moved, self.swung = self.between(self.place), self.between(self.psi)
         self.track = _correlation(self.moved, self.integral(self.turned * (self.u + 1j * self.v)), MOVED * k**2)
         self.turn = _correlation(self.swung, self.integral(self.r), TURNED)
+        self._ways: dict[tuple[str, int], tuple[np.ndarray, ...]] = {}
 
     def between(self, values: np.ndarray) -> np.ndarray:
         """End less start of every window, (M,)."""
@@ -196,10 +197,21 @@ class _Log:
 
     def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
-        steps, parts = -lag / self.dt, (self.u, self.v)
-        late = (delayed(self.turned * w, steps) if frame == "earth" else self.turned * delayed(w, steps) for w in parts)
-        u, v = (self.integral(w) for w in late)
+        shift, weight = shift_and_weight(-lag / self.dt)
+        low, high = (self._way_ahead(frame, whole) for whole in (shift, shift + 1))
+        u, v = ((1 - weight) * a + weight * b for a, b in zip(low, high, strict=True))
         return u, 1j * v
+
+    def _way_ahead(self, frame: str, shift: int) -> tuple[np.ndarray, ...]:
+        """Integrals (M,) of u and of v so many samples ahead; kept, as fits ask for the same ones again and again."""
+        way = self._ways.get((frame, shift))
+        if way is None:
+            parts = (self.u, self.v)
+            late = (
+                ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts
+            )
+            way = self._ways[frame, shift] = tuple(self.integral(w) for w in late)
+        return way
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:

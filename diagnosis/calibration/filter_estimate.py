@@ -9,16 +9,19 @@ import numpy as np
 from cases.evidence.kinematics import consistency
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import possible_readings
-from diagnosis.estimation.map_estimate import BrokenModelError
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.inputs import diagnosable_trials
-from diagnosis.prepare import prepare, with_sensor_faults
+from diagnosis.prepare import fit_of_more, prepare, with_sensor_faults
 from fitting.nlp.grid import default_step
 from mmg.errors import UserError
 from mmg.ship import Ship
 
 MOST = 40_000
 """Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB)."""
+FEW = 3_000
+"""Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
+samples are compared hardly depend on the rest, and a dozen linearisations of all trials become four."""
 FINE = 0.25
 """Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
 one reading is fitted then, not both."""
@@ -41,13 +44,37 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
         kept, _ = diagnosable_trials(trials)
         ship, _ = with_sensor_faults(ship, consistency(kept, ship))
         step = default_step(kept, ship.particulars["L"])
-        steps = sum(float(t["t"][-1] - t["t"][0]) for t in kept) / step
+        steps = _duration(kept) / step
         if steps > MOST:
             return f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})"
-        is_fine = max(t.dt for t in kept) <= FINE * step
-        ready = prepare(ship, kept, straight=possible_readings(kept)[-1] if is_fine else None)
+        few = _some(kept, max(1, int(steps // FEW)))
+        found, null = _fitted(ship, kept, few if default_step(few, ship.particulars["L"]) == step else kept)
     except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
         return f"a filter could not be fitted ({error})"
-    theta = mean_over_windows(ready.null.theta)
-    found = dict(zip(ready.full.ship.symbols, theta.tolist(), strict=True))
-    return {s: found[s] for s in ready.null.free.symbols if "." not in s}
+    values = dict(zip(found.symbols, mean_over_windows(null.theta).tolist(), strict=True))
+    return {s: values[s] for s in null.free.symbols if "." not in s}
+
+
+def _duration(trials: Sequence[Trial]) -> float:
+    """Of all ``trials`` together [s]."""
+    return sum(float(t["t"][-1] - t["t"][0]) for t in trials)
+
+
+def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
+    """One in ``every`` of the ``trials``, beginning where they last nearest to that share of all."""
+    share = _duration(trials) / every
+    return min((trials[first::every] for first in range(every)), key=lambda some: abs(_duration(some) - share))
+
+
+def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Ship, Estimate]:
+    """The fit without effects to all ``trials``, begun at that to a ``few`` of them; and the ship whose coefficients it
+    has."""
+    is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
+    straight = possible_readings(trials)[-1] if is_fine else None
+    try:
+        ready = prepare(ship, few, straight=straight)
+    except UserError:
+        if len(few) == len(trials):
+            raise
+        return _fitted(ship, trials, trials)
+    return ready.full.ship, ready.null if len(few) == len(trials) else fit_of_more(ready, ship, trials)
