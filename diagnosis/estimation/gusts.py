@@ -40,15 +40,14 @@ def with_gusts(steps: TransitionModel, data: GriddedTrials) -> GriddedTrials:
     z = initial_trajectory(steps, data, theta).z[:-1].reshape(K * R, -1).T
     inputs = data.inputs.reshape(K * R, -1).T
     north, east = np.nan_to_num(inputs[at])
-    every = steps.coefficients(theta, np.zeros((3, K * R)))
+    _, J = steps.rates(z, inputs, theta)
     pushes = []
     for turned in ((north, east), (-east, north)):
         ends = []
         for way in (SHARE, -SHARE):
             air = inputs.copy()
             air[at] += way * np.array(turned)
-            rates, J = steps.rates(z, air, every)
-            ends.append(rates[:, 3:6])
+            ends.append(steps.rates_alone(z, air, theta)[:, 3:6])
         pushes.append(np.linalg.solve(J[:, 3:6, steps.S :], ((ends[0] - ends[1]) / (2 * SHARE))[..., None])[..., 0])
     gusts = np.stack(pushes, axis=2).reshape(K, R, 3, 2)
     gusts[~data.inside] = 0.0

@@ -245,6 +245,11 @@ class TransitionModel:
         J[:, self._rows[own], place[self._columns[own]]] = nonzeros[own].T
         return rate.T, J
 
+    def rates_alone(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Rates (M, S) at z (S, M), inputs c (C, M), theta (all, M)."""
+        (rate,) = _at(self._rates, z, c, theta)
+        return rate.T
+
     def logdet_gradient(
         self,
         z: np.ndarray,
