@@ -251,7 +251,8 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
     theta = mean_over_windows(few.null.theta)
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
-    null = estimate(steps, data, initial_point(steps, data, theta, base, wider(few.null.noise, ship).with_(prior=None), p), MAX_FITS)
+    noise = wider(few.null.noise, ship).with_(prior=None)
+    null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     return narrowed(steps, data, null, base, MAX_FITS)[0]
 
 

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -226,5 +225,7 @@ def bounded_step(
     at_lower = p + d - lower < upper - p - d
     if not (held & np.where(at_lower, pull < 0.0, pull > 0.0)).any():
         return d
+    from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
+
     root = np.linalg.cholesky(hessian)
     return lsq_linear(root.T, -np.linalg.solve(root, slope), (lower - p, upper - p), method="bvls").x
