@@ -207,9 +207,7 @@ class _Log:
         way = self._ways.get((frame, shift))
         if way is None:
             parts = (self.u, self.v)
-            late = (
-                ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts
-            )
+            late = (ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts)
             way = self._ways[frame, shift] = tuple(self.integral(w) for w in late)
         return way
 
