@@ -152,6 +152,10 @@ def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[s
     return len(_plan(trial, inputs, length, stride, False)[0])
 
 
+Predicted = list[tuple[list[Window], list[Message]]]
+"""Windows of each of several trials, and notes on those left out."""
+
+
 def predict_all(
     simulator: Simulator | Forecaster,
     trials: Sequence[Trial],
@@ -161,7 +165,7 @@ def predict_all(
     method: str = "rk4",
     adaptation: Adaptation | None = None,
     bands: Bands | None = None,
-) -> list[tuple[list[Window], list[Message]]]:
+) -> Predicted:
     """Windows of each of ``trials``, predicted open-loop by ``simulator``, and notes on those left out.
 
     length, stride [s], short_last: as of ``window_rows``; method: "rk4" or "euler"; adaptation: use the past of each

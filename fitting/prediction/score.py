@@ -322,5 +322,6 @@ def score(
         totals = [float(mean.sum()) for mean in means]
         rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows)))
     paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
-    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past)
+    known = (WINDOW, STRIDE, short)
+    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, known)
     return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors)

@@ -19,7 +19,7 @@ from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all
+from fitting.prediction.predict import Forecaster, Predicted, Window, predict_all
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.states import STATES
@@ -158,16 +158,21 @@ def errors_in_units(
     window: float | None = None,
     method: str = "rk4",
     adaptation: Adaptation | None = None,
+    known: tuple[float, float, Predicted] | None = None,
 ) -> UnitErrors:
     """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
 
-    method: "rk4" or "euler"; adaptation: use the past of each window. Manoeuvres are predicted from their order on with
-    the measured inputs, of a ship and without adaptation only.
+    method: "rk4" or "euler"; adaptation: use the past of each window; known: length and stride [s] of whole windows
+    that are predicted already, and what ``predict_all`` gave. Manoeuvres are predicted from their order on with the
+    measured inputs, of a ship and without adaptation only.
     """
     length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
     size = window or window_for(trials, length)
     unit = ship_time(trials, length) if length else math.nan
-    found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
+    if known and known[:2] == (size, 0.5 * size):
+        found = known[2]
+    else:
+        found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
     parts = [_parts(trial, windows) for trial, (windows, _) in zip(trials, found, strict=True)]
     changes = np.vstack([part.changes for part in parts])
     change = np.sqrt((changes**2).mean(axis=0)) if len(changes) else np.full(6, np.nan)

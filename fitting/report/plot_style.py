@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from mmg.messages import Message
 from mmg.progress import LOGGER
@@ -33,7 +33,7 @@ DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1,
 HATCH = "////"
 """Of bars whose colour alone would not tell them from others."""
 WIDTH, DPI = 8.2, 110
-LETTERS = {"text.hinting": "none", "text.hinting_factor": 1}
+LETTERS: dict[Any, Any] = {"text.hinting": "none"}
 """Letters as their outlines are: to fit them to pixels takes a sixth of the time of all figures."""
 
 
