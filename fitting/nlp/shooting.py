@@ -40,7 +40,7 @@ class Kernels:
         k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
         z = ca.vertcat(q, *[theta[int(i)] for i in free])
         J, H = ca.jacobian(k, z), ca.triu(ca.hessian(ca.dot(mu, k), z)[0])
-        self.whole = ca.Function("whole", [q, c, theta, mu], [ca.densify(k), J, H], {"cse": True})
+        self.whole = ca.Function("whole", [q, c, theta, mu], [ca.densify(k), J, H])
         self.interval: IntervalKernel | None = None
         self.interpreted_because = "compilation switched off"
         if compiled:

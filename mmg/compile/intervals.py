@@ -131,7 +131,7 @@ class IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
         generators = (codegen, vector_math, stages, staged_lanes, transposed_c, interval_loops, interval_source)
-        text = LateSource.of([whole], lambda: interval_source.interval_source(whole), *generators)
+        text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
         try:
             library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
         except NotImplementedError as error:
@@ -227,3 +227,9 @@ class IntervalKernel:
 
         if in_threads(part, lanes.shares):
             raise MemoryError("no memory for the sensitivities of a block of intervals")
+
+
+def _without_repetition(function: ca.Function) -> ca.Function:
+    """The SXFunction ``function`` with no expression twice; late, as it takes longer than to find compiled code."""
+    given = function.sx_in()
+    return ca.Function(function.name(), given, function.call(given), {"cse": True})
