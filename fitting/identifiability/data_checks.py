@@ -14,6 +14,7 @@ from fitting.nlp.windows import Segments
 from fitting.solvers.ipopt import ROUGH
 from fitting.solvers.leading import solve_led
 from fitting.solvers.residual_noise import residual_series
+from mmg.compile.batch import BatchFunction
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -34,6 +35,8 @@ ROUGH_TOLERANCE, ROUGH_ITERATIONS = 1e-3, 60
 """Of the fit of a run's states alone."""
 ASTERN = 1e-3
 """Share of its effect going astern that a coefficient must have in the trials to count as excited."""
+TURNED_ROUND = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -0.3), (-1.0, -0.3), (-1.0, 0.3))
+"""By what surge velocity and revolutions of the data are multiplied to see what acts astern; first as they are."""
 
 
 def refuse_outliers(trials: Sequence[Trial], step: float) -> None:
@@ -179,22 +182,21 @@ def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndar
     model = assemble(ship)
     free = [ship.symbols.index(s) for s in ship.free]
     pick = np.unique(np.linspace(0, len(segments.nodes) - 1, most).round().astype(int))
-    theta = np.tile(ship.values[:, None], len(pick))
     z, c, t = (ca.SX.sym("a", n) for n in (len(model.states), len(model.controls), len(model.symbols)))
     rates = model.rates(z, c, t)[3:6] * ca.DM([1.0, 1.0, ship.particulars["L"]])
     J = ca.jacobian(rates, ca.vertcat(*[t[i] for i in free]))
-    squares = ca.Function("influence", [z, c, t], [ca.sum1(ca.densify(J) ** 2)]).map(len(pick))
-    initial = model.initial.map(len(pick))
+    squares = ca.Function("influence", [z, c, t], [ca.sum1(ca.densify(J) ** 2)], {"cse": True})
     propellers = [i for i, name in enumerate(ship.inputs) if name == "n" or name.startswith("n_")]
-    found = []
-    for surge, turns in ((1, 1), (1, -1), (-1, 1), (-1, -1), (1, -0.3), (-1, -0.3), (-1, 0.3)):
-        states, controls = segments.nodes[pick].T.copy(), segments.node_controls[:, pick].copy()
-        states[3] *= surge
-        controls[propellers] *= turns
-        total = np.array(squares(initial(states, controls, theta), controls, theta))
-        mean = np.nanmean(total.T.reshape(len(pick), len(free)), axis=0)
-        found.append(np.sqrt(mean) * Prior.of(ship).std)
-    return found[0], np.max(found[1:], axis=0)
+    states = np.tile(segments.nodes[pick].T[:, None], (1, len(TURNED_ROUND), 1))
+    controls = np.tile(segments.node_controls[:, pick][:, None], (1, len(TURNED_ROUND), 1))
+    surge, turns = np.array(TURNED_ROUND).T[:, :, None]
+    states[3] *= surge
+    controls[propellers] *= turns
+    states, controls = states.reshape(len(states), -1), controls.reshape(len(controls), -1)
+    settled = model.at_points("initial", states, controls, ship.values)
+    total = BatchFunction(squares, None).at(settled, controls, ship.values)[0]
+    found = np.sqrt(np.nanmean(total.reshape(len(free), len(TURNED_ROUND), -1), axis=2)) * Prior.of(ship).std[:, None]
+    return found[:, 0], np.max(found[:, 1:], axis=1)
 
 
 def contradictions(prior: Prior) -> list[Message]:
