@@ -8,9 +8,10 @@ that differs from the headers costs COST for the folder; a trial that differs fr
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -89,6 +90,36 @@ def _rates() -> tuple[float, ...]:
     return tuple({r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock for r in competitors()[0]})
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """What each of H readings asks a table for: one of the ``keys``, ``which`` (H,)."""
+
+    keys: tuple[Any, ...]
+    which: np.ndarray
+
+    @classmethod
+    def of(cls, each: Iterable[Any]) -> _Asked:
+        """From the key that each reading asks for."""
+        number: dict[Any, int] = {}
+        which = np.array([number.setdefault(key, len(number)) for key in each])
+        return cls(tuple(number), which)
+
+    def found(self, table: Mapping[Any, float]) -> np.ndarray:
+        """What each reading finds in the ``table``, (H,), 0 where it has nothing."""
+        return np.array([table.get(key, 0.0) for key in self.keys])[self.which]
+
+
+@cache
+def _asked() -> tuple[_Asked, _Asked, _Asked, dict[tuple[str, float], np.ndarray]]:
+    """What readings ask the tables of tracks, spins and rudders for, and which of them have each unit, (H,)."""
+    each = competitors()[0]
+    tracks = _Asked.of((r.frame, r.heading, r.speed * r.clock) for r in each)
+    spins = _Asked.of((r.heading, r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock) for r in each)
+    units = [set(r.units) for r in each]
+    having = {unit: np.array([unit in own for own in units]) for unit in set().union(*units)}
+    return tracks, spins, _Asked.of(r.turning for r in each), having
+
+
 def scores(
     trial: Trial, turning: float | None, standing: Sequence[str] = (), labels: Mapping[str, str] | None = None
 ) -> Scores:
@@ -98,36 +129,30 @@ def scores(
     still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
     """
     found = competitors()[0]
-    nats = np.zeros(len(found))
     strange = _unlikely_units(labels or {})
-    turned = _rudder(turning)
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
     spin: dict[tuple[float, float], float] = {}
     blind = {"psi", "r"} & set(standing)
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
-    factors = {r.speed * r.clock for r in found}
+    factors = tuple({r.speed * r.clock for r in found})
     for unit in HEADINGS:
         s = signals(trial, unit)
         if s is None:
             continue
         if not blind:
             stats = s.stats(over_windows(s.psi), s.summed(s.r))
-            for factor in _rates():
-                spin[unit, factor] = _spun(stats, factor)
+            spin |= zip(((unit, factor) for factor in _rates()), _spun(stats, _rates()), strict=True)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():
                 stats = s.stats(s.way(), s.summed(frame.guess(s)))
-                for factor in factors:
-                    track[name, unit, factor] = _tracked(stats, factor)
+                track |= zip(((name, unit, factor) for factor in factors), _tracked(stats, factors), strict=True)
                 if len(factors) > 1 and track["body", 1.0, 1.0][1] < RIGHT:
-                    factors = {1.0}
-        if factors == {1.0}:  # these units are right; what another one makes of them explains nothing
+                    factors = (1.0,)
+        if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
             break
-    for i, r in enumerate(found):
-        axes = FRAMES[r.frame]
-        nats[i] = track.get((r.frame, r.heading, r.speed * r.clock), (0.0, 0.0))[0]
-        nats[i] += spin.get((r.heading, r.rate * axes.psi * axes.r * r.clock), 0.0)
-        nats[i] += turned[r.turning] + STRANGE * sum(pair in strange for pair in r.units)
+    tracks, spins, rudders, units = _asked()
+    nats = tracks.found({key: value[0] for key, value in track.items()}) + spins.found(spin)
+    nats += rudders.found(_rudder(turning)) + STRANGE * sum(units[unit] for unit in strange if unit in units)
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
 
 
@@ -163,27 +188,29 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     return out
 
 
-def _tracked(stats: Stats, factor: float) -> tuple[float, float]:
-    """(nats, relative misfit) of predicted ways times ``factor``, the heading's offset and the log's gain left free
-    within what is usual."""
-    both, predicted = complex(np.sum(stats.both)), float(np.sum(stats.predicted))
+def _tracked(stats: Stats, factors: Sequence[float]) -> list[tuple[float, float]]:
+    """(nats, relative misfit) of predicted ways times each of the ``factors``, the heading's offset and the log's gain
+    left free within what is usual."""
+    both, predicted, by = complex(np.sum(stats.both)), float(np.sum(stats.predicted)), np.array(factors)
     if not predicted > 0 or not abs(both) > 0:
-        return float(evidence(np.ones(PIECES))), 1.0
-    best = both / (predicted * factor)
-    angle = float(np.clip(math.atan2(best.imag, best.real), -MOST_OFF[0], MOST_OFF[0]))
-    gain = float(np.clip(math.log(abs(best)), -MOST_OFF[1], MOST_OFF[1]))
+        return [(float(evidence(np.ones(PIECES))), 1.0)] * len(by)
+    best = both / (predicted * by)
+    angle = np.clip(np.angle(best), -MOST_OFF[0], MOST_OFF[0])
+    gain = np.clip(np.log(np.abs(best)), -MOST_OFF[1], MOST_OFF[1])
     prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
-    misfit = relative(stats, factor * math.exp(gain) * complex(math.cos(angle), math.sin(angle)))
-    plain = relative(stats, factor)
-    return float(evidence(misfit)) + prior, math.sqrt(float(np.average(plain, weights=stats.measured + 1e-30)))
+    nats = evidence(relative(stats, by * np.exp(gain + 1j * angle))) + prior
+    plain = np.average(relative(stats, by), axis=-1, weights=stats.measured + 1e-30)
+    return list(zip(nats.tolist(), np.sqrt(plain).tolist(), strict=True))
 
 
-def _spun(stats: Stats, factor: float) -> float:
-    """Nats of integrated turn rates times ``factor``, the gain of the gyro left free within what is usual."""
-    both, predicted = float(np.real(np.sum(stats.both))), float(np.sum(stats.predicted))
-    gain = both / (predicted * factor) if predicted > 0 else 1.0
-    gain = float(np.clip(gain, 1 - 3 * GYRO, 1 + 3 * GYRO))
-    return float(evidence(relative(stats, factor * gain))) + 0.5 * ((gain - 1) / GYRO) ** 2
+def _spun(stats: Stats, factors: Sequence[float]) -> list[float]:
+    """Nats of integrated turn rates times each of the ``factors``, the gain of the gyro left free within what is
+    usual."""
+    both, predicted, by = float(np.real(np.sum(stats.both))), float(np.sum(stats.predicted)), np.array(factors)
+    gain = both / (predicted * by) if predicted > 0 else np.ones(len(by))
+    gain = np.clip(gain, 1 - 3 * GYRO, 1 + 3 * GYRO)
+    nats: list[float] = (evidence(relative(stats, by * gain)) + 0.5 * ((gain - 1) / GYRO) ** 2).tolist()
+    return nats
 
 
 def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
