@@ -76,7 +76,7 @@ def shift_and_weight(steps: float) -> tuple[int, float]:
 
 
 def ahead(values: np.ndarray, shift: int) -> np.ndarray:
-    """``values`` (N,) so many samples later, (N,), NaN outside."""
+    """``values`` (N,) ``shift`` samples later, (N,), NaN outside."""
     out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
     first, last = max(0, -shift), min(len(values), len(values) - shift)
     if last > first:

@@ -91,14 +91,14 @@ def _rates() -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Keys:
     """What each of H readings asks a table for: one of the ``keys``, ``which`` (H,)."""
 
     keys: tuple[Any, ...]
     which: np.ndarray
 
     @classmethod
-    def of(cls, each: Iterable[Any]) -> _Asked:
+    def of(cls, each: Iterable[Any]) -> _Keys:
         """From the key that each reading asks for."""
         number: dict[Any, int] = {}
         which = np.array([number.setdefault(key, len(number)) for key in each])
@@ -110,14 +110,14 @@ class _Asked:
 
 
 @cache
-def _asked() -> tuple[_Asked, _Asked, _Asked, dict[tuple[str, float], np.ndarray]]:
+def _keys_of_readings() -> tuple[_Keys, _Keys, _Keys, dict[tuple[str, float], np.ndarray]]:
     """What readings ask the tables of tracks, spins and rudders for, and which of them have each unit, (H,)."""
     each = competitors()[0]
-    tracks = _Asked.of((r.frame, r.heading, r.speed * r.clock) for r in each)
-    spins = _Asked.of((r.heading, r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock) for r in each)
+    tracks = _Keys.of((r.frame, r.heading, r.speed * r.clock) for r in each)
+    spins = _Keys.of((r.heading, r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock) for r in each)
     units = [set(r.units) for r in each]
     having = {unit: np.array([unit in own for own in units]) for unit in set().union(*units)}
-    return tracks, spins, _Asked.of(r.turning for r in each), having
+    return tracks, spins, _Keys.of(r.turning for r in each), having
 
 
 def scores(
@@ -150,7 +150,7 @@ def scores(
                     factors = (1.0,)
         if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
             break
-    tracks, spins, rudders, units = _asked()
+    tracks, spins, rudders, units = _keys_of_readings()
     nats = tracks.found({key: value[0] for key, value in track.items()}) + spins.found(spin)
     nats += rudders.found(_rudder(turning)) + STRANGE * sum(units[unit] for unit in strange if unit in units)
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
