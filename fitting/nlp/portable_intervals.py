@@ -8,33 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
-import casadi as ca
 import numpy as np
 
 from fitting.nlp.group_sums import group_sums
+from fitting.nlp.portable_rates import Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
-from mmg.compile.batch import BatchFunction, filled, padded
+from mmg.compile.batch import filled, padded
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
-
-
-class Functions:
-    """Rates of a ship with their derivatives at many points, interpreted.
-
-    whole: SXFunction (q (Q,), inputs, coefficients, multipliers (S,)) -> rates (S,), their Jacobian (S, Q + P) to q and
-    the P free coefficients, upper triangle of the Hessian of multipliers . rates. ``jacobian_at`` and ``hessian_at``:
-    row and column of each nonzero.
-    """
-
-    def __init__(self, whole: ca.Function) -> None:
-        self.S, self.Q = whole.size1_out(0), whole.size1_in(0)
-        self.P = whole.size2_out(1) - self.Q
-        q, c, theta, mu = (ca.SX.sym(name, whole.size1_in(i)) for i, name in enumerate("qctm"))
-        k, J, H = whole(q, c, theta, mu)
-        options = {"cse": True}
-        self.rates = BatchFunction(ca.Function("f_rates", [q, c, theta], [k], options), None)
-        self.jacobian = BatchFunction(ca.Function("f_jacobian", [q, c, theta], [k, J], options), None)
-        self.hessian = BatchFunction(ca.Function("f_hessian", [q, c, theta, mu], [H], options), None)
-        self.jacobian_at, self.hessian_at = (np.array(A.sparsity().get_triplet(), dtype=int) for A in (J, H))
 
 
 @dataclass

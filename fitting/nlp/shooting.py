@@ -15,7 +15,8 @@ import numpy as np
 
 from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
-from fitting.nlp.portable_intervals import Blocks, Functions
+from fitting.nlp.portable_intervals import Blocks
+from fitting.nlp.portable_rates import Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
