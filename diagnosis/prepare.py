@@ -253,6 +253,8 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     noise = wider(few.null.noise, ship).with_(prior=None)
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
+    if not null.converged:
+        null = estimate(steps, data, null, MAX_FITS)
     return narrowed(steps, data, null, base, MAX_FITS)[0]
 
 

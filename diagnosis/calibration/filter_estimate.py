@@ -21,7 +21,7 @@ MOST = 40_000
 """Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB)."""
 FEW = 3_000
 """Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
-samples are compared hardly depend on the rest, and a dozen linearisations of all trials become four."""
+samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven."""
 FINE = 0.25
 """Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
 one reading is fitted then, not both."""
