@@ -63,7 +63,8 @@ def _duration(trials: Sequence[Trial]) -> float:
 def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
     """One in ``every`` of the ``trials``, beginning where they last nearest to that share of all."""
     share = _duration(trials) / every
-    return min((trials[first::every] for first in range(every)), key=lambda some: abs(_duration(some) - share))
+    each = [trials[first::every] for first in range(min(every, len(trials)))]
+    return min(each, key=lambda some: abs(_duration(some) - share))
 
 
 def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Ship, Estimate]:
