@@ -21,7 +21,7 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
-from diagnosis.estimation.parameters import Priors, mean_over_windows
+from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
 from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
@@ -250,7 +250,7 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     steps, base = few.problem.steps, priors_before(ship)
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
     theta = mean_over_windows(few.null.theta)
-    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
+    p = (get_values(steps.ship, data, theta, base.columns) - base.mean) / base.std
     noise = wider(few.null.noise, ship).with_(prior=None)
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     if not null.converged:

@@ -77,7 +77,8 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
     """First-order low-pass of time constant T [s], starting at the first value; uneven steps allowed.
 
-    In blocks of BLOCK steps: what a block's inputs leave, all blocks side by side, and what is left of its start.
+    In blocks of BLOCK steps: what a block's inputs leave, all blocks side by side, and what is left of its start. (A
+    banded solver would do, but scipy takes longer to read than a folder to check.)
     """
     passed = np.diff(t) / T
     blocks = -(-len(passed) // BLOCK)

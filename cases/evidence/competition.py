@@ -84,12 +84,6 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     return tuple(found), apart[0].astype(int), apart
 
 
-@cache
-def _rates() -> tuple[float, ...]:
-    """Factors of the turn rate against the heading, of all readings."""
-    return tuple({r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock for r in competitors()[0]})
-
-
 @dataclass(frozen=True)
 class _Keys:
     """What each of H readings asks a table for: one of the ``keys``, ``which`` (H,)."""
@@ -128,20 +122,20 @@ def scores(
     turning: correlation of its turn rate with the rudder, None where it is not known; standing: columns that stand
     still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
     """
-    found = competitors()[0]
+    tracks, spins, rudders, units = _keys_of_readings()
     strange = _unlikely_units(labels or {})
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
     spin: dict[tuple[float, float], float] = {}
     blind = {"psi", "r"} & set(standing)
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
-    factors = tuple({r.speed * r.clock for r in found})
+    factors, rates = tuple({key[2] for key in tracks.keys}), tuple({key[1] for key in spins.keys})
     for unit in HEADINGS:
         s = signals(trial, unit)
         if s is None:
             continue
         if not blind:
             stats = s.stats(over_windows(s.psi), s.summed(s.r))
-            spin |= zip(((unit, factor) for factor in _rates()), _spun(stats, _rates()), strict=True)
+            spin |= zip(((unit, rate) for rate in rates), _spun(stats, rates), strict=True)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():
                 stats = s.stats(s.way(), s.summed(frame.guess(s)))
@@ -150,7 +144,6 @@ def scores(
                     factors = (1.0,)
         if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
             break
-    tracks, spins, rudders, units = _keys_of_readings()
     nats = tracks.found({key: value[0] for key, value in track.items()}) + spins.found(spin)
     nats += rudders.found(_rudder(turning)) + STRANGE * sum(units[unit] for unit in strange if unit in units)
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})

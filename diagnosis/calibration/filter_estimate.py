@@ -57,7 +57,7 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
 
 def _duration(trials: Sequence[Trial]) -> float:
     """Of all ``trials`` together [s]."""
-    return sum(float(t["t"][-1] - t["t"][0]) for t in trials)
+    return sum(trial.duration for trial in trials)
 
 
 def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
