@@ -102,6 +102,7 @@ RESERVED = frozenset(
 """Words of C99 and C++11 that no name can be."""
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE = "belongs_to_the_place", "left_out", "range_unknown"
+UNEXCITED = "not_excited"
 """Codes of what is said of a product."""
 SHOWN = 12
 """Digits of a hash that a sentence shows."""
@@ -232,6 +233,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if not held:
         words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
+    caveats += _unexcited(content)
     return Product(ship, identifier, held, _provenance(Path(where), place, content), tuple(caveats))
 
 
@@ -263,6 +265,16 @@ def _blocking(ship: Ship, content: Mapping[str, Any]) -> list[Message]:
     if not content and not any(c.verdict for c in ship.coefficients.values()):
         return [Message(f"the ship {ship.name} is not calibrated on trials", UNCALIBRATED)]
     return []
+
+
+def _unexcited(content: Mapping[str, Any]) -> list[Message]:
+    """The coefficients of a run's record of which its trials say nothing, in one caveat."""
+    found = (content.get("identifiability") or {}).get("coefficients") or {}
+    silent = [symbol for symbol, row in found.items() if row["kind"] == "silent"]
+    if not silent:
+        return []
+    words = f"{len(silent)} of {len(found)} free coefficients are not excited by the trials and stand at their prior"
+    return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)]
 
 
 def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:

@@ -22,7 +22,7 @@ from fitting.report.run_folder import plain
 from mmg.errors import UserError
 from mmg.messages import Message
 
-SOURCES_ONLY, LATE_COLUMNS = "no_binary", "columns_approximate"
+SOURCES_ONLY, LATE_COLUMNS, OSP_DESCRIPTION = "no_binary", "columns_approximate", "osp_description"
 """Codes of what is said of an FMU."""
 LICENCE = "fmi-standard-headers.txt"
 """File with the licence of the headers of the standard."""
@@ -86,7 +86,8 @@ def _write(product: Product, target: Path, version: int, platforms: Sequence[str
     files, said = fmu_files(ship, version, platforms)
     write_archive(target, files)
     beside.write_text(text, encoding="utf-8", newline="\n")
-    return said
+    words = f"{beside.name} lies beside it: its variables in groups, for the Open Simulation Platform (docs/fmu.md)"
+    return [*said, Message(words, OSP_DESCRIPTION)]
 
 
 def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:

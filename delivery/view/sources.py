@@ -116,7 +116,7 @@ def _models(folder: Path, kind: str) -> list[ViewModel]:
         words = "calibrated" if fit.converged else "calibrated (NOT converged)"
         bands = bands_of(fit.to_dict(), fit.ship)
         return [
-            ViewModel("start", "start ship (captive)", run, Simulator(fit.start)),
+            ViewModel("start", "start ship", run, Simulator(fit.start)),
             ViewModel("calibrated", words, run, Simulator(fit.ship), bands),
         ]
     if kind != "training":

@@ -195,7 +195,10 @@ def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndar
     states, controls = states.reshape(len(states), -1), controls.reshape(len(controls), -1)
     settled = model.at_points("initial", states, controls, ship.values)
     total = BatchFunction(squares, None).at(settled, controls, ship.values)[0]
-    found = np.sqrt(np.nanmean(total.reshape(len(free), len(TURNED_ROUND), -1), axis=2)) * Prior.of(ship).std[:, None]
+    total = total.reshape(len(free), len(TURNED_ROUND), -1)
+    points = np.isfinite(total)  # none of them where the model has no value when it is turned round
+    mean = np.where(points, total, 0.0).sum(axis=2) / np.maximum(points.sum(axis=2), 1)
+    found = np.sqrt(mean) * Prior.of(ship).std[:, None]
     return found[:, 0], np.max(found[:, 1:], axis=1)
 
 

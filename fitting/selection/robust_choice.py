@@ -59,7 +59,7 @@ class TriedWeighting:
     """One candidate: loss, share of the information, and its errors on runs left out.
 
     window, paper: mean of files of 30 s windows and 100 s restarts; change: ``log_change`` from the one before, with
-    its jackknife ``error`` over runs; worse: kinds that forbid it; taken: whether it replaced the one before.
+    its jackknife ``error`` over runs; worse: kinds that forbid it; taken: whether the fit uses it; one of all is taken.
     """
 
     loss: str
@@ -92,7 +92,7 @@ class Weighting:
         if self.why:
             return f"{self.loss} loss, not chosen by runs left out: {self.why}"
         first = self.tried[0]
-        last = next(row for row in reversed(self.tried) if row.taken)
+        last = next(row for row in self.tried if row.taken)
         known = f"all {self.runs} runs left out in turn"
         counted = "" if self.weight == 1 else f", each run counted with {self.weight:.0%} of its information"
         if last is first:
@@ -166,11 +166,11 @@ class _Choice:
                 (change.value if good else np.inf, scores, self._row(loss, weight, scores, change, worse, False))
             )
         least = min(tried, key=lambda t: t[0], default=None)
-        for t in tried:
-            taken = t is least and np.isfinite(t[0])
-            self.rows.append(replace(t[2], taken=bool(taken)))
-        if least and np.isfinite(least[0]):
+        better = least is not None and bool(np.isfinite(least[0]))
+        if least and better:
             self.best, self.loss, self.weight = least[1], least[2].loss, least[2].weight
+            self.rows = [replace(row, taken=False) for row in self.rows]
+        self.rows += [replace(t[2], taken=better and t is least) for t in tried]
 
     @staticmethod
     def _row(

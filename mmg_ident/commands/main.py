@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 from mmg_ident.commands.watcher import tell, watch
 
@@ -184,11 +184,23 @@ class _Verbs(TyperGroup):
             formatter.write_dl(list(VERBS.items()))
 
 
-app = typer.Typer(name="mmg", cls=_Verbs, no_args_is_help=True, **{**_PLAIN, "add_completion": True})
+app = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from mmg_ident import __version__
+
+        typer.echo(f"mmg-ident {__version__}")
+        raise typer.Exit
 
 
 @app.callback()
-def _about() -> None:
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
     """Manoeuvring models (MMG) of ships, calibrated from trial data."""
 
 
@@ -254,7 +266,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     OBSERVER.told = tell
     try:
-        given = expand(sys.argv[1:] if arguments is None else arguments)
+        given = expand(sys.argv[1:] if arguments is None else arguments) or ["--help"]
         _check_memory(given)
         outcome = app(given, standalone_mode=False)
         sys.stdout.flush()

@@ -13,7 +13,16 @@ import pytest
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
 from delivery.c.header import about
 from delivery.export import ABOUT, FORMATS, export
-from delivery.product import LEFT_OUT, NAME_CHANGED, NO_RANGE, NOT_CONVERGED, UNCALIBRATED, identifiers, product_of
+from delivery.product import (
+    LEFT_OUT,
+    NAME_CHANGED,
+    NO_RANGE,
+    NOT_CONVERGED,
+    UNCALIBRATED,
+    UNEXCITED,
+    identifiers,
+    product_of,
+)
 from mmg.errors import UserError
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
@@ -48,6 +57,20 @@ def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
     said = capsys.readouterr().err.strip()
     assert "\n" not in said and said.startswith("mmg: "), said
     return said
+
+
+def test_coefficients_that_no_trial_excites_are_a_caveat(run: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "unexcited"
+    folder.mkdir()
+    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
+    content = json.loads((run / "result.json").read_text())
+    rows = content["identifiability"]["coefficients"]
+    first, second, *_ = rows
+    for symbol in (first, second):
+        rows[symbol]["kind"] = "silent"
+    (folder / "result.json").write_text(json.dumps(content))
+    (caveat,) = product_of(folder).caveats
+    assert caveat.code == UNEXCITED and f"2 of {len(rows)} " in str(caveat) and f"{first}, {second}" in str(caveat)
 
 
 def test_a_calibrated_ship_brings_its_record(run: Path) -> None:

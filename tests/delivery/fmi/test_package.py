@@ -19,7 +19,7 @@ from delivery.fmi.osp import osp_groups
 from delivery.fmi.ship import CoSimulatedShip
 from delivery.fmi.units import exponents, plain_unit
 from delivery.fmi.variables import variable_table
-from delivery.fmi.write import LATE_COLUMNS, SOURCES_ONLY, write_fmu2, write_fmu3
+from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, write_fmu2, write_fmu3
 from delivery.product import NOT_CONVERGED, Product
 from mmg.compile.cache import compiler
 from mmg.errors import UserError
@@ -214,8 +214,9 @@ def test_another_osp_description_is_replaced_by_force_alone(tmp_path: Path) -> N
     with pytest.raises(UserError, match="describes another FMU"):
         export(of, "fmu", tmp_path / "ship.fmu", **options)
     assert not (tmp_path / "ship.fmu").exists() and beside.read_text() == "<another/>"
-    export(of, "fmu", tmp_path / "ship.fmu", force=True, **options)
+    said = export(of, "fmu", tmp_path / "ship.fmu", force=True, **options)
     assert "VariableGroups" in beside.read_text()
+    assert [m for m in said if m.code == OSP_DESCRIPTION and beside.name in str(m)]
 
 
 @needs_compiler

@@ -75,6 +75,11 @@ def test_the_page_says_which_calibration_it_is_and_not_the_ship_that_it_began_fr
     assert f"<h1>{mark.words}" in text and content(text)[0]["ship"] == mark.words
 
 
+def test_the_ship_that_a_run_began_from_is_not_called_one_of_captive_tests(text: str) -> None:
+    labels = [model["label"] for model in content(text)[0]["models"]]
+    assert "start ship" in labels and not [label for label in labels if "captive" in label]
+
+
 def test_the_policy_names_each_script_and_style_and_allows_nothing_else(text: str) -> None:
     page = Parsed(text)
     (policy,) = [a["content"] for a, _ in page.of("meta") if a.get("http-equiv") == "Content-Security-Policy"]

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,18 @@ def test_an_option_without_its_values_is_one_clear_line(given: list[str], capsys
     assert main(given) == 2
     line = capsys.readouterr().err.strip()
     assert "requires an argument" in line and "\n" not in line
+
+
+def test_the_bare_command_prints_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    text = capsys.readouterr()
+    assert main([]) == 0
+    assert capsys.readouterr() == text and not text.err
+
+
+def test_the_version_is_that_of_the_distribution(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.split() == ["mmg-ident", metadata.version("mmg-ident")]
 
 
 def test_help_needs_neither_casadi_nor_torch() -> None:
