@@ -99,19 +99,32 @@ def calibrated_ship(
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
     found: what decided each coefficient; converged: an estimate that did not says so.
     """
-    changed, own = {}, "calibrated by mmg fit"
+    own, changed = "calibrated by mmg fit", {}
+    for symbol, mean, std in zip(prior.symbols, prior.mean.tolist(), prior.std.tolist(), strict=True):
+        source = ship.coefficients[symbol].source
+        source = own if own in source or not source else f"{own}; prior: {source}"
+        changed[symbol] = ship.coefficients[symbol].with_(prior_value=mean, prior_std=std, source=source)
+    known = replace(ship.with_coefficients(changed), notices=())
+    return with_estimates(known, prior, p, covariance, found, converged)
+
+
+def with_estimates(
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+) -> Ship:
+    """A calibrated ``ship`` with other estimates, standard errors and verdicts.
+
+    prior, p (P,), covariance (P, P), found, converged: as of ``calibrated_ship``.
+    """
+    changed = {}
     for i, finding in enumerate(found.findings):
         words = verdict(finding)
         c, share = ship.coefficients[finding.symbol], float(covariance[i, i])
         changed[c.symbol] = c.with_(
             value=float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i])),
             std=float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std,
-            prior_value=float(prior.mean[i]),
-            prior_std=float(prior.std[i]),
             verdict=words if converged else f"NOT CONVERGED; {words}",
-            source=own if own in c.source or not c.source else f"{own}; prior: {c.source}",
         )
-    return replace(ship.with_coefficients(changed), notices=())
+    return ship.with_coefficients(changed)
 
 
 def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[Message]:
