@@ -45,6 +45,16 @@ Engineering judgement for merchant ships; public fits of the ESSO OSAKA records 
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
 """Prior standard deviations within which the estimate of an added mass must lie."""
+HIDDEN = (
+    "it may make up for what the trials hide, such as an antenna off midship, a current, or inputs logged at samples "
+    "and taken as held (mmg diagnose)"
+)
+"""Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship."""
+REMEDIES = (
+    f"{HIDDEN}; reference_point and inputs in trials.toml say what is known of it, --with antenna_offset and --with "
+    "current fit it"
+)
+"""The same with what to do, for a warning."""
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
@@ -54,10 +64,10 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
     if kind == "strained":
         return (
             f"in conflict with the prior: {abs(finding.shift):.1f} prior standard deviations away although the trials "
-            "hardly tell it; check the prior, or what the model lacks"
+            f"hardly tell it; {HIDDEN}"
         )
     if kind == "prior" and finding.share > WORSE:
-        return "no better known than by its prior: correlated residuals made it worse; fix it or narrow its prior"
+        return "no better known than by its prior: windows, runs or estimators disagree on it by more than that leaves"
     if kind == "shared":
         if not names:
             return "shared with many coefficients: only combinations of them are determined"
@@ -143,7 +153,7 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
         found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
     away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]
     if away:
-        words = f"more than three prior standard deviations from the prior: {', '.join(away)}"
+        words = f"more than three prior standard deviations from the prior: {', '.join(away)}; {REMEDIES}"
         found.append(Message(words, "far_from_prior"))
     found += implausible(prior, dict(zip(prior.symbols, (prior.mean + prior.std * p).tolist(), strict=True)))
     return [*found, *disagreement(starts, best.objective)]
@@ -151,7 +161,7 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
 
 def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
     """Warnings on ``values`` (symbol -> estimate) outside their physical range; on added masses far from ``prior``."""
-    found = []
+    outside, far = [], []
     for symbol, value in values.items():
         low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))
         if low <= value <= high:
@@ -159,15 +169,15 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
         limits = f"{low:g} to {high:g}"
         if math.inf in (-low, high):
             limits = f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        range_ = f"{symbol} = {value:.3g} is outside its physical range ({limits})"
-        advice = "it stands in for something else; fix it, narrow its prior, or free what is missing"
-        found.append(Message(f"{range_}: {advice}", "implausible"))
+        outside.append(f"{symbol} = {value:.3g} is outside its physical range ({limits})")
     for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):
         shift = (values.get(symbol, mean) - mean) / std
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
-            words = (
-                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior; "
-                "trials hardly determine added masses, so it makes up for something else: narrow its prior or fix it"
+            far.append(
+                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior"
             )
-            found.append(Message(words, "added_mass_far_from_prior"))
+    found = [Message(f"{', '.join(outside)}: {REMEDIES}", "implausible")] if outside else []
+    if far:
+        words = f"{', '.join(far)}, though trials hardly determine added masses: {REMEDIES}"
+        found.append(Message(words, "added_mass_far_from_prior"))
     return found
