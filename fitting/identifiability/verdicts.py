@@ -46,13 +46,13 @@ ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
 """Prior standard deviations within which the estimate of an added mass must lie."""
 HIDDEN = (
-    "it may make up for what the trials hide, such as an antenna off midship, a current, or inputs logged at samples "
-    "and taken as held (mmg diagnose)"
+    "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
+    "(mmg diagnose)"
 )
 """Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship."""
 REMEDIES = (
-    f"{HIDDEN}; reference_point and inputs in trials.toml say what is known of it, --with antenna_offset and --with "
-    "current fit it"
+    f"{HIDDEN}; reference_point and inputs in trials.toml say what is known, --with antenna_offset and --with current "
+    "fit what is not"
 )
 """The same with what to do, for a warning."""
 
