@@ -12,7 +12,7 @@ import numpy as np
 from cases.trial import Trial
 from fitting.identifiability.analysis import Identifiability, analyse
 from fitting.identifiability.data_checks import outlying_runs
-from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings
+from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings, with_estimates
 from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.problem import Prior, Problem
@@ -43,9 +43,9 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first. weighting: how loss and weight of the runs were chosen, None where given;
-    rough: its last solve is left out, ``solution`` is where that begins; unfinished: warnings on what it began with,
-    while ``finished`` has still to make that solve, to certify it and to say what is wrong, else None.
+    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; weighting: how loss
+    and weight of the runs were chosen, None where given; rough: its last solve is left out, ``solution`` is where that
+    begins; unfinished: ``finished`` has still to make that solve, to certify it and to say what is wrong.
     """
 
     ship: Ship
@@ -58,7 +58,7 @@ class Calibration:
     settings: Settings
     passes: tuple[dict, ...]
     starts: tuple[Start, ...]
-    warnings: tuple[Message, ...]
+    data_warnings: tuple[Message, ...]
     notices: tuple[Message, ...]
     timings: dict[str, float]
     information: Information
@@ -68,7 +68,7 @@ class Calibration:
     constants: RunConstants | None
     weighting: Weighting | None = None
     rough: bool = False
-    unfinished: tuple[Message, ...] | None = None
+    unfinished: bool = False
 
     @property
     def converged(self) -> bool:
@@ -91,17 +91,30 @@ class Calibration:
         shared = slice(len(self.p))
         return self.spread.model[shared, shared]
 
-    def less_sure(self, more: np.ndarray) -> Calibration:
-        """The same estimate with ``more`` (P, P) added to its covariance."""
+    @property
+    def warnings(self) -> tuple[Message, ...]:
+        """What must be known before the estimates are used, of them as they are now and of the trials; () while it is
+        unfinished."""
+        if self.unfinished:
+            return ()
+        p = np.clip(self.problem.split(self.solution.x)[1], *self.problem.p_bounds())
+        p[: len(self.p)] = self.p  # the mean of two estimates, where it is one
+        return (
+            *estimate_warnings(self.problem, self.solution, p, list(self.starts)),
+            *_unsure(self.solution, len(self.starts), self.settings, condition_number(self.covariance)),
+            *self.data_warnings,
+        )
+
+    def with_estimate(self, p: np.ndarray, more: np.ndarray) -> Calibration:
+        """With the scaled estimate ``p`` (P,) in place of its own and ``more`` (P, P) added to the covariance: values,
+        standard errors, findings and verdicts are those of the estimate that is handed out."""
         covariance = self.covariance + more
-        sizes = self.prior.std * np.sqrt(np.diag(covariance))
-        rows = {
-            s: self.ship.coefficients[s].with_(std=float(v)) for s, v in zip(self.prior.symbols, sizes, strict=True)
-        }
-        ship = replace(self.ship, coefficients={**self.ship.coefficients, **rows})
-        whole, shared = self.spread.covariance.copy(), slice(len(self.p))
+        findings = analyse(self.prior, p, covariance, self.information.of_data())
+        ship = with_estimates(self.ship, self.prior, p, covariance, findings, self.converged)
+        whole, shared = self.spread.covariance.copy(), slice(len(p))
         whole[shared, shared] = covariance
-        return replace(self, covariance=covariance, spread=replace(self.spread, covariance=whole), ship=ship)
+        spread = replace(self.spread, covariance=whole)
+        return replace(self, p=p, covariance=covariance, identifiability=findings, spread=spread, ship=ship)
 
     @property
     def iterate(self) -> dict[str, np.ndarray]:
@@ -178,24 +191,18 @@ def finished(found: Calibration, progress: OnProgress | None = None) -> Calibrat
 
     progress: called at each iteration of the solver.
     """
-    if found.unfinished is None:
+    if not found.unfinished:
         return found
-    began, before, early = time.perf_counter(), found.timings, found.unfinished
+    began, before = time.perf_counter(), found.timings
     if found.rough:
         found = _with_last(found, progress)
     elif found.solution.guess is not None:
         with finishing():
             found = _certified(found, progress)
-    certified, problem, x = time.perf_counter() - began, found.problem.with_changes(), found.solution.x
-    p = np.clip(problem.split(x)[1], *problem.p_bounds())
-    warnings = (
-        *estimate_warnings(problem, found.solution, p, list(found.starts)),
-        *early,
-        *outlying_runs(problem, x, found.spread.moves),
-        *_unsure(found.solution, len(found.starts), found.settings, condition_number(found.covariance)),
-    )
+    certified = time.perf_counter() - began
+    outlying = outlying_runs(found.problem.with_changes(), found.solution.x, found.spread.moves)
     timings = before | {"solve": before["solve"] + certified, "total": before["total"] + time.perf_counter() - began}
-    return replace(found, warnings=warnings, timings=timings, unfinished=None)
+    return replace(found, data_warnings=(*found.data_warnings, *outlying), timings=timings, unfinished=False)
 
 
 @dataclass(frozen=True)
@@ -241,13 +248,13 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool, 
         settings=settings,
         passes=solves.passes,
         starts=tuple(starts),
-        warnings=(),
+        data_warnings=tuple(warnings),
         notices=tuple(dict.fromkeys(notices)),
         timings=timings,
         resumption=solves.resumption,
         weighting=weighting,
         rough=solves.rough,
-        unfinished=tuple(warnings),
+        unfinished=True,
     )
 
 
@@ -316,7 +323,7 @@ def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -
     left_out = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
     singular = (
         f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
-        "standard errors are unreliable; fix coefficients or narrow their priors"
+        "standard errors are unreliable; add trials that excite it, or fix coefficients (--fix)"
     )
     found = [Message(left_out, "starts_left_out")] if best.converged and solved < settings.starts else []
     return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])

@@ -28,7 +28,8 @@ class Assessment:
     """Figures of standard manoeuvres with limits and verdicts.
 
     ship: its name, "" where it is not known; heading: what was judged, in a line; rows: a row per figure; runs: the
-    manoeuvres; notices: what to know of them; mark: which calibration the ship is of, None: of none.
+    manoeuvres; notices: what to know of them; mark: which calibration the ship is of, None: of none; basis: what the
+    verdict of a ship with draws rests on, "" of any other.
     """
 
     ship: str
@@ -37,11 +38,17 @@ class Assessment:
     runs: tuple[Run, ...]
     notices: tuple[Message, ...]
     mark: CalibrationMark | None = None
+    basis: str = ""
 
     @property
     def verdict(self) -> str:
         """ "fail" if any figure fails, "pass" if all that have a limit pass, else "not judged"."""
         return worst(self.rows)
+
+    @property
+    def conclusion(self) -> str:
+        """The verdict in a line, with what it rests on."""
+        return f"IMO MSC.137(76): {self.verdict}" + (f" ({self.basis})" if self.basis else "")
 
     def to_dict(self) -> dict[str, Any]:
         """What ``mmg imo --json`` prints: SI and rad in the figures of the runs, L and deg in the rows."""
@@ -64,6 +71,7 @@ class Assessment:
             for run in self.runs
         ]
         head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}
+        head |= {"verdict_basis": self.basis}
         mark = asdict(self.mark) if self.mark else None
         rows = [asdict(row) | {"criterion": row.limit} for row in self.rows]
         return {**head, "calibration": mark, "rows": rows, "runs": runs, "notices": list(self.notices)}
@@ -77,7 +85,7 @@ class Assessment:
     def _repr_html_(self) -> str:
         rows = [(r.run, r.figure.replace("_", " "), r.value, r.limit, r.unit, r.verdict, r.why) for r in self.rows]
         header = ("run", "figure", "value", "limit", "unit", "verdict", "remark")
-        return html_table(f"{self.heading} (IMO MSC.137(76): {self.verdict})", header, rows)
+        return html_table(f"{self.heading}. {self.conclusion}", header, rows)
 
 
 def imo_figures(

@@ -55,10 +55,10 @@ class Row:
     ``unit`` ("L" or "deg"), None where there is none; verdict: "pass", "fail", "not judged", or "-" where the standard
     sets no limit; why: reason or remark; reference: published value for this ship, None where there is none; measured:
     value before it was corrected for wind and current, None where nothing was. Of many ships that the trials allow
-    (fitting/prediction/figure_intervals.py), None where none were drawn: median, interval_90 (5 and 95 % quantiles) of
-    the ship's figure, infinite where more draws than that never reach it; interval_90_trial: of a single trial of hers;
-    probability of meeting the limit; reached: share of the draws that reach the figure; extrapolated: whether the
-    manoeuvre leaves what the trials held.
+    (fitting/prediction/figure_intervals.py), None where none were drawn: median, which is the value
+    then, and interval_90 (5 and 95 % quantiles) of the ship's figure, infinite where more draws than that never reach
+    it; interval_90_trial: of a single trial of hers; probability of meeting the limit; reached: share of the draws that
+    reach the figure; extrapolated: whether the manoeuvre leaves what the trials held.
     """
 
     ability: str
@@ -91,6 +91,8 @@ def second_overshoot_limit(ratio: float) -> float:
 
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 4.5, 5.0, 2.5, 15.0, 20.0
 """Limits in L; the last is what an Administration may allow for ships of large displacement."""
+MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
+STOPPING = "stopping"
 
 OVERSHOOT_20 = 25.0
 """Limit of the first overshoot of the 20/20 zigzag [deg]."""
@@ -134,15 +136,20 @@ def _row(run: Run, ability: str, figure: str, unit: str, limit: float | None, wh
         value = math.degrees(value)
     elif value is not None:
         value = value / run.length if unit == "L" else value * run.length / run.speed
-    if limit is None:
-        verdict = NONE
-    elif value is None:
-        verdict, why = OPEN, "the run does not reach it"
-    elif open_:
-        verdict, why = OPEN, open_
-    else:
-        verdict = PASS if value <= limit else FAIL
-    return Row(ability, run.name, figure, value, limit, unit, verdict, why)
+    row = Row(ability, run.name, figure, value, limit, unit, NONE if limit is None else PASS, why)
+    return replace(row, verdict=OPEN, why=open_) if open_ and value is not None else with_value(row, value)
+
+
+def with_value(row: Row, value: float | None) -> Row:
+    """The ``row`` with another ``value`` of its figure [``row.unit``], None where it is not reached, and the verdict
+    that follows where there is one."""
+    if row.limit is None or row.verdict not in (PASS, FAIL):
+        return replace(row, value=value)
+    if value is None:
+        return replace(row, value=None, verdict=OPEN, why="the run does not reach it")
+    why, is_long = "" if row.why == MAY_BE_LONG else row.why, row.limit < value <= LONGEST_TRACK_REACH
+    why = MAY_BE_LONG if row.ability == STOPPING and is_long else why
+    return replace(row, value=value, verdict=PASS if value <= row.limit else FAIL, why=why)
 
 
 def _turning(run: Run, scale: float | None) -> list[Row]:
@@ -184,11 +191,7 @@ def _zigzag(run: Run, scale: float | None) -> list[Row]:
 
 
 def _stopping(run: Run, scale: float | None) -> list[Row]:
-    row = _row(run, "stopping", "track_reach", "L", TRACK_REACH)
-    if row.verdict == FAIL and row.value is not None and row.value <= LONGEST_TRACK_REACH:
-        why = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
-        row = replace(row, why=why)
-    return [row, _row(run, "stopping", "head_reach", "L", None)]
+    return [_row(run, STOPPING, "track_reach", "L", TRACK_REACH), _row(run, STOPPING, "head_reach", "L", None)]
 
 
 def _coasting(run: Run, scale: float | None) -> list[Row]:

@@ -45,6 +45,16 @@ Engineering judgement for merchant ships; public fits of the ESSO OSAKA records 
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
 """Prior standard deviations within which the estimate of an added mass must lie."""
+HIDDEN = (
+    "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
+    "(mmg diagnose)"
+)
+"""Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship."""
+REMEDIES = (
+    f"{HIDDEN}; reference_point and inputs in trials.toml say what is known, --with antenna_offset and --with current "
+    "fit what is not"
+)
+"""The same with what to do, for a warning."""
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
@@ -54,10 +64,10 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
     if kind == "strained":
         return (
             f"in conflict with the prior: {abs(finding.shift):.1f} prior standard deviations away although the trials "
-            "hardly tell it; check the prior, or what the model lacks"
+            f"hardly tell it; {HIDDEN}"
         )
     if kind == "prior" and finding.share > WORSE:
-        return "no better known than by its prior: correlated residuals made it worse; fix it or narrow its prior"
+        return "no better known than by its prior: windows, runs or estimators disagree on it by more than that leaves"
     if kind == "shared":
         if not names:
             return "shared with many coefficients: only combinations of them are determined"
@@ -99,19 +109,32 @@ def calibrated_ship(
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
     found: what decided each coefficient; converged: an estimate that did not says so.
     """
-    changed, own = {}, "calibrated by mmg fit"
+    own, changed = "calibrated by mmg fit", {}
+    for symbol, mean, std in zip(prior.symbols, prior.mean.tolist(), prior.std.tolist(), strict=True):
+        source = ship.coefficients[symbol].source
+        source = own if own in source or not source else f"{own}; prior: {source}"
+        changed[symbol] = ship.coefficients[symbol].with_(prior_value=mean, prior_std=std, source=source)
+    known = replace(ship.with_coefficients(changed), notices=())
+    return with_estimates(known, prior, p, covariance, found, converged)
+
+
+def with_estimates(
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+) -> Ship:
+    """A calibrated ``ship`` with other estimates, standard errors and verdicts.
+
+    prior, p (P,), covariance (P, P), found, converged: as of ``calibrated_ship``.
+    """
+    changed = {}
     for i, finding in enumerate(found.findings):
         words = verdict(finding)
         c, share = ship.coefficients[finding.symbol], float(covariance[i, i])
         changed[c.symbol] = c.with_(
             value=float(np.clip(prior.mean[i] + prior.std[i] * p[i], prior.lower[i], prior.upper[i])),
             std=float(np.sqrt(share) * prior.std[i]) if np.isfinite(share) else c.std,
-            prior_value=float(prior.mean[i]),
-            prior_std=float(prior.std[i]),
             verdict=words if converged else f"NOT CONVERGED; {words}",
-            source=own if own in c.source or not c.source else f"{own}; prior: {c.source}",
         )
-    return replace(ship.with_coefficients(changed), notices=())
+    return ship.with_coefficients(changed)
 
 
 def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: list[Start]) -> list[Message]:
@@ -130,7 +153,7 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
         found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
     away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]
     if away:
-        words = f"more than three prior standard deviations from the prior: {', '.join(away)}"
+        words = f"more than three prior standard deviations from the prior: {', '.join(away)}; {REMEDIES}"
         found.append(Message(words, "far_from_prior"))
     found += implausible(prior, dict(zip(prior.symbols, (prior.mean + prior.std * p).tolist(), strict=True)))
     return [*found, *disagreement(starts, best.objective)]
@@ -138,7 +161,7 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
 
 def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
     """Warnings on ``values`` (symbol -> estimate) outside their physical range; on added masses far from ``prior``."""
-    found = []
+    outside, far = [], []
     for symbol, value in values.items():
         low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))
         if low <= value <= high:
@@ -146,15 +169,15 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
         limits = f"{low:g} to {high:g}"
         if math.inf in (-low, high):
             limits = f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        range_ = f"{symbol} = {value:.3g} is outside its physical range ({limits})"
-        advice = "it stands in for something else; fix it, narrow its prior, or free what is missing"
-        found.append(Message(f"{range_}: {advice}", "implausible"))
+        outside.append(f"{symbol} = {value:.3g} is outside its physical range ({limits})")
     for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):
         shift = (values.get(symbol, mean) - mean) / std
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
-            words = (
-                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior; "
-                "trials hardly determine added masses, so it makes up for something else: narrow its prior or fix it"
+            far.append(
+                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior"
             )
-            found.append(Message(words, "added_mass_far_from_prior"))
+    found = [Message(f"{', '.join(outside)}: {REMEDIES}", "implausible")] if outside else []
+    if far:
+        words = f"{', '.join(far)}, though trials hardly determine added masses: {REMEDIES}"
+        found.append(Message(words, "added_mass_far_from_prior"))
     return found

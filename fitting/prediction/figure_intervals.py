@@ -18,7 +18,7 @@ import numpy as np
 from cases.criteria.assessment import Assessment
 from cases.criteria.batch_figures import figures_of_each, since_each
 from cases.criteria.figures import Since
-from cases.criteria.imo import NONE, OPEN, Row
+from cases.criteria.imo import FAIL, OPEN, PASS, Row, with_value
 from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
@@ -27,7 +27,7 @@ from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
 from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import bands_of
-from fitting.prediction.envelope import DRIFT
+from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
 from fitting.prediction.unexplained import accelerations, drawn_resistance
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -47,34 +47,6 @@ NEAR = 0.25
 """Share of their distance from the ship at which draws of a calibrated ship are simulated."""
 SHOWN = 60
 """Draws whose tracks are kept for a figure."""
-BEYOND = 0.05
-"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
-ANGLE = math.radians(2.0)
-"""Least excess of a rudder or drift angle that is said [rad]."""
-QUANTITIES = {
-    "u": "surge velocity",
-    "v": "sway velocity",
-    "r": "yaw rate",
-    DRIFT: "drift angle",
-    "n": "revolutions",
-    "delta": "rudder angle",
-}
-"""What is compared with the trials."""
-SHOWN_IN = {
-    "u": ("m/s", 1.0),
-    "v": ("m/s", 1.0),
-    "r": ("deg/s", math.degrees(1.0)),
-    DRIFT: ("deg", math.degrees(1.0)),
-    "n": ("1/s", 1.0),
-    "delta": ("deg", math.degrees(1.0)),
-}
-"""Unit in which a quantity is said, and its factor from SI and rad."""
-FAR = 2.0
-"""Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
-quarter of the nonlinear forces, which go with the square or more, acted in them."""
-TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
-          "pull-out": "a turn so tight"}  # fmt: skip
-"""How a manoeuvre is called that no trial came near."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +113,25 @@ def with_intervals(
             notices.append(Message(words, "diverging_draws"))
     runs = {run.name: run for run in found.runs}
     rows = tuple(judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
-    return JudgedFigures(replace(found, rows=rows, notices=tuple(notices)), scatter)
+    priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
+    basis = _basis(rows, scatter, priors, bool(content))
+    return JudgedFigures(replace(found, rows=rows, notices=tuple(notices), basis=basis), scatter)
+
+
+def _basis(
+    rows: Sequence[Row], scatter: Mapping[str, FigureScatter], priors: Sequence[str], is_calibrated: bool
+) -> str:
+    """What the verdict of all ``rows`` rests on, "" where nothing was judged; priors: names of manoeuvres that no trial
+    supports."""
+    judged = [row for row in rows if row.probability is not None]
+    if not judged:
+        return ""
+    if any(one.outside is None for one in scatter.values()):
+        return "no record says what the trials held" if is_calibrated else "by the ship file alone, not by trials"
+    supported = [row for row in judged if row.run not in priors]
+    passed, beyond = sum(row.verdict == PASS for row in supported), sum(bool(row.extrapolated) for row in supported)
+    words = f"{passed} of {len(supported)} figures pass" + (f", {beyond} of them extrapolated" if beyond else "")
+    return f"{words}; the prior's, so without a say: {', '.join(priors)}" if priors else words
 
 
 def _drawn_plan(job: tuple[Shared, Maneuver, int]) -> FigureScatter:
@@ -248,68 +238,24 @@ def linearised(
     return found
 
 
-def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
-    """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
-    rows = slice(0, int(runs.last[0]) + 1)
-    u, v, r = runs.states[rows, 3:, 0].T
-    moving = np.hypot(u, v) > 0.1 * np.abs(u).max()
-    n, delta = np.asarray(runs.inputs[rows, :, 0]).T
-    beta = np.arctan2(-v[moving], u[moving])
-    known = {"u": u, "v": v, "r": r, DRIFT: beta, "n": n, "delta": delta}
-    return {name: (float(known[name].min()), float(known[name].max())) for name in QUANTITIES if len(known[name])}
-
-
-def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
-    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
-    found = []
-    for name, (least, most) in ranges_of(runs).items():
-        if name not in envelope:
-            continue
-        low, high = (float(x) for x in envelope[name])
-        slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
-        unit, factor = SHOWN_IN[name]
-        for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
-            if over:
-                found.append(f"{QUANTITIES[name]} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
-    return tuple(found)
-
-
-def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = True) -> str:
-    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held.
-
-    outside: how; widened: whether its intervals grow by that.
-    """
-    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"])]
-    if kind in STOPS and any(reached < limit for reached, limit in turns):
-        return f"{name}: stopping was not in the trials: these figures are the prior's ({'; '.join(outside)})"
-    turning = [_numbers_in(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
-    if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
-        title = TITLES.get(kind, "such a manoeuvre")
-        return f"{name}: no trial came near {title}: these figures are the prior's ({'; '.join(outside)})"
-    effect = "so its intervals are wider" if widened else "which its intervals do not cover"
-    return f"{name}: outside the trials, {effect}: {'; '.join(outside)}"
-
-
-def _numbers_in(words: str) -> tuple[float, float]:
-    """What a manoeuvre reaches and the trials held, as ``outside_of`` words them."""
-    reached, _, held = words.partition(", ")
-    return float(reached.split()[-2]), float(held.split()[-1])
-
-
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
-    """The ``row`` of a ``run`` with what its draws, ``scatter``, say."""
+    """The ``row`` of a ``run`` by its draws, ``scatter``: their median is its value, by which it is judged where trials
+    support the manoeuvre."""
     factor = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit)
-    values, trial = scatter.ship.get(row.figure), scatter.trial.get(row.figure)
-    outside = None if scatter.outside is None else bool(scatter.outside)
-    if factor is None or values is None or trial is None or not np.isfinite(values).any():
+    outside, nowhere = None if scatter.outside is None else bool(scatter.outside), np.array([math.nan])
+    if factor is None:
         return replace(row, extrapolated=outside)
+    values, trial = scatter.ship.get(row.figure, nowhere), scatter.trial.get(row.figure, nowhere)
     # a draw that never comes so far lies beyond every value
     never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
     low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
     ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
-    chance = None
-    if row.limit is not None and row.verdict not in (OPEN, NONE):
-        chance = float((never <= row.limit).mean())
+    is_judged = row.limit is not None and row.verdict in (PASS, FAIL)
+    chance = float((never <= row.limit).mean()) if is_judged else None
+    if row.value is not None:
+        row = with_value(row, middle if math.isfinite(middle) else None)
+    if row.verdict in (PASS, FAIL) and (why := untried(run.kind, scatter.outside or ())):
+        row = replace(row, verdict=OPEN, why=why)
     return replace(
         row, median=middle, interval_90=(low, high), interval_90_trial=ends, probability=chance,
         reached=float(np.isfinite(values).mean()), extrapolated=outside,

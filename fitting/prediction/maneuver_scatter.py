@@ -16,7 +16,8 @@ from cases.criteria.imo import NONE, OPEN, assess
 from cases.criteria.scatter import ManeuverScatter, ScatterRow, scatter
 from cases.criteria.standard_runs import Run, planned_run
 from cases.maneuvers.definitions import STOPS, Maneuver
-from fitting.prediction.figure_intervals import JUDGED, FigureScatter, correlation_in, drawn_figures, outside_words
+from fitting.prediction.envelope import outside_words
+from fitting.prediction.figure_intervals import JUDGED, FigureScatter, correlation_in, drawn_figures
 from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.rollout import Simulator

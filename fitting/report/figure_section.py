@@ -9,15 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from cases.criteria.assessment import imo_figures
 from cases.criteria.imo import Row
-from fitting.prediction.figure_intervals import (
-    DRAWS,
-    QUANTITIES,
-    SHOWN_IN,
-    FigureScatter,
-    JudgedFigures,
-    correlation_in,
-    with_intervals,
-)
+from fitting.prediction.envelope import QUANTITIES, SHOWN_IN
+from fitting.prediction.figure_intervals import DRAWS, FigureScatter, JudgedFigures, correlation_in, with_intervals
 from fitting.report.page_figures import figure_entry
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import AFTER, ALARM, DPI, GREY, dress, literal, new_figure

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from cases.criteria.assessment import Assessment, imo_figures, imo_figures_of_trials
-from cases.criteria.imo import Row
+from cases.criteria.imo import FAIL, OPEN, PASS, Row
 from cases.trial import Trial
 from fitting.prediction.figure_intervals import DRAWS, FigureScatter, JudgedFigures, with_intervals
 from mmg.errors import UserError
@@ -40,8 +40,9 @@ UNITS = {"L": "L", "deg": "deg"}
 
 @dataclass(frozen=True)
 class FormValue:
-    """A figure in the unit of the form. interval: 90 %, its upper end infinite where more than 5 % of the draws never
-    reach the figure, None where no covariance is known; count: of runs behind it."""
+    """A figure in the unit of the form, the median of its draws where there are any. interval: 90 %, its upper end
+    infinite where more than 5 % of the draws never reach the figure, None where no covariance is known; count: of runs
+    behind it."""
 
     value: float
     interval: tuple[float, float] | None = None
@@ -127,6 +128,7 @@ def imo_form(
             )
             unit = first.unit if first else "L"
             rows.append(FormRow(group, words, UNITS.get(unit, unit), first.limit if first else None, cells))
+    remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
     remarks += [str(note) for note in found.notices if not any(has_code([note], code) for code in ELSEWHERE)]
     drawn = model.scatter.values()
     widened = bool(drawn) and all(one.widened for one in drawn)
@@ -160,26 +162,29 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
     if row is not None and row.value is not None:
         model = FormValue(row.value, row.interval_90)
     if tested is not None and factor is not None:
-        interval = _interval(tested.value * factor[1:]) if len(factor) > 1 else None
-        corrected = FormValue(tested.value * float(factor[0]), interval, tested.count)
+        draws = _quantiles(tested.value * factor[1:])
+        low, middle, high = draws or (math.nan, tested.value * float(factor[0]), math.nan)
+        corrected = FormValue(middle, (low, high) if draws else None, tested.count)
     limit, why = (row.limit, row.why) if row is not None else (None, "")
     judged = corrected or tested or model
-    verdict = row.verdict if row is not None else "not judged"
-    if verdict in ("pass", "fail") and judged is not None and limit is not None:
-        verdict = "pass" if judged.value <= limit else "fail"
-    if verdict in ("pass", "fail") and judged is not None and judged.interval and limit is not None:
+    verdict = row.verdict if row is not None else OPEN
+    # a figure of the model that no trial supports is not judged, but a tested one is
+    applies = row is not None and (verdict in (PASS, FAIL) or row.probability is not None)
+    if applies and judged is not None and judged is not model and limit is not None:
+        verdict = PASS if judged.value <= limit else FAIL
+    if verdict in (PASS, FAIL) and judged is not None and judged.interval and limit is not None:
         low, high = judged.interval
         verdict += ", within the interval" if low <= limit < high else ""
     return FormSide(tested, model, corrected, verdict, why)
 
 
-def _interval(values: np.ndarray) -> tuple[float, float] | None:
-    """The 90 % interval of the finite ``values`` (M,), None for fewer than half of them."""
+def _quantiles(values: np.ndarray) -> tuple[float, float, float] | None:
+    """Quantiles at LOW, 0.5 and HIGH of the finite ``values`` (M,), None for fewer than half of them."""
     good = values[np.isfinite(values)]
     if len(good) < max(20, len(values) // 2):
         return None
-    low, high = np.quantile(good, (LOW, HIGH))
-    return float(low), float(high)
+    low, middle, high = (float(q) for q in np.quantile(good, (LOW, 0.5, HIGH)))
+    return low, middle, high
 
 
 def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:

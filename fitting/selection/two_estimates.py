@@ -59,10 +59,8 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     other = np.array([second.get(s, np.nan) for s in prior.symbols])
     apart = np.nan_to_num((other - prior.mean) / prior.std - found.p)
     p = np.clip(found.p + SHARE * apart, *prior.scaled_bounds)
-    values = dict(zip(prior.symbols, (prior.mean + prior.std * p).tolist(), strict=True))
     ratio = apart / np.sqrt(np.diag(found.covariance))
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:SHOWN])
     words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
     words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
-    moved = replace(found, p=p, ship=found.ship.with_values(values))
-    return noted(moved.less_sure(SHARE**2 * np.outer(apart, apart)), words)
+    return noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)

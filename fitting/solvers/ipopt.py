@@ -58,7 +58,7 @@ ADVICE = {
     "Maximum_WallTime_Exceeded": "the time limit was reached; raise --time-limit or continue with --resume",
     "Maximum_CpuTime_Exceeded": "the time limit was reached; raise --time-limit or continue with --resume",
     "User_Requested_Stop": "stopped by the user; continue with --resume",
-    "Restoration_Failed": "IPOPT could not reduce the constraint violation; try tighter priors or shorter windows",
+    "Restoration_Failed": "IPOPT could not reduce the constraint violation; try shorter windows (--window)",
     "Infeasible_Problem_Detected": "no trajectory joins the nodes; check units and signs of the trials with mmg check",
     "Invalid_Number_Detected": "the model gave a number that is not finite; check units and signs with mmg check",
     "Diverging_Iterates": "the iterates diverge; check units and signs of the trials with mmg check",

@@ -177,7 +177,7 @@ def disagreement(starts: Sequence[Start], best: float) -> list[Message]:
         words = (
             f"{len(other)} of {len(starts)} starts ended in another optimum, also after a damped restart: objective "
             f"{gap} above the best of {best:.6g}, furthest apart in {where} prior standard deviations; the lowest "
-            "objective is kept: check it against other data, or use tighter priors"
+            "objective is kept: check it against other data"
         )
         messages.append(Message(words, "starts_disagree"))
     if 0 < len(solved) < len(starts):

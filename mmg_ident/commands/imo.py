@@ -213,19 +213,20 @@ def _print(found: Assessment) -> None:
 
     console = Console() if sys.stdout.isatty() else Console(width=120)
     console.print(found.heading, markup=False, highlight=False, soft_wrap=True)
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    gap = 2 if console.width > 105 else 1  # where the table is too wide its cells fold: nothing is cut
+    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False)
     known = any(row.reference is not None for row in found.rows)
     table.add_column("run", overflow="fold")
-    table.add_column("figure", no_wrap=True)
+    table.add_column("figure", min_width=len("overshoot"))
     corrected = any(row.measured is not None for row in found.rows)
     value = ("measured", "corrected") if corrected else ("value",)
     drawn = any(row.interval_90 is not None for row in found.rows)
     more = ("90 % interval", "of one trial") if drawn else ()
     for name in (*value, *more, "limit", *(("reference",) if known else ())):
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(name, justify="right", overflow="fold")
     if drawn:
-        table.add_column("meets", justify="right", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
+        table.add_column("meets", justify="right")
+    table.add_column("verdict")
     remarks: dict[str, int] = {}
     last = ""
     for row in found.rows:
@@ -246,7 +247,7 @@ def _print(found: Assessment) -> None:
         console.print(f"[{k}] {words}", markup=False, highlight=False, soft_wrap=True)
     for note in found.notices:
         console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    console.print(f"IMO MSC.137(76): {found.verdict}", markup=False, highlight=False)
+    console.print(found.conclusion, markup=False, highlight=False, soft_wrap=True)
 
 
 WORDS = {"initial_turning_track": "initial turning"}

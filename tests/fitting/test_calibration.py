@@ -97,7 +97,7 @@ def test_a_first_estimate_without_its_last_solve_gets_it_when_it_is_finished(res
         np.testing.assert_allclose(again.p, rough.p, rtol=1e-12)
         rough = again
     found = finished(rough)
-    assert found.converged and not found.rough and found.unfinished is None
+    assert found.converged and not found.rough and not found.unfinished
     assert found.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
     np.testing.assert_allclose(found.p, whole.p, atol=1e-6)
     np.testing.assert_allclose(found.covariance, whole.covariance, atol=1e-6)

@@ -71,4 +71,4 @@ def with_uncertain_mean(found: Calibration, mean: UncertainMean | None) -> Calib
     at = [found.prior.symbols.index(s) for s in mean.symbols]
     unit, shared = found.prior.std[at], slice(len(found.p))
     pull = found.spread.model[shared, shared][:, at]
-    return found.less_sure(pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)
+    return found.with_estimate(found.p, pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)

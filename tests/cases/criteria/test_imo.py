@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +32,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.report.plot_maneuvers import maneuver_figure
 from mmg.errors import UserError
+from mmg_ident.commands.imo import imo
 from mmg_ident.commands.main import app
 
 ESSO = load_ship("esso_osaka_3m")
@@ -192,6 +195,17 @@ def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -
     assert data["verdict"] == "pass" and len(data["runs"]) == 7 and len(list(folder.glob("*.csv"))) == 7
     again = mmg("imo", "esso_osaka_3m", "--plot", figure)
     assert isinstance(again.exception, UserError) and "exists already" in str(again.exception)
+
+
+def test_no_number_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stdout", screen)
+    monkeypatch.setenv("COLUMNS", "80")
+    imo(["kvlcc2_full"], scatter=20)
+    table = screen.getvalue().split("note:")[0]
+    assert "3.09 L" in table and " %" in table and "diameter" in table and "…" not in table
 
 
 def test_verb_reads_back_the_runs_it_wrote_with_the_same_figures(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +21,8 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.candidates import Option, library
 from fitting.design.next_trial import NextTrial, fisher, identifiability_dict, next_trial
-from fitting.identifiability.analysis import DETERMINED, Identifiability, analyse
-from fitting.identifiability.verdicts import implausible, verdict
+from fitting.identifiability.analysis import DETERMINED, KINDS, CoefficientFinding, Identifiability, analyse
+from fitting.identifiability.verdicts import cause, estimate_warnings, implausible, verdict
 from fitting.nlp.problem import Prior
 from fitting.record import FitObjects, FitRecord
 from fitting.report.page import section
@@ -245,6 +247,32 @@ def test_values_outside_their_physical_range_are_named() -> None:
     assert len(words) == 2 and "a_H = -0.07 is outside its physical range (0 to 1)" in words[0]
     assert "2.4 prior standard deviations" in words[1]
     assert implausible(prior, {"a_H": 0.3, "m_y": 0.35, "Y_v": -0.3}) == []
+    both = implausible(prior, {"a_H": -0.07, "m_y": 0.3, "Y_v": 0.3})  # what to do is said once
+    assert [m.code for m in both] == ["implausible"] and "Y_v = 0.3" in both[0]
+
+
+@pytest.mark.parametrize("code", ["far_from_prior", "implausible", "added_mass_far_from_prior"])
+def test_a_coefficient_far_from_its_prior_leads_to_what_the_trials_hide(code: str) -> None:
+    calibration = small_result().calibration
+    assert calibration is not None
+    p = np.array([12.0, -5.0])  # a hull that pushes, and an added mass far off
+    prior = Prior(("Y_v", "m_y"), np.array([-0.3, 0.25]), np.array([0.1, 0.02]), np.full(2, -9.0), np.full(2, 9.0))
+    problem = SimpleNamespace(prior=prior)
+    (said,) = [m for m in estimate_warnings(problem, calibration.solution, p, []) if m.code == code]  # type: ignore[arg-type]
+    for remedy in ("mmg diagnose", "--with current", "--with antenna_offset", "reference_point", "inputs in trials"):
+        assert remedy in said
+    assert "narrow" not in said and "fix it" not in said and "tighter" not in said
+
+
+def test_no_verdict_asks_for_a_narrower_prior() -> None:
+    finding = CoefficientFinding("a", "strained", 0.9, 0.9, shift=4.0)
+    for share, kind in itertools.product((0.05, 0.9, 3.0), KINDS):
+        for told in (
+            verdict(replace(finding, kind=kind, share=share)),
+            cause(replace(finding, kind=kind, share=share)),
+        ):
+            assert "narrow" not in told and "fix it" not in told
+            assert ("mmg diagnose" in told) == (kind == "strained")
 
 
 def test_figures_show_what_they_claim(tmp_path: Path) -> None:

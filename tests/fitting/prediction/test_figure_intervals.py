@@ -12,12 +12,14 @@ import pytest
 
 from cases.criteria.assessment import Assessment, imo_figures
 from cases.criteria.batch_figures import figures_of_each
+from cases.criteria.imo import assess, with_value
 from cases.criteria.scatter import draw_coefficients
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.figure_intervals import drawn_figures, judged_row, linearised, outside_words, with_intervals
+from fitting.prediction.envelope import outside_words
+from fitting.prediction.figure_intervals import FigureScatter, drawn_figures, judged_row, linearised, with_intervals
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
@@ -69,7 +71,7 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
     assert len(judged.rows) == len(found.rows) == 8
     for row, plain, wide in zip(judged.rows, sure.rows, wider.rows, strict=True):
         low, high = row.interval_90
-        assert low < row.value < high and low < row.median < high
+        assert low < row.value < high and row.value == row.median
         assert row.extrapolated is False
         assert plain.interval_90_trial == plain.interval_90
         # so little is not known that the linear figures of a calibrated ship are those of whole draws
@@ -102,6 +104,61 @@ def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assess
     assert all(row.extrapolated for row in judged.rows if row.run in ("turning:35", "crash-stop"))
     assert any(w.startswith("crash-stop: stopping was not in the trials: these figures are the prior's") for w in words)
     assert any(w.startswith("turning:35: no trial came near a turn so tight") and "yaw rate" in w for w in words)
+
+
+ASTERN = ("revolutions -19 1/s, in the trials 5",)
+"""How a crash stop leaves trials without revolutions astern."""
+
+
+@pytest.mark.parametrize(("reach", "median", "verdict"), [(18.0, 8.0, "pass"), (8.0, 17.0, "fail"), (8.0, 8.1, "pass")])
+def test_the_value_is_the_median_of_its_draws_and_is_judged_by_it(
+    figures: tuple[Any, Assessment], reach: float, median: float, verdict: str
+) -> None:
+    run = figures[1].runs[-1]
+    run = replace(run, figures={name: reach * run.length for name in run.figures})
+    draws = {name: run.length * np.linspace(0.8, 1.2, 41) * median for name in run.figures}
+    for row in assess(run, 325 / 3):
+        judged = judged_row(row, run, FigureScatter(draws, draws, (), 0, ()))
+        assert row.value == pytest.approx(reach) and judged.value == pytest.approx(median)
+        assert judged.interval_90[0] < judged.value < judged.interval_90[1]
+        assert judged.verdict == (verdict if row.limit else "-")
+        assert ("20 L" in judged.why) == (judged.verdict == "fail")  # what an Administration may allow
+        assert judged.probability is None or (judged.probability > 0.5) == (verdict == "pass")
+        untried = judged_row(row, run, FigureScatter(draws, draws, ASTERN, 0, ()))
+        assert untried.verdict == ("not judged" if row.limit else "-")
+        assert (untried.value, untried.probability) == (judged.value, judged.probability)
+        never = judged_row(row, run, FigureScatter({}, {}, (), 0, ()))
+        assert never.value is None and never.verdict == ("not judged" if row.limit else "-")
+
+
+@pytest.mark.parametrize("stops", [True, False])
+def test_what_no_trial_supports_has_no_say_in_the_verdict(figures: tuple[Any, Assessment], stops: bool) -> None:
+    """Neither where it passes nor where it fails; what trials support has it alone, and that is said."""
+    ship, found = figures
+    limits = {"track_reach": 99.0 if stops else 0.1}
+
+    def verdict(envelope: dict, turns: bool) -> tuple[str, str]:
+        own = limits | ({} if turns else {"advance": 0.1})
+        limited = (replace(row, limit=own.get(row.figure, row.limit)) for row in found.rows)
+        rows = tuple(with_value(row, row.value) for row in limited)
+        judged = with_intervals(replace(found, rows=rows), ship, content(ship, envelope=envelope), 20).assessment
+        assert judged.to_dict()["verdict_basis"] == judged.basis and judged.basis in judged.conclusion
+        return judged.verdict, judged.basis
+
+    assert verdict(WIDE, True)[0] == ("pass" if stops else "fail")
+    ahead = WIDE | {"n": [0.0, 30.0]}
+    assert verdict(ahead, True) == ("not judged", "5 of 5 figures pass; the prior's, so without a say: crash-stop")
+    assert verdict(ahead, False) == ("fail", "4 of 5 figures pass; the prior's, so without a say: crash-stop")
+
+
+def test_a_verdict_without_trials_says_what_it_rests_on(figures: tuple[Any, Assessment]) -> None:
+    ship, found = figures
+    turning = replace(found, rows=found.rows[:3], runs=found.runs[:1])
+    assert turning.basis == "" and turning.conclusion.endswith(f": {turning.verdict}")
+    alone = with_intervals(turning, ship, {}, 20).assessment
+    assert alone.verdict == "pass" and "ship file" in alone.basis
+    old = {key: value for key, value in content(ship).items() if key != "envelope"}
+    assert "no record" in with_intervals(turning, ship, old, 20).assessment.basis
 
 
 def test_what_is_said_follows_from_how_far_it_is() -> None:

@@ -132,6 +132,28 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert all(side.tested is None and side.corrected is None for side in zigzag.sides)
 
 
+def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stops_of(ship: Ship) -> Assessment:
+        found = imo_figures(ship)
+        own = [tuple(x for x in some if "crash-stop" in (getattr(x, "name", ""), getattr(x, "run", "")))
+               for some in (found.rows, found.runs)]  # fmt: skip
+        return replace(found, rows=own[0], runs=own[1])
+
+    monkeypatch.setattr(figure_section, "DRAWS", 20)
+    monkeypatch.setattr(figure_section, "imo_figures", stops_of)
+    fit = small_result()
+    ship = replace(fit.ship, particulars={**fit.ship.particulars, "scale": 108.33})
+    result = fit.to_dict() | {"envelope": fit.envelope | {"n": [0.0, 30.0]}}
+    model = standard_figures(result, ship)
+    for trials, verdict in (((), "not judged"), ((simulate(fit.ship, "crash-stop"),), "pass")):
+        form = imo_form(ship, trials, model, result)
+        (side,) = form.rows[-1].sides
+        assert side.verdict.split(",")[0] == verdict and bool(side.tested) == bool(trials)
+        low, high = side.model.interval if side.model and side.model.interval else (np.nan, np.nan)
+        assert side.model is not None and low < side.model.value < high
+        assert any(model.assessment.basis in line for line in form.remarks) and "crash-stop" in model.assessment.basis
+
+
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     fit = small_result()
     model = standard_figures({**fit.to_dict(), "correlation": None}, fit.ship)

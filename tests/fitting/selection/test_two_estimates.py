@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.effects import freeing_effects
+from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibration import Calibration
+from fitting.identifiability.verdicts import verdict
 from fitting.pipeline import FitOptions, calibrate
+from fitting.result import FitResult
 from fitting.selection.two_estimates import begin_second, with_second
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -39,12 +42,55 @@ def test_estimates_meet_halfway_and_half_their_difference_is_uncertain() -> None
         assert after.value == pytest.approx(before.value + m * prior.std[prior.symbols.index(s)])
         unit = prior.std[prior.symbols.index(s)]
         assert after.std == pytest.approx(np.hypot(before.std, m * unit), rel=1e-6)
-        assert after.verdict == before.verdict
     np.testing.assert_allclose(mean.covariance, found.covariance + np.outer(moved, moved), atol=1e-9)
     shared = slice(len(prior.symbols))
     np.testing.assert_array_equal(mean.spread.covariance[shared, shared], mean.covariance)
     (notice,) = [m for m in mean.notices if m.code == "two_estimates"]
     assert "mean of two estimates" in notice and "standard errors" in notice
+
+
+def assert_said_of_what_is_shown(result: FitResult) -> None:
+    """Findings, verdicts, bounds and warnings of a ``result`` are those of its rows."""
+    rows, said = result.coefficients, result.identifiability["coefficients"]
+    shift = {s: (c.value - c.prior_value) / c.prior_std for s, c in rows.items()}
+    assert result.calibration is not None
+    for finding in result.calibration.identifiability.findings:
+        row = rows[finding.symbol]
+        assert finding.shift == pytest.approx(shift[finding.symbol], abs=1e-9)
+        assert finding.share == pytest.approx((row.std / row.prior_std) ** 2)
+        assert said[finding.symbol]["prior_share"] == pytest.approx(row.prior_share)
+        ends = {"lower": row.lower, "upper": row.upper}
+        assert (row.at_bound or "") == next((name for name, end in ends.items() if row.value == end), "")
+        assert row.verdict == result.ship.coefficients[finding.symbol].verdict == verdict(finding)
+    named = {m.code: m for m in result.warnings}
+    far = {s for s in rows if abs(shift[s]) > 3}
+    assert {s for s in rows if s in named.get("far_from_prior", "")} == far
+    assert {s for s in rows if s in named.get("at_bound", "")} == {s for s, c in rows.items() if c.at_bound}
+
+
+def test_what_a_fit_says_it_says_of_the_mean() -> None:
+    """Also where the second estimate lies nine prior standard deviations from the prior, in all coefficients."""
+    ship, train = small_result().start, demo_trials(3, dt=0.5)[0][:1]
+
+    def second(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
+        return {s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free}
+
+    settings = Settings(passes=2, compiled=False)
+    result = calibrate(ship, train, (), settings, FitOptions(next_trial=False, instruments=(), second=second))
+    assert_said_of_what_is_shown(result)
+    assert {"far_from_prior", "at_bound"} <= {m.code for m in result.warnings}
+
+
+def test_what_no_longer_holds_of_the_mean_is_no_longer_said() -> None:
+    found = calibration()
+    N_r, k_0 = (found.prior.symbols.index(s) for s in ("N_r", "k_0"))
+    away = found.with_estimate(found.p + np.eye(len(found.p))[N_r] * 40, 0 * found.covariance)
+    assert {"far_from_prior", "at_bound"} <= {m.code for m in away.warnings}
+    assert "bound" in away.ship.coefficients["N_r"].verdict
+    back = with_second(away, {"N_r": found.prior.mean[N_r] - away.p[N_r] * found.prior.std[N_r]})
+    assert back.warnings == found.warnings
+    assert back.identifiability.findings[N_r].kind != "bound" and "bound" not in back.ship.coefficients["N_r"].verdict
+    assert back.identifiability.findings[k_0].shift == found.identifiability.findings[k_0].shift
 
 
 def test_a_mean_stays_within_the_bounds() -> None:
