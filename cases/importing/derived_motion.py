@@ -164,7 +164,8 @@ def _smoothed_every(step: float, h: float, value: np.ndarray, rate: np.ndarray |
     k = max(1, round(step / h))
     found = smoothed(k * h, value[::k], None if rate is None else rate[::k])
     rows = np.arange(len(value))
-    return Smoothed(*(np.interp(rows, rows[::k], part) for part in (found.value, found.rate)), found.rate_std)
+    value, rate = (np.interp(rows, rows[::k], part) for part in (found.value, found.rate))
+    return Smoothed(value, rate, found.rate_std)
 
 
 def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases.importing.nmea_times import Said, logged_time, moments
+from cases.importing.nmea_times import Sentence, logged_time, moments
 from cases.importing.raw_table import Clock, RawTable, raw_table
 from cases.io.files import read_bytes
 from mmg.errors import UserError
@@ -81,7 +81,7 @@ def read_nmea(path: Path) -> RawTable:
     return replace(table, clock=Clock(np.array(sorted(rows)), True, "time", "UTC of the receiver"))
 
 
-def _one_source(said: Sequence[Said]) -> tuple[dict[str, str], list[Message]]:
+def _one_source(said: Sequence[Sentence]) -> tuple[dict[str, str], list[Message]]:
     """The source that says a column most often, of those that several say but no receiver, and what is not used."""
     counts: dict[str, Counter[str]] = {}
     for sentence in said:
@@ -96,7 +96,7 @@ def _one_source(said: Sequence[Said]) -> tuple[dict[str, str], list[Message]]:
     return chosen, [Message(word, "doubled") for word in words]
 
 
-def _said(path: Path) -> tuple[list[Said], list[Message]]:
+def _said(path: Path) -> tuple[list[Sentence], list[Message]]:
     """What the sentences of the log ``path`` say, in its order, and how many of them."""
     try:
         import pynmea2
@@ -106,7 +106,7 @@ def _said(path: Path) -> tuple[list[Said], list[Message]]:
     class THS(pynmea2.TalkerSentence):  # type: ignore[misc]  # pynmea2 has none, and finds this one by its name
         fields = (("True heading", "heading"), ("Mode", "mode"))
 
-    said: list[Said] = []
+    said: list[Sentence] = []
     kinds, silent, damaged = Counter[str](), Counter[str](), 0
     for line in read_bytes(path).decode("latin-1").splitlines():
         match = SENTENCE.search(line)
@@ -134,7 +134,7 @@ def _said(path: Path) -> tuple[list[Said], list[Message]]:
     return said, notices
 
 
-def _of(sentence: Any, kind: str) -> Said | None:
+def _of(sentence: Any, kind: str) -> Sentence | None:
     """What a sentence of a ``kind`` says, nothing where it is not valid; None of a kind that says nothing of use."""
     if kind not in KINDS:
         return None
@@ -147,13 +147,13 @@ def _of(sentence: Any, kind: str) -> Said | None:
     if stamp is not None:
         time = 3600.0 * stamp.hour + 60.0 * stamp.minute + stamp.second + 1e-6 * stamp.microsecond
     if not _valid(sentence, kind):
-        return Said(source, time=time, valid=False)
+        return Sentence(source, time=time, valid=False)
     values = _values(sentence, kind).items()
     said = {name: float(value) for name, value in values if value is not None and str(value) != ""}
     date = getattr(sentence, "datestamp", None)
     if kind == "ZDA" and sentence.year:
         date = datetime.date(int(sentence.year), int(sentence.month), int(sentence.day))
-    return Said(source, said, time, date and date.toordinal() - datetime.date(1970, 1, 1).toordinal())
+    return Sentence(source, said, time, date and date.toordinal() - datetime.date(1970, 1, 1).toordinal())
 
 
 def _valid(sentence: Any, kind: str) -> bool:

@@ -20,7 +20,7 @@ SINCE_1970 = re.compile(r"(?<!\d)(\d{10})(?:[.,](\d+)|(\d{3}))(?!\d)")
 
 
 @dataclass(frozen=True)
-class Said:
+class Sentence:
     """What a sentence says: ``values`` by column, none where it is not valid; source: its talker, type and instrument;
     time: of the day [s], and day: since 1970, where it has them; valid: by its own status; logged: by the logger's own
     clock, of the day [s]."""
@@ -42,7 +42,7 @@ def logged_time(text: str) -> float | None:
     return None
 
 
-def moments(said: Sequence[Said], where: str) -> np.ndarray:
+def moments(said: Sequence[Sentence], where: str) -> np.ndarray:
     """Seconds since 1970 in UTC (N,) at which the N sentences of a log were ``said``, in its order.
 
     A sentence with a time has its own; one that is not valid only where that lies between those of valid ones. Others
@@ -77,7 +77,7 @@ def moments(said: Sequence[Said], where: str) -> np.ndarray:
     return out
 
 
-def _stamps(timed: Sequence[Said], where: str) -> np.ndarray:
+def _stamps(timed: Sequence[Sentence], where: str) -> np.ndarray:
     """Seconds since 1970 of sentences with a time (F,): one without a date is of the day that brings it nearest to the
     one before."""
     last = next((DAY * s.day + s.time for s in timed if s.day is not None and s.time is not None), None)
@@ -93,16 +93,19 @@ def _stamps(timed: Sequence[Said], where: str) -> np.ndarray:
 
 
 def _between(edges: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Times (N,) of the sentences of one source, each behind that of the ``edges`` (E,) [s] at its ``after`` (N,)."""
-    counts = np.bincount(after, minlength=len(edges) - 1)
+    """Times (N,) of the sentences of one source, each behind that of the ``edges`` (E,) [s] at its ``after`` (N,).
+
+    Where a span between edges holds fewer of them than others, for its length, the log has a gap behind them.
+    """
+    spans = np.diff(edges)
+    counts = np.bincount(after, minlength=len(spans))
+    steps = spans / np.maximum(counts, 1)
+    inner = np.flatnonzero(counts[1:-1]) + 1
+    usual = float(np.median(steps[inner])) if len(inner) else float(spans[0])
     nth = np.arange(len(after)) - (np.cumsum(counts) - counts)[after]
-    inner = counts[1:-1][counts[1:-1] > 0]
-    usual = int(np.median(inner)) if len(inner) else 1
-    ends = np.maximum(counts[[0, -1]], usual)  # a log begins and ends anywhere between two times
-    nth[after == 0] += ends[0] - counts[0]
     leads = bool(counts[0] and not counts[-1])
-    counts[[0, -1]] = ends
-    return np.asarray(edges[after] + (nth + leads) / counts[after] * np.diff(edges)[after])
+    out = edges[after] + (nth + leads) * np.minimum(steps, usual)[after]
+    return np.where(leads & (nth == counts[after] - 1), edges[after + 1], out)
 
 
 def _by_logger(out: np.ndarray, logged: np.ndarray, timed: np.ndarray, stamps: np.ndarray, most: float) -> np.ndarray:

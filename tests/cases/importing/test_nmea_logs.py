@@ -71,9 +71,14 @@ def gga(t: float, begin: datetime.datetime = BEGIN) -> str:
     return f"GPGGA,{clock(t, begin)[0]},{place(t)},1,10,0.8,20.0,M,30.0,M,,"
 
 
-def log(path: Path, *said: tuple[Body, float] | tuple[Body, float, float], logger: str = "") -> Path:
+def log(
+    path: Path,
+    *said: tuple[Body, float] | tuple[Body, float, float],
+    logger: str = "",
+    gap: tuple[float, float] = (0.0, 0.0),
+) -> Path:
     """A log of sentences: what each says at a time, every so many seconds, and how late; of those at the same time the
-    first comes first. logger: format of its own clock before each, which is 7 h ahead."""
+    first comes first. logger: format of its own clock before each, which is 7 h ahead; gap: when it is silent [s]."""
     events = [
         (round(k * every + (late[0] if late else 0.0), 3), order, body)
         for order, (body, every, *late) in enumerate(said)
@@ -81,6 +86,8 @@ def log(path: Path, *said: tuple[Body, float] | tuple[Body, float, float], logge
     ]
     lines = []
     for t, _, body in sorted(events, key=lambda event: event[:2]):
+        if gap[0] < t < gap[1]:
+            continue
         now = BEGIN + datetime.timedelta(hours=7, seconds=t + 0.12)
         lines.append((now.strftime(logger)[: len(logger) + 9] + " " if logger else "") + sentence(body(t)))
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
@@ -134,6 +141,16 @@ def test_what_is_said_belongs_to_the_moment_at_which_it_was_said(tmp_path: Path,
     assert max(off(found, "x"), off(found, "y")) < 0.05 and max(off(found, "u"), off(found, "v")) < 0.02
     assert found["t"][-1] == pytest.approx(LENGTH)
     assert np.median(np.diff(found["t"])) == pytest.approx(min(every for body, every in RATES[name] if body != rsa))
+
+
+@pytest.mark.parametrize("name", ["gyro 10 Hz", "gyro first"])
+def test_a_gap_of_the_log_stays_one(tmp_path: Path, name: str) -> None:
+    """What was said before it is not spread over it."""
+    found = columns(log(tmp_path / "run.nmea", *RATES[name], gap=(40.95, 60.0)))
+    t, known = found["t"], np.isfinite(found["psi"])
+    assert not known[(t > 41.5) & (t < 59.5)].any() and known[(t > 61) | (t < 39)].all()
+    error = np.angle(np.exp(1j * (found["psi"] - np.interp(t, TRUTH.t, TRUTH.psi_unwrapped))))
+    assert np.abs(error[known][10:-10]).max() < TURN
 
 
 @pytest.mark.parametrize("logger", ["%Y-%m-%dT%H:%M:%S.%f", "%H:%M:%S,%f"])
