@@ -22,10 +22,10 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS
 
-ANGLES = ("psi", "cog", "azimuth", "wind_direction", "apparent_wind_direction")
+ANGLES = ("psi", "cog", "azimuth", "wind_direction", "apparent_wind_direction", "true_wind_angle")
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
 GAP = 2.5
-"""Gaps of a log beyond so many of its steps stay gaps."""
+"""Gaps of a column beyond so many of its steps stay gaps."""
 LEAST_ROWS = 20
 """Least rows of a run, and numbers of a column."""
 LARGE = 1e5
@@ -58,7 +58,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     problems = clock_problems(logs, chosen)
     if problems:
         raise UserError("; ".join(problems))
-    t, columns = _on_one_clock(logs, chosen, where, notices)
+    t, columns, steps = _on_one_clock(logs, chosen, where, notices)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
@@ -79,10 +79,16 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         raise UserError(f"{where}: " + "; ".join(problems))
     std: dict[str, float] = {}
     if "psi" in columns:
-        new, std, said = derived_velocities(t, columns)
+        if "true_wind_angle" in columns and "wind_direction" not in columns:
+            columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
+            notices.append(Message("wind_direction is heading and angle of the true wind from the bow", "wind_angle"))
+        new, std, said = derived_velocities(t, columns, steps)
         columns |= new
         notices += said
     _require(where, columns, logs)
+    if "inputs" not in chosen.model_fields_set:
+        words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
+        notices.append(Message(words, "inputs"))
     columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
     canonical = converted({"t": t, **columns}, conventions(chosen), notices)
     canonical["psi"] = np.angle(np.exp(1j * canonical["psi"]))
@@ -95,12 +101,13 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
 
 def _on_one_clock(
     logs: Sequence[Log], chosen: ImportMap, where: str, notices: list[Message]
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Even times from zero [s] and the columns of all logs at them, for as long as all of them run."""
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float]]:
+    """Even times from zero [s], the columns of all logs at them, for as long as all of them run, and the steps [s] at
+    which the logs hold these."""
     first, last = max(log.t[0] for log in logs), min(log.t[-1] for log in logs)
     if last <= first:
         raise UserError(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
-    states = [log.dt for log in logs if set(log.columns) & set(STATES)]
+    states = [s for log in logs for name in STATES if name in log.columns and np.isfinite(s := log.step(name))]
     step = chosen.step or _round(min(states or [log.dt for log in logs]))
     if last - first > MOST_ROWS * step:
         raise UserError(
@@ -127,7 +134,10 @@ def _on_one_clock(
         notices.append(
             Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
         )
-    return t, columns
+    steps = {quantity: log.step(quantity) for quantity, log in taken.items()}
+    if "latitude" in columns:
+        steps["x"] = steps["latitude"]
+    return t, columns, steps
 
 
 def _round(step: float) -> float:
@@ -149,7 +159,7 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
         times = np.where(np.abs(times - end) < 1e-6, end, times)
     out = np.interp(times, t, y, left=np.nan, right=np.nan)
     at = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
-    wide = (t[at] - t[at - 1]) > GAP * log.dt
+    wide = (t[at] - t[at - 1]) > GAP * log.step(quantity)
     exact = (np.abs(times - t[at]) < 1e-6) | (np.abs(times - t[at - 1]) < 1e-6)
     out[wide & ~exact] = np.nan
     return out

@@ -78,31 +78,33 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     counts where the channel jumps at its end, or, at the end of the log, where most other states go on moving.
     """
     out, said = dict(channels), []
-    states = {name: values for name, values in channels.items() if name in STATES}
+    held = {name: np.flatnonzero(np.isfinite(channels[name])) for name in STATES if name in channels}
+    states = {name: channels[name][at] for name, at in held.items() if len(at) > 1}  # each at the rows that hold it
     moving = {name: _moves(values) for name, values in states.items()}
     for name, values in states.items():
+        at = held[name]
         change = np.abs(np.diff(values))
         if name in ("psi", "cog"):
             turn = 360.0 if np.nanmax(np.abs(values)) > 7 else 2 * np.pi
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0
-        share = (same.sum() + 1) / (np.isfinite(change).sum() + 2)
+        share = (same.sum() + 1) / (len(change) + 2)
         if share > 0.9:  # so coarsely rounded that nothing can be said
             continue
         rows = max(FROZEN_ROWS, int(np.ceil(np.log(BY_CHANCE) / np.log(share))))
         usual = float(np.percentile(change[change > 0], 95)) if (change > 0).any() else np.inf
-        values = values.copy()
+        out[name] = channels[name].copy()
         for a, b in _runs(same):
-            if b - a + 1 < rows or t[b] - t[a] < FROZEN_S:
+            begin, end = at[a], at[b]
+            if b - a + 1 < rows or t[end] - t[begin] < FROZEN_S:
                 continue
-            others = [moving[other][a:b].mean() > 0.5 for other in states if other != name]
+            others = [_share(moving[other], held[other], begin, end) > 0.5 for other in states if other != name]
             jumps = b < len(change) and change[b] > JUMP * usual
             if not jumps and not (b == len(change) and np.mean(others or [False]) > 0.5):
                 continue
-            values[a + 1 : b + 1] = np.nan
-            words = f"stands still from {t[a] - t[0]:.6g} to {t[b] - t[0]:.6g} s of the log and is left out there"
+            out[name][begin + 1 : end + 1] = np.nan
+            words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out there"
             said.append(Message(f"{name} {words}", "frozen"))
-        out[name] = values
     return out, said
 
 
@@ -139,6 +141,12 @@ def _moves(values: np.ndarray) -> np.ndarray:
     """(N - 1,) whether a channel changes within a few rows."""
     changed = np.nan_to_num(np.abs(np.diff(values))) > 0
     return np.convolve(changed, np.ones(9), "same") > 0
+
+
+def _share(moves: np.ndarray, at: np.ndarray, begin: int, end: int) -> float:
+    """The share of a channel's changes between the rows ``begin`` and ``end`` that move; at: (N,) rows that hold it."""
+    inside = moves[(at[:-1] >= begin) & (at[1:] <= end)]
+    return float(inside.mean()) if len(inside) else 0.0
 
 
 def _runs(same: np.ndarray) -> list[tuple[int, int]]:

@@ -7,6 +7,7 @@ marginal likelihood (Rasmussen & Williams 2006, eq. 2.30, with banded matrices);
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,14 +108,14 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
 
 
 def derived_velocities(
-    t: np.ndarray, columns: dict[str, np.ndarray]
+    t: np.ndarray, columns: dict[str, np.ndarray], steps: Mapping[str, float] | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, float], list[Message]]:
     """What is missing of u, v and r, from x and y or ``sog`` and ``cog``, and psi.
 
-    t: (N,) even times [s]; columns: quantities (N,) in SI and radians. Returns the new columns, their standard errors
-    and what was done.
+    t: (N,) even times [s]; columns: quantities (N,) in SI and radians; steps: time between the measurements of those
+    that lie on lines between rarer ones [s]. Returns the new columns, their standard errors and what was done.
     """
-    h = float(np.median(np.diff(t)))
+    h, steps = float(np.median(np.diff(t))), steps or {}
     new: dict[str, np.ndarray] = {}
     std: dict[str, float] = {}
     said: list[Message] = []
@@ -123,22 +124,23 @@ def derived_velocities(
     good = np.isfinite(heading)
     heading[good] = np.unwrap(heading[good])
     if "r" not in columns:
-        found = smoothed(h, heading)
+        found = _smoothed_every(steps.get("psi", h), h, heading)
         new["r"], std["r"] = _where_near(good, found.rate, h), found.rate_std
         said.append(Message(f"r derived from the heading, standard error {found.rate_std:.2g} rad/s", "derived"))
     if "u" in columns and "v" in columns:
         return new, std, said
-    ground = None
+    ground, step = None, steps.get("x" if "x" in columns else "sog", h)
     if "sog" in columns and "cog" in columns:
         ground = columns["sog"] * np.cos(columns["cog"]), columns["sog"] * np.sin(columns["cog"])
     if "x" in columns and "y" in columns:
-        both = [smoothed(h, columns[name], None if ground is None else ground[i]) for i, name in enumerate(("x", "y"))]
+        rates = ground or (None, None)
+        both = [_smoothed_every(step, h, columns[name], rates[i]) for i, name in enumerate(("x", "y"))]
         known = np.isfinite(columns["x"]) & np.isfinite(columns["y"])
         north, east = (_where_near(known, part.rate, h) for part in both)
         error, how = float(np.mean([part.rate_std for part in both])), "positions"
         how += "" if ground is None else ", speed and course over ground"
     elif ground is not None:
-        both = [smoothed(h, np.cumsum(np.nan_to_num(part)) * h, part) for part in ground]
+        both = [_smoothed_every(step, h, np.cumsum(np.nan_to_num(part)) * h, part) for part in ground]
         north, east, how = *ground, "speed and course over ground"
         error = float(np.mean([np.nanstd(part - s.rate) for part, s in zip(ground, both, strict=True)]))
     else:
@@ -154,6 +156,16 @@ def derived_velocities(
         )
     )
     return new, std, said
+
+
+def _smoothed_every(step: float, h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:
+    """As ``smoothed`` of values (N,) every h [s] that were measured every ``step`` [s] and lie on lines in between:
+    such lines must not count as measurements."""
+    k = max(1, round(step / h))
+    found = smoothed(k * h, value[::k], None if rate is None else rate[::k])
+    rows = np.arange(len(value))
+    value, rate = (np.interp(rows, rows[::k], part) for part in (found.value, found.rate))
+    return Smoothed(value, rate, found.rate_std)
 
 
 def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:

@@ -51,6 +51,11 @@ class Log:
         """Median time between rows [s]."""
         return float(np.median(np.diff(self.t)))
 
+    def step(self, quantity: str) -> float:
+        """Median time between rows that hold the ``quantity`` [s], which may be logged less often than others."""
+        t = self.t[np.isfinite(self.columns[quantity])]
+        return float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+
     def without_rows(self) -> Log:
         """A copy that only says where its columns came from."""
         return replace(self, t=self.t[:0].copy(), columns={})
@@ -203,7 +208,7 @@ def _rows(clock: Clock, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, dic
             first = np.full(len(t), np.nan)
             good = np.flatnonzero(np.isfinite(values))[::-1]
             first[where[good]] = values[good]
-            if name not in ("psi", "cog", "wind_direction", "apparent_wind_direction", "longitude"):
+            if name not in ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle", "longitude"):
                 total = np.bincount(where, np.nan_to_num(values), len(t))
                 first = total / np.maximum(np.bincount(where, np.isfinite(values), len(t)), 1) + 0 * first
             values = first

@@ -40,7 +40,7 @@ PLACES, SAMPLE = 40, 2**15
 """Places at which a log is looked at before it is read, and bytes at each."""
 AT_ONCE = 100_000
 """Cells of a piece."""
-TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "azimuth", "longitude")
+TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle", "azimuth", "longitude")
 """Angles that may jump by a turn."""
 
 

@@ -13,7 +13,7 @@ CLOSE, APART = 0.10, 0.25
 """Relative difference of a unit that fits, and least one of all others."""
 RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
 """Units that are read where they are written, but not looked for: other ones lie too near."""
-TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction")
+TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle")
 
 
 def with_units_of_size(log: Log) -> Log:

@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from cases.io.headers import FRT_NAMES
 from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
 
-RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
-"""Quantities of raw logs that no trial file holds, and the unit they are turned into."""
+RAW = {
+    "latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "true_wind_angle": "rad", "date": "", "ship": "",
+    "zone": "",
+}  # fmt: skip
+"""Quantities of raw logs that no trial file holds, and the unit they are turned into. The angle of the true wind is
+counted from the bow."""
 
 MORE: dict[str, dict[str, float]] = {
     "m": {"km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "nm": 1852.0},
@@ -60,7 +64,8 @@ _WORDS: tuple[tuple[str, str], ...] = (
     (r"(propeller|prop|shaft)_(speed|rate)", "n"),
     (r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder", "delta"),
     (r"(true_wind_speed|wind_speed_true|tws)", "wind_speed"),
-    (r"(true_wind_(direction|dir|angle)|wind_(direction|dir)_true|twd)", "wind_direction"),
+    (r"(true_wind_(direction|dir)|wind_(direction|dir)_true|twd)", "wind_direction"),
+    (r"(true_wind_angle|wind_angle_true|twa)", "true_wind_angle"),
     (r"((apparent|relative|rel|app)_wind_speed|wind_speed_(apparent|relative|rel|app)|aws|rws)", "apparent_wind_speed"),
     (
         r"((apparent|relative|rel|app)_wind_(direction|dir|angle)|wind_(direction|dir|angle)_(apparent|relative|rel|app)"
@@ -78,6 +83,8 @@ UNSURE = {
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
+    r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
+    r"hdg_magnetic": "psi (magnetic, where the variation is zero) or nothing",
 }
 """Headers that may mean one of several quantities."""
 NOT_USED = r".*(order|command|cmd|setpoint|demand|ordered|desired).*|stw|.*through_water|log_speed|water_speed"

@@ -18,7 +18,8 @@ from cases.trial import Trial
 from mmg.errors import UserError
 
 KEYS = (
-    "rudder_positive", "wind_direction", "velocity_frame", "zone_hours", "sentinels", "separate", "step", "ignore",
+    "rudder_positive", "wind_direction", "velocity_frame", "inputs", "zone_hours", "sentinels", "separate", "step",
+    "ignore",
 )  # fmt: skip
 """Of the map, for all files."""
 
@@ -40,7 +41,7 @@ def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool =
         names = [f"{run.name}.csv" for run in found.runs]
         for run, name in zip(found.runs, names, strict=True):
             write_trial(Trial(run.name, run.columns), scratch / name)
-        (scratch / SIDECAR).write_text(_sidecar(found), encoding="utf-8")
+        (scratch / SIDECAR).write_text(_sidecar(found, chosen.inputs), encoding="utf-8")
         (scratch / MAP).write_text(map_text(found, chosen), encoding="utf-8")
         if folder.is_dir():
             for path in scratch.iterdir():
@@ -64,16 +65,7 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
 
     document = tomlkit.document()
     document.add(tomlkit.comment("What mmg import did; mmg import FILE... --map import.toml --out DIR does it again."))
-    for key in (
-        "rudder_positive",
-        "wind_direction",
-        "velocity_frame",
-        "zone_hours",
-        "sentinels",
-        "separate",
-        "step",
-        "ignore",
-    ):
+    for key in KEYS:
         value = getattr(chosen, key)
         if value is not None and value != ImportMap.model_fields[key].get_default(call_default_factory=True):
             document.add(key, value)
@@ -112,14 +104,18 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
     return tomlkit.dumps(document)
 
 
-def _sidecar(found: Imported) -> str:
-    """The sidecar: the day of each run, and the standard errors of what was derived."""
+def _sidecar(found: Imported, inputs: str) -> str:
+    """The sidecar: what samples of the ``inputs`` are, the day of each run, and the standard errors of what was
+    derived."""
     import tomlkit
 
     document = tomlkit.document()
     document.add(
         tomlkit.comment("Written by mmg import; the files are canonical (SI, radians), what was done: import.toml")
     )
+    default = tomlkit.table()
+    default["inputs"] = inputs
+    document.add("default", default)
     files = tomlkit.table(is_super_table=True)
     for run in found.runs:
         entry = _entry(run)

@@ -75,7 +75,8 @@ def excel(path: Path, trial: Trial) -> Path:
     return path
 
 
-def _sentence(body: str) -> str:
+def sentence(body: str) -> str:
+    """A sentence of NMEA 0183 with its checksum."""
     return f"${body}*{reduce(lambda a, c: a ^ ord(c), body, 0):02X}"
 
 
@@ -88,11 +89,11 @@ def nmea(path: Path, trial: Trial, damaged: bool = True) -> Path:
         now = BEGIN + datetime.timedelta(seconds=float(t))
         a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat[i], lon[i]))
         clock = f"{now:%H%M%S}.{now.microsecond // 10000:02d}"
-        lines.append(_sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
-        lines.append(_sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
-        lines.append(_sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
-        lines.append(_sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
-        lines.append(_sentence(f"IIRPM,S,1,{60 * trial['n'][i]:.3f},100,A"))
+        lines.append(sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
+        lines.append(sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
+        lines.append(sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
+        lines.append(sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
+        lines.append(sentence(f"IIRPM,S,1,{60 * trial['n'][i]:.3f},100,A"))
     if damaged:
         lines[7] = lines[7][:12] + "9" + lines[7][13:]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")

@@ -10,6 +10,7 @@ import pytest
 from cases.importing.import_logs import Imported, import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.written_trials import write_import
+from cases.inputs import STANDARD, is_sampled, model_inputs
 from cases.io.read import read_trials
 from cases.io.toml_file import validated
 from cases.trial import Trial
@@ -91,6 +92,21 @@ def test_the_map_that_is_written_repeats_the_import(tmp_path: Path) -> None:
         assert one.read_bytes() == two.read_bytes()
     trials = read_trials(tmp_path / "one")
     assert all(set(t.std) == {"u", "v"} | ({"r"} if t.name == "a" else set()) for t in trials)
+
+
+@pytest.mark.parametrize("inputs", ["", "held"])
+def test_actuators_of_a_log_are_samples_unless_the_map_says_that_they_are_held(tmp_path: Path, inputs: str) -> None:
+    chosen = validated(ImportMap, {"inputs": inputs} if inputs else {}, "map")
+    found = imported(plain(tmp_path / "a.txt", UNITS), chosen)
+    trial = read_trials(write_import(found, chosen, tmp_path / "one"))[0]
+    assert is_sampled(trial) is not bool(inputs)
+    delta = model_inputs(trial).array[:-1, STANDARD.index("delta")]
+    at_samples = trial["delta"]
+    assert delta == pytest.approx(at_samples[:-1] if inputs else 0.5 * (at_samples[:-1] + at_samples[1:]), abs=1e-9)
+    assert ("inputs" in {getattr(m, "code", "") for m in found.runs[0].notices}) is not bool(inputs)
+    again = read_map(tmp_path / "one" / "import.toml")
+    write_import(imported(tmp_path / "a.txt", again), again, tmp_path / "two")
+    assert (tmp_path / "one" / "trials.toml").read_bytes() == (tmp_path / "two" / "trials.toml").read_bytes()
 
 
 def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path) -> None:

@@ -1,0 +1,343 @@
+"""NMEA logs: when a sentence was said, whether it is valid, and of what it speaks."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap
+from cases.io.toml_file import validated
+from tests.support import raw_logs
+from tests.support.raw_logs import BEGIN, globe, ground, plain, sentence
+
+pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pyproj", reason="needs the extra import")
+
+TRUTH = raw_logs.run()
+LENGTH = 100.0
+"""Seconds of the logs."""
+Body = Callable[[float], str]
+
+
+def at(t: float, name: str) -> float:
+    values = TRUTH.psi_unwrapped if name == "psi" else TRUTH[name]
+    return float(np.interp(t, TRUTH.t, values))
+
+
+def heading(t: float) -> str:
+    return f"{np.degrees(at(t, 'psi')) % 360:.3f}"
+
+
+def hdt(t: float) -> str:
+    return f"HEHDT,{heading(t)},T"
+
+
+def rsa(t: float) -> str:
+    return f"AGRSA,{np.degrees(at(t, 'delta')):.3f},A,,V"
+
+
+def rpm(t: float) -> str:
+    return f"IIRPM,S,0,{60 * at(t, 'n'):.3f},100,A"
+
+
+def place(t: float) -> str:
+    lat, lon = (float(np.interp(t, TRUTH.t, values)) for values in globe(TRUTH))
+    a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat, lon))
+    return f"{a},N,{b},E"
+
+
+def clock(t: float, begin: datetime.datetime = BEGIN) -> tuple[str, str]:
+    now = begin + datetime.timedelta(seconds=t)
+    return f"{now:%H%M%S}.{now.microsecond // 10000:02d}", f"{now:%d%m%y}"
+
+
+def motion(t: float) -> tuple[float, float]:
+    sog, cog = ground(TRUTH)
+    return float(np.interp(t, TRUTH.t, sog)), float(np.interp(t, TRUTH.t, np.unwrap(cog, period=360))) % 360
+
+
+def rmc(t: float, begin: datetime.datetime = BEGIN) -> str:
+    sog, cog = motion(t)
+    time, day = clock(t, begin)
+    return f"GPRMC,{time},A,{place(t)},{sog:.4f},{cog:.3f},{day},,,A"
+
+
+def gga(t: float, begin: datetime.datetime = BEGIN) -> str:
+    return f"GPGGA,{clock(t, begin)[0]},{place(t)},1,10,0.8,20.0,M,30.0,M,,"
+
+
+def log(
+    path: Path,
+    *said: tuple[Body, float] | tuple[Body, float, float],
+    logger: str = "",
+    gap: tuple[float, float] = (0.0, 0.0),
+) -> Path:
+    """A log of sentences: what each says at a time, every so many seconds, and how late; of those at the same time the
+    first comes first. logger: format of its own clock before each, which is 7 h ahead; gap: when it is silent [s]."""
+    events = [
+        (round(k * every + (late[0] if late else 0.0), 3), order, body)
+        for order, (body, every, *late) in enumerate(said)
+        for k in range(int(LENGTH / every) + 1)
+    ]
+    lines = []
+    for t, _, body in sorted(events, key=lambda event: event[:2]):
+        if gap[0] < t < gap[1]:
+            continue
+        now = BEGIN + datetime.timedelta(hours=7, seconds=t + 0.12)
+        lines.append((now.strftime(logger)[: len(logger) + 9] + " " if logger else "") + sentence(body(t)))
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    return path
+
+
+def columns(path: Path, chosen: ImportMap | None = None) -> dict[str, np.ndarray]:
+    found = import_logs([path], chosen)
+    assert not found.problems, found.problems
+    return found.runs[0].columns
+
+
+def off(found: dict[str, np.ndarray], name: str, like: str = "") -> float:
+    """Largest error of a column, away from the ends."""
+    t = found["t"]
+    inside = (t > 5) & (t < t[-1] - 5)
+    error = found[name] - np.interp(t, TRUTH.t, TRUTH.psi_unwrapped if name == "psi" else TRUTH[like or name])
+    error = np.angle(np.exp(1j * error)) if name == "psi" else error
+    assert np.isfinite(error[inside]).all()
+    return float(np.abs(error[inside]).max())
+
+
+def codes(path: Path) -> set[str]:
+    return {getattr(m, "code", "") for m in import_logs([path]).runs[0].notices}
+
+
+TURN = np.radians(0.15)
+"""The ship turns by this in 0.05 s at most."""
+RATES = {
+    "gyro 10 Hz": ((rmc, 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 1.0)),
+    "gyro 4 Hz, rudder 3 Hz": ((rmc, 1.0), (hdt, 0.25), (rsa, 1 / 3), (rpm, 2.0)),
+    "gyro first": ((hdt, 1.0), (rsa, 1.0), (rpm, 1.0), (rmc, 1.0)),
+    "receiver 10 Hz": ((rmc, 0.1), (hdt, 0.5), (rsa, 0.5), (rpm, 0.5)),
+    "one each": ((rmc, 1.0), (hdt, 1.0), (rsa, 1.0), (rpm, 1.0)),
+    "midnight": tuple((body, 1.0) for body in (lambda t: gga(t, NIGHT), lambda t: rmc(t, NIGHT), hdt, rsa, rpm)),
+    "a slower receiver late": ((rmc, 1.0), (lambda t: late_gll(t), 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 0.1)),
+}
+NIGHT = datetime.datetime(2026, 5, 4, 23, 59, 20)
+
+
+def late_gll(t: float) -> str:
+    before = max(t - 0.4, 0.0)
+    return f"GPGLL,{place(before)},{clock(before)[0]},A,A"
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_what_is_said_belongs_to_the_moment_at_which_it_was_said(tmp_path: Path, name: str) -> None:
+    """Of whatever rates and in whatever order: to 0.05 s, and straight lines over half a second."""
+    found = columns(log(tmp_path / "run.nmea", *RATES[name]))
+    assert off(found, "psi") < TURN and off(found, "delta") < 0.05 and off(found, "n") < 0.05
+    assert max(off(found, "x"), off(found, "y")) < 0.05 and max(off(found, "u"), off(found, "v")) < 0.02
+    assert found["t"][-1] == pytest.approx(LENGTH)
+    assert np.median(np.diff(found["t"])) == pytest.approx(min(every for body, every in RATES[name] if body != rsa))
+
+
+@pytest.mark.parametrize("name", ["gyro 10 Hz", "gyro first"])
+def test_a_gap_of_the_log_stays_one(tmp_path: Path, name: str) -> None:
+    """What was said before it is not spread over it."""
+    found = columns(log(tmp_path / "run.nmea", *RATES[name], gap=(40.95, 60.0)))
+    t, known = found["t"], np.isfinite(found["psi"])
+    assert not known[(t > 41.5) & (t < 59.5)].any() and known[(t > 61) | (t < 39)].all()
+    error = np.angle(np.exp(1j * (found["psi"] - np.interp(t, TRUTH.t, TRUTH.psi_unwrapped))))
+    assert np.abs(error[known][10:-10]).max() < TURN
+
+
+@pytest.mark.parametrize("logger", ["%Y-%m-%dT%H:%M:%S.%f", "%H:%M:%S,%f"])
+def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, logger: str) -> None:
+    """The gyro speaks 0.6 s after the receiver."""
+    said = ((rmc, 1.0), (hdt, 1.0, 0.6), (rsa, 1.0), (rpm, 1.0))
+    assert off(columns(log(tmp_path / "run.nmea", *said, logger=logger)), "psi") < 2 * TURN
+
+
+def test_a_word_before_each_sentence_is_no_clock(tmp_path: Path) -> None:
+    path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"])
+    path.write_text("".join(f"12:00:00.5 {line}\n" for line in path.read_text().splitlines()))
+    assert off(columns(path), "psi") < TURN
+
+
+def with_wind(*said: tuple[Body, float]) -> tuple[tuple[Body, float], ...]:
+    return ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), (rpm, 0.5), *said)
+
+
+@pytest.mark.parametrize(("unit", "speed"), [("M", 4.0), ("N", 4.0 * 3600 / 1852), ("K", 14.4), ("S", 8.9478)])
+def test_the_true_wind_of_mwv_is_an_angle_from_the_bow(tmp_path: Path, unit: str, speed: float) -> None:
+    def mwv(t: float) -> str:
+        return f"WIMWV,{(200 - np.degrees(at(t, 'psi'))) % 360:.2f},T,{speed:.4f},{unit},A"
+
+    found = columns(log(tmp_path / "run.nmea", *with_wind((mwv, 1.0))))
+    direction = np.degrees(np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200)))))
+    assert np.nanmax(np.abs(direction)) < 0.3 and found["wind_speed"] == pytest.approx(4.0, abs=1e-3)
+
+
+def test_the_apparent_wind_of_mwv_gives_the_true_one(tmp_path: Path) -> None:
+    """With a unit that nobody knows, it says nothing."""
+
+    def mwv(t: float, unit: str = "M") -> str:
+        u, v, psi = (at(t, name) for name in ("u", "v", "psi"))
+        north, east = 4 * np.cos(np.radians(200)), 4 * np.sin(np.radians(200))
+        ahead = north * np.cos(psi) + east * np.sin(psi) + u
+        right = -north * np.sin(psi) + east * np.cos(psi) + v
+        return f"WIMWV,{np.degrees(np.arctan2(right, ahead)) % 360:.2f},R,{np.hypot(ahead, right):.4f},{unit},A"
+
+    found = columns(log(tmp_path / "run.nmea", *with_wind((mwv, 0.5))))
+    direction = np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200))))
+    assert np.nanmax(np.abs(direction)) < 0.02 and np.nanmax(np.abs(found["wind_speed"] - 4.0)) < 0.05
+    strange = columns(log(tmp_path / "b.nmea", *with_wind((lambda t: mwv(t, "F"), 0.5))))
+    assert "apparent_wind_speed" not in strange and "wind_speed" not in strange
+
+
+def test_a_true_wind_angle_of_a_table_is_an_angle_from_the_bow(tmp_path: Path) -> None:
+    more = {"w": np.full(len(TRUTH), 4.0), "d": (200 - np.degrees(TRUTH["psi"])) % 360}
+    for header in ("twa_deg", "true_wind_angle_deg"):
+        found = columns(plain(tmp_path / "a.txt", f"{raw_logs.UNITS} tws_mps {header}", **more))
+        assert np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200)))) == pytest.approx(0.0, abs=1e-6)
+
+
+def steered(body: Body) -> tuple[tuple[Body, float], ...]:
+    return ((rmc, 1.0), (hdt, 0.5), (body, 0.5), (rpm, 0.5))
+
+
+def angle(t: float, sign: int = 1) -> str:
+    return f"{sign * np.degrees(at(t, 'delta')):.3f}"
+
+
+@pytest.mark.parametrize(
+    ("fields", "rudders"),
+    [
+        (lambda t: f"0.0,V,{angle(t)},A", {"delta": 1}),
+        (lambda t: f",V,{angle(t)},A", {"delta": 1}),
+        (lambda t: f"{angle(t)},A,0.0,V", {"delta": 1}),
+        (lambda t: f"{angle(t)},A,,", {"delta": 1}),
+        (lambda t: f"{angle(t)},A,{angle(t, -1)},A", {"delta_starboard": 1, "delta_port": -1}),
+    ],
+)
+def test_a_rudder_is_that_of_the_sensors_that_are_valid(tmp_path: Path, fields: Body, rudders: dict[str, int]) -> None:
+    found = columns(log(tmp_path / "run.nmea", *steered(lambda t: f"AGRSA,{fields(t)}")))
+    assert {name for name in found if name.startswith("delta")} == set(rudders)
+    for name, sign in rudders.items():
+        assert off({**found, name: sign * found[name]}, name, "delta") < 0.05
+
+
+def test_rudders_that_are_never_valid_are_none(tmp_path: Path) -> None:
+    found = import_logs([log(tmp_path / "run.nmea", *steered(lambda t: f"AGRSA,{angle(t)},V,0.0,V"))])
+    assert len(found.problems) == 1 and "missing delta" in found.problems[0]
+
+
+def turning(*bodies: Body) -> tuple[tuple[Body, float], ...]:
+    return ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), *((body, 0.5) for body in bodies))
+
+
+def shaft(instrument: str, factor: float = 1.0) -> Body:
+    return lambda t: f"IIRPM,{instrument},{factor * 60 * at(t, 'n'):.3f},100,A"
+
+
+@pytest.mark.parametrize(
+    ("bodies", "shafts"),
+    [
+        ((shaft("S,0"), shaft("E,0", 3.5)), {"n": 1.0}),
+        ((shaft("E,1", 3.5), shaft("S,1"), shaft("E,2", 3.4), shaft("S,2", 0.9)), {"n": 1.0, "n_2": 0.9}),
+        ((shaft("S,2"),), {"n": 1.0}),
+        ((shaft("S,1"),), {"n": 1.0}),
+    ],
+)
+def test_a_propeller_turns_as_its_shaft_and_not_as_an_engine(
+    tmp_path: Path, bodies: Iterable[Body], shafts: dict[str, float]
+) -> None:
+    found = columns(log(tmp_path / "run.nmea", *turning(*bodies)))
+    assert {name for name in found if name.startswith("n")} == set(shafts)
+    for name, share in shafts.items():
+        assert off({**found, name: found[name] / share}, name, "n") < 0.01
+
+
+def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
+    """It is no shaft, but may turn as fast as one."""
+    path = log(tmp_path / "run.nmea", *turning(shaft("E,0")))
+    found = import_logs([path])
+    assert not found.runs and "missing n" in found.problems[0] and "'RPM-E' may be n" in found.problems[0]
+    assert [q.choices for q in found.questions] == [("n", "n_2", "nothing")]
+    direct = validated(ImportMap, {"columns": {"n": "RPM-E"}}, "map")
+    assert off(columns(path, direct), "n") < 0.01
+
+
+def broken(body: Body, void: Body) -> Body:
+    return lambda t: void(t) if 40 <= t < 60 else body(t)
+
+
+@pytest.mark.parametrize(
+    ("name", "void"),
+    [
+        ("rmc", lambda t: f"GPRMC,{clock(t)[0]},V,0000.000000,N,00000.000000,E,0.0,0.0,{clock(t)[1]},,,N"),
+        ("gll", lambda t: f"GPGLL,0000.0,N,00000.0,E,{clock(t)[0]},V,N"),
+        ("vtg", lambda t: "GPVTG,0.00,T,,M,0.000,N,0.000,K,N"),
+        ("rot", lambda t: "TIROT,0.0,V"),
+        ("ths", lambda t: "HETHS,0.0,V"),
+        ("rpm", lambda t: "IIRPM,S,0,0.0,0,V"),
+        ("mwv", lambda t: "WIMWV,0.0,T,0.0,N,V"),
+    ],
+)
+def test_what_is_not_valid_says_nothing(tmp_path: Path, name: str, void: Body) -> None:
+    """For 20 s of the log a sentence holds zeros, and says that they are not valid."""
+
+    def vtg(t: float) -> str:
+        return "GPVTG,{1:.3f},T,,M,{0:.4f},N,,K,A".format(*motion(t))
+
+    bodies = {
+        "rmc": rmc, "ths": lambda t: f"HETHS,{heading(t)},A", "rsa": rsa, "rpm": rpm, "vtg": vtg,
+        "gll": lambda t: f"GPGLL,{place(t)},{clock(t)[0]},A,A",
+        "rot": lambda t: f"TIROT,{60 * np.degrees(at(t, 'r')):.3f},A", "mwv": lambda t: "WIMWV,20.0,T,9.0,N,A",
+    }  # fmt: skip
+    bodies[name] = broken(bodies[name], void)
+    found = columns(log(tmp_path / "run.nmea", *((body, 0.5) for body in bodies.values())))
+    for column in ("x", "y", "psi", "u", "v", "r", "n", "delta"):
+        known = np.isfinite(found[column])
+        assert known.mean() > 0.75
+        error = off({"t": found["t"][known], column: found[column][known]}, column)
+        assert error < 0.05, (column, error)
+    assert np.nanmin(found["wind_speed"]) == pytest.approx(9.0 * 1852 / 3600)
+    assert "nmea_void" in codes(tmp_path / "run.nmea")
+
+
+@pytest.mark.parametrize(("fields", "variation"), [("1.5,E,7.5,W", -6.0), (",,7.5,E", 7.5), ("2.0,W,3.0,W", -5.0)])
+def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, variation: float) -> None:
+    def hdg(t: float) -> str:
+        return f"HCHDG,{(np.degrees(at(t, 'psi')) - variation) % 360:.3f},{fields}"
+
+    found = columns(log(tmp_path / "run.nmea", (rmc, 1.0), (hdg, 0.25), (rsa, 0.5), (rpm, 0.5)))
+    assert off(found, "psi") < 2 * TURN
+    both = columns(log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"], (lambda t: "HCHDG,10.0,,,7.5,W", 0.25)))
+    assert off(both, "psi") < TURN
+
+
+@pytest.mark.parametrize("body", [lambda t: f"HCHDG,{heading(t)},,,,", lambda t: f"HCHDM,{heading(t)},M"])
+def test_a_compass_without_variation_is_named_where_a_heading_is_missing(tmp_path: Path, body: Body) -> None:
+    found = import_logs([log(tmp_path / "run.nmea", (rmc, 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))])
+    assert not found.runs and "missing psi" in found.problems[0] and "'HDG-magnetic' may be psi" in found.problems[0]
+
+
+def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
+    def other(t: float) -> str:
+        return f"GPHDT,{(np.degrees(at(t, 'psi')) + 3) % 360:.3f},T"
+
+    path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], (other, 0.5))
+    assert off(columns(path), "psi") < TURN and "doubled" in codes(path)
+
+
+def test_a_receiver_that_stands_still_is_seen_beside_a_faster_gyro(tmp_path: Path) -> None:
+    def stopped(t: float) -> str:
+        time, day = clock(t)
+        return rmc(t) if not 40 < t < 70 else f"GPRMC,{time},A,{place(40)},2.0,0.0,{day},,,A"
+
+    path = log(tmp_path / "run.nmea", (stopped, 1.0), *RATES["gyro 10 Hz"][1:])
+    assert "frozen" in codes(path)
+    assert "frozen" not in codes(log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"]))
