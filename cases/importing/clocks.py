@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ DAYS_1899 = 25569.0
 """Days from the epoch of spreadsheets to 1970."""
 
 
+SAMPLED = 0.1
+"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
 LATEST = 1e21
 """No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
 
@@ -80,13 +83,39 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     if len(back):
         i = int(back[0])
         raise backwards(where, clock.header, i + 1, float(t[i] - t[i + 1]), f" ({len(back)} such rows)")
-    repeated = int((np.diff(t) == 0).sum())
-    if repeated == len(t) - 1:
+    if t[0] == t[-1]:
         raise UserError(f"{where}: the clock '{clock.header}' stands still")
-    said = [Message(f"time from '{clock.header}': {clock.words}", "clock")]
-    if repeated:
-        said.append(Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated"))
-    return said
+    return [Message(f"time from '{clock.header}': {clock.words}", "clock")]
+
+
+def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndarray, list[Message]]:
+    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike.
+
+    columns: (N,) each. Where values change within stamps, these are coarser than the rows, as those of a clock that
+    shows whole seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them.
+    """
+    stamps, first, count = np.unique(t, return_index=True, return_counts=True)
+    repeated = len(t) - len(stamps)
+    if not repeated:
+        return t, []
+    within = changes = 0
+    for values in columns:
+        good = np.isfinite(values)
+        changed = np.diff(values[good]) != 0
+        changes += int(changed.sum())
+        within += int((changed & (np.diff(t[good]) == 0)).sum())
+    if within <= SAMPLED * changes:
+        return t, [Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated")]
+    step = np.diff(stamps)
+    wide = np.append(step, np.inf)
+    tick = float(np.median(step))
+    gap_before, gap_after = np.append(True, step > 1.5 * tick), wide > 1.5 * tick
+    places = np.where(gap_before | gap_after, np.maximum(count, int(np.median(count))), count)
+    skipped = np.where(gap_before & ~gap_after, places - count, 0)
+    place = np.arange(len(t)) - np.repeat(first, count) + np.repeat(skipped, count)
+    words = f"{repeated} rows with the time of the row before are spread until the next: stamps of {tick:.3g} s"
+    spread = np.repeat(stamps, count) + place * np.repeat(np.minimum(wide, tick) / places, count)
+    return spread, [Message(f"{words} hold several rows", "time_spread")]
 
 
 def backwards(where: str, header: str, row: int, far: float, more: str = "") -> UserError:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from cases.importing.bad_values import lost_satellites, stands_still, without_sentinels
-from cases.importing.clocks import Clock, check_clock, clock_of
+from cases.importing.clocks import Clock, check_clock, clock_of, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import RawTable, split_unit
-from cases.importing.vocabulary import factor, known_units, meaning, unit_of
+from cases.importing.vocabulary import factor, known_units, meaning, turn_in, turn_of, unit_of
 from mmg.errors import UserError
 from mmg.messages import Message
 
@@ -98,7 +99,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         columns[quantity] = column.sign * values * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
         notices += said
-    t, columns = _rows(clock, columns)
+    t, columns, said = _rows(clock, columns, unitless)
+    notices += said
     own = chosen.of(table.path)
     t = t + own.clock_offset + own.clock_drift * (t - t[0])
     for clean in (lost_satellites, stands_still):
@@ -192,23 +194,26 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     return -total if any(c in text for c in "SW-") else total
 
 
-def _rows(clock: Clock, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Rows with a time; those with the same time averaged (angles keep the first)."""
+def _rows(
+    clock: Clock, columns: dict[str, np.ndarray], unitless: Sequence[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray], list[Message]]:
+    """Rows with a time, those of coarse stamps apart and others with the same time averaged; and what was done."""
     known = np.isfinite(clock.t)
-    t, where = np.unique(clock.t[known], return_inverse=True)
-    out = {}
-    for name, values in columns.items():
-        values = values[known]
-        if len(t) < len(values):
-            first = np.full(len(t), np.nan)
-            good = np.flatnonzero(np.isfinite(values))[::-1]
-            first[where[good]] = values[good]
-            if name not in ("psi", "cog", "wind_direction", "apparent_wind_direction", "longitude"):
-                total = np.bincount(where, np.nan_to_num(values), len(t))
-                first = total / np.maximum(np.bincount(where, np.isfinite(values), len(t)), 1) + 0 * first
-            values = first
-        out[name] = values
-    return t, out
+    columns = {name: values[known] for name, values in columns.items()}
+    times, said = within_stamps(clock.t[known], columns.values())
+    t, where = np.unique(times, return_inverse=True)
+    for name, values in columns.items() if len(t) < len(times) else ():
+        first = np.full(len(t), np.nan)
+        good = np.flatnonzero(np.isfinite(values))[::-1]
+        first[where[good]] = values[good]
+        off = values - first[where]
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        turn = turn_in(name, "", largest) if name in unitless else turn_of(name)
+        if turn:  # the short way round
+            off = np.remainder(off + turn / 2, turn) - turn / 2
+        count = np.bincount(where, np.isfinite(values), len(t))
+        columns[name] = first + np.bincount(where, np.nan_to_num(off), len(t)) / np.maximum(count, 1)
+    return t, columns, said
 
 
 def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:

@@ -28,6 +28,7 @@ from cases.importing.delimited_text import (
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import TEXT, assigned, numbers_of, unit_in
 from cases.importing.raw_table import Clock, RawTable
+from cases.importing.vocabulary import turn_in, turn_of
 from cases.io.block_means import BlockMeans, rows_together
 from cases.io.csv_table import PIECE, LineCount, text_encoding
 from cases.io.files import opened
@@ -40,8 +41,6 @@ PLACES, SAMPLE = 40, 2**15
 """Places at which a log is looked at before it is read, and bytes at each."""
 AT_ONCE = 100_000
 """Cells of a piece."""
-TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "azimuth", "longitude")
-"""Angles that may jump by a turn."""
 
 
 def read_long_text(path: Path, chosen: ImportMap) -> RawTable:
@@ -146,16 +145,16 @@ class _LongText:
         return _Nothing(tuple(named), tuple(nothing_in(values, SENTINELS)), float(np.median(values)))
 
     def _periods(self) -> dict[str, float]:
-        """The turn of each angle, in the unit of the file; without one, degrees where the sample goes beyond 2 pi."""
-        periods = {}
-        for quantity, column in self.mapped.items():
-            if not quantity.startswith(TURNS):
-                continue
-            unit = unit_in(self.sample, quantity, column).lower()
-            large = float(np.nanmax(np.abs(self._sampled(quantity)), initial=0.0)) > 6.6
-            radians = unit.startswith("rad") or (not unit and not large)
-            periods[quantity] = (2 * math.pi if radians else 360.0) * (1000.0 if unit.startswith("mrad") else 1.0)
-        return periods
+        """The turn of each direction, in the unit of the file."""
+        return {
+            quantity: turn_in(
+                quantity,
+                unit_in(self.sample, quantity, column),
+                float(np.nanmax(np.abs(self._sampled(quantity)), initial=0.0)),
+            )
+            for quantity, column in self.mapped.items()
+            if turn_of(quantity)
+        }
 
     def _pieces(self) -> Iterator[RawTable]:
         """The rows below the header as tables of the columns that are needed."""

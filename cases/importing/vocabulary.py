@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 
 from cases.io.headers import FRT_NAMES
-from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
+from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit, wraps
 
 RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
 """Quantities of raw logs that no trial file holds, and the unit they are turned into."""
@@ -35,6 +35,9 @@ ENDINGS = {
     "ns": "ns",
 }  # fmt: skip
 """Last words of a header that are a unit."""
+
+BEYOND_A_TURN = 6.6
+"""No direction in radians is larger."""
 
 _SIDE = {
     "port": "port",
@@ -138,6 +141,17 @@ def _of_side(quantity: str, side: str) -> str:
 def unit_of(quantity: str) -> str:
     """The unit that a ``quantity`` is turned into, "" where it has none."""
     return RAW[quantity] if quantity in RAW else si_unit(quantity)
+
+
+def turn_of(quantity: str) -> float:
+    """A turn in ``unit_of`` the ``quantity``, after which its values begin anew; 0 of one that is no direction."""
+    return 360.0 if quantity == "longitude" else 2 * math.pi if wraps(quantity) else 0.0
+
+
+def turn_in(quantity: str, unit: str, largest: float) -> float:
+    """``turn_of`` the ``quantity`` in the ``unit`` of a file; without one ("") the ``largest`` number tells degrees."""
+    scale = factor(quantity, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
+    return turn_of(quantity) / (scale or 1.0)
 
 
 def known_units(quantity: str) -> dict[str, float]:
