@@ -17,8 +17,7 @@ from cases.importing.unit_evidence import by_evidence, with_units_of_size
 from cases.importing.vocabulary import factor, known_units, turn_of
 from cases.io.conventions import converted
 from cases.io.table import MOST_ROWS
-from cases.io.units import wraps
-from cases.trial import RUDDERS, UNITS
+from cases.trial import RUDDERS, UNITS, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS

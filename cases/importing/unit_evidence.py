@@ -7,8 +7,7 @@ import numpy as np
 from cases.importing.derived_motion import smoothed
 from cases.importing.log_columns import Log
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, unit_of
-from cases.io.units import wraps
-from cases.trial import RUDDERS
+from cases.trial import RUDDERS, wraps
 
 CLOSE, APART = 0.10, 0.25
 """Relative difference of a unit that fits, and least one of all others."""

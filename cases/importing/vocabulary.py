@@ -7,7 +7,8 @@ import re
 from dataclasses import dataclass
 
 from cases.io.headers import FRT_NAMES
-from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit, wraps
+from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
+from cases.trial import wraps
 
 RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
 """Quantities of raw logs that no trial file holds, and the unit they are turned into."""

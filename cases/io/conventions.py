@@ -8,8 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.io.sidecar import SidecarEntry
-from cases.io.units import wraps
-from cases.trial import RUDDERS
+from cases.trial import RUDDERS, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.frames import true_wind

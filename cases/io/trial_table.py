@@ -18,7 +18,7 @@ from cases.io.csv_table import PIECE, CsvPieces, LineCount, csv_header, text_enc
 from cases.io.files import check_file, opened, read_bytes
 from cases.io.sentinels import masked, remarks, without_sentinels
 from cases.io.table import checked_header, read_table, within
-from cases.io.units import wraps
+from cases.trial import wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.states import STATES

@@ -50,12 +50,6 @@ def is_canonical(column: str) -> bool:
     return column in UNITS or re.fullmatch(r"n_[2-9]", column) is not None
 
 
-def wraps(column: str) -> bool:
-    """Whether a ``column`` is a direction, whose values begin anew after a turn: a heading, a course, where a pod pushes
-    or the wind comes from."""
-    return re.fullmatch(r"psi|cog|azimuth(_[2-9])?|(apparent_)?wind_direction", column) is not None
-
-
 def accepted(column: str) -> tuple[str, ...]:
     """The units a trial file may use for a canonical ``column``, that of a Trial first."""
     return tuple(FACTORS[si_unit(column)])
