@@ -53,16 +53,17 @@ class ImportMap(Section):
     """A whole map; what is left out is found by the words of the headers.
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``. zone_hours: time zone of stamps without one,
-    ahead of UTC. sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local
-    frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore: headers of columns
-    that are not used in any file. files: by name, or with as much of the path before it as tells them apart.
+    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
+    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
+    headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
+    them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     rudder_positive: Literal["starboard", "port"] = "starboard"
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
-    zone_hours: float = number("h", 0.0, ge=-14.0, le=14.0)
+    zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False

@@ -17,6 +17,9 @@ from cases.importing.vocabulary import factor, known_units, meaning, turn_in, tu
 from mmg.errors import UserError
 from mmg.messages import Message
 
+HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
+"""A header of a motion of the hull, beside which a column called pitch is another."""
+PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
 TEXT = ("ship", "zone", "date")
 """Quantities that are words."""
 
@@ -142,12 +145,15 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             continue  # of another file
         mapped[quantity] = column
     taken = {column.header for column in mapped.values()}
+    of_the_hull = any(re.search(HULL, other.lower()) for other in (*table.headers, *table.others))
     unknown, unsure, ignored = [], {}, {split_unit(cell)[0] for cell in chosen.ignored_in(table.path)}
     for header in (*table.headers, *table.others):
         if header in taken or header in ignored:
             continue
         found = meaning(header)
-        if found.quantity and found.quantity not in mapped:
+        if header == "pitch" and of_the_hull:
+            unsure[header] = PITCH
+        elif found.quantity and found.quantity not in mapped:
             mapped[found.quantity] = ColumnMap.model_validate({"from": header})
         elif found.quantity and found.quantity not in chosen.columns_of(table.path):
             other = mapped[found.quantity].header

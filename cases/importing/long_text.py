@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.bad_values import LARGEST, SENTINELS, nothing_in
-from cases.importing.clocks import backwards, clock_of
+from cases.importing.clocks import backwards, clock_of, mixed_zones
 from cases.importing.delimited_text import (
     CUT_OFF,
     EMPTY,
@@ -252,6 +252,8 @@ class _LongText:
             t = t + 86400.0
         if self.clock is not None and clock.absolute != self.clock.absolute:
             raise UserError(f"{self.path}: column '{clock.header}' changes its kind of time after row {self.rows}")
+        if self.clock is not None and clock.zoned != self.clock.zoned and self.chosen.zone_hours is None:
+            raise mixed_zones(f"{self.path}: column '{clock.header}'", self.rows + 1)
         self.clock = self.clock or clock
         times = np.concatenate([[self.end], t])
         back = np.flatnonzero(np.diff(times) < 0)
