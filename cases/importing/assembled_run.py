@@ -13,6 +13,7 @@ from cases.importing.derived_motion import derived_velocities
 from cases.importing.import_map import ImportMap, conventions
 from cases.importing.local_frame import globe_positions, local_positions
 from cases.importing.log_columns import Log
+from cases.importing.track_direction import positions_problem
 from cases.importing.unit_evidence import by_evidence, with_units_of_size
 from cases.importing.vocabulary import factor, known_units, turn_of
 from cases.io.conventions import converted
@@ -54,10 +55,11 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
-    problems = clock_problems(logs, chosen)
+    t, columns = _on_one_clock(logs, chosen, where, notices)
+    exchanged = positions_problem(columns, logs, chosen, where)
+    problems = [exchanged] if exchanged else clock_problems(logs, chosen)
     if problems:
         raise UserError("; ".join(problems))
-    t, columns = _on_one_clock(logs, chosen, where, notices)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:

@@ -26,7 +26,7 @@ from cases.importing.delimited_text import (
     table_of,
 )
 from cases.importing.import_map import ImportMap
-from cases.importing.log_columns import TEXT, assigned, numbers_of, unit_in
+from cases.importing.log_columns import TEXT, assigned, numbers_of, unit_in, with_sign
 from cases.importing.raw_table import Clock, RawTable
 from cases.importing.vocabulary import turn_in, turn_of
 from cases.io.block_means import BlockMeans, rows_together
@@ -236,6 +236,7 @@ class _LongText:
             for number, where in self.nothing[quantity].found(values):
                 values[where] = np.nan
                 self.masked[column.header, number] += int(where.sum())
+            values = with_sign(values, quantity, piece, self.mapped, self.chosen)
             out[quantity] = values[known]
         if {"latitude", "longitude"} <= set(out):
             lost = (out["latitude"] == 0) & (out["longitude"] == 0)

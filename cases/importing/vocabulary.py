@@ -9,8 +9,12 @@ from dataclasses import dataclass
 from cases.io.headers import FRT_NAMES
 from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
 from cases.trial import wraps
+from mmg.motion.flow import INPUTS
 
 RAW = {"latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "date": "", "ship": "", "zone": ""}
+SIGNS = tuple(f"{q}_sign" for q in ("latitude", "longitude", *(q for q in INPUTS if q.startswith(("n", "delta")))))
+"""Words that give numbers of another column their sign."""
+RAW |= dict.fromkeys(SIGNS, "")
 """Quantities of raw logs that no trial file holds, and the unit they are turned into."""
 
 MORE: dict[str, dict[str, float]] = {
@@ -40,7 +44,7 @@ ENDINGS = {
 BEYOND_A_TURN = 6.6
 """No direction in radians is larger."""
 
-_SIDE = {
+SIDES = {
     "port": "port",
     "ps": "port",
     "stbd": "starboard",
@@ -97,17 +101,21 @@ class Meaning:
     may_be: str = ""
 
 
+def plain_words(header: str) -> str:
+    """The words of a ``header`` in lower case with "_" between them."""
+    return re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
+
+
 def meaning(header: str) -> Meaning:
     """What the words of a ``header`` mean."""
     header = FRT_NAMES.get(header, header)
     if is_canonical(header) or header in RAW:
         return Meaning(header)
-    words = re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
-    words, unit = _without_unit(words)
+    words, unit = _without_unit(plain_words(header))
     side = ""
     for word in words.split("_"):
-        if word in _SIDE and words != word:
-            side = _SIDE[word]
+        if word in SIDES and words != word:
+            side = SIDES[word]
             words = "_".join(w for w in words.split("_") if w != word)
     if re.fullmatch(NOT_USED, words):
         return Meaning("", unit)
