@@ -224,7 +224,8 @@ def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, C
     """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
     for quantity, most in (("latitude", 90.0), ("longitude", 360.0)):
         values = np.abs(columns.get(quantity, np.zeros(0)))
-        if np.mean(values[np.isfinite(values) & (values != most + 1)] > most) > 0.5:  # 91 stands for none
+        beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
+        if beyond.sum() > 0.5 * len(beyond):
             raise UserError(
                 f"{where}: column '{mapped[quantity].header}' reaches {np.nanmax(values):g}, which is no {quantity} in "
                 "degrees; are latitude and longitude exchanged, or degrees and minutes one number (ddmm.mm)? Say the "
