@@ -102,7 +102,7 @@ def _questions(log: Log, name: str) -> list[Question]:
     """What the headers of ``log`` leave open. name: of its file."""
     found = []
     for header, may_be in log.unsure.items():
-        choices = tuple(word for word in re.split(r" or |\s*\([^)]*\)\s*", may_be) if word and word != "nothing")
+        choices = tuple(word for word in re.split(r"\s*\([^)]*\)| or ", may_be) if word and word != "nothing")
         found.append(Question(name, header, "", (*choices, "nothing"), f"'{header}' may be {may_be}"))
     for quantity in log.unitless:
         if quantity in ("r", "sog", "u"):  # other columns show it

@@ -16,30 +16,38 @@ from mmg.errors import UserError
 
 
 class Kind(NamedTuple):
-    """Quantities (a pattern), words of positive and of negative ones, and whether a header has to name the quantity."""
+    """Quantities (a pattern), the words of positive and of negative numbers, and what has to tell that a column is
+    theirs: "place" (its title, or that it stands beside them), "title" (a word of theirs in its own) or ""."""
 
     quantities: str
     plus: tuple[str, ...]
     minus: tuple[str, ...]
-    named: bool = False
+    told_by: str = ""
 
 
-HEMISPHERES = (Kind("latitude", ("n", "north"), ("s", "south")), Kind("longitude", ("e", "east"), ("w", "west")))
+SIDE = Kind(r"delta.*|n_bow|n_stern", ("starboard", "stbd", "stb", "sb", "s", "r"), ("port", "ps", "p", "l"), "title")
 AHEAD = Kind(
     r"n(_2)?|n_azimuth(_\d)?",
     ("ahead", "ahd", "fwd", "forward", "forwards", "+"),
-    ("astern", "ast", "aft", "rev", "reverse", "reversed", "back", "backward", "backwards", "bwd", "-"),
+    ("astern", "ast", "rev", "reverse", "reversed", "backward", "backwards", "bwd", "-"),
 )
-SIDE = Kind(r"delta.*|n_bow|n_stern", ("starboard", "stbd", "stb", "sb", "right"), ("port", "ps", "left"), named=True)
-KINDS = (*HEMISPHERES, AHEAD, SIDE)
+KINDS = (
+    SIDE,
+    Kind("latitude", ("n", "north"), ("s", "south"), "place"),
+    Kind("longitude", ("e", "east"), ("w", "west"), "place"),
+    AHEAD,
+)
 NEITHER = ("stop", "stopped", "neutral", "zero", "off", "midships", "0")
 """Words of what rests; its numbers are zero or nearly so."""
+REVERSED = r"(.*_)?(astern|reverse|reversed|reversing)"
 DIRECTION = (
-    r".*(shaft|prop|engine|screw|gear|thruster|rudder|rpm).*_(dir\w*|sense|side|sign|ahead|astern|rev|revers\w*)"
+    rf"{REVERSED}|.*(shaft|prop|engine|screw|gear|thruster|rudder|rpm).*_(dir|direction|sense|side|sign|ahead|rev)"
 )
-"""A header of the direction of revolutions or of a rudder, whatever its words."""
+"""A title of the direction of revolutions or of a rudder, whatever the words below it."""
+PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"
+"""A title of a hemisphere."""
 ORDERS = rf"{NOT_USED}|(.*_)?(telegraph|eot|lever)(_.*)?"
-"""Headers of orders, which say astern before the shaft turns so."""
+"""Titles of orders, which say astern before the shaft turns so."""
 MOST_WORDS = 8
 """Columns with more different cells hold no directions."""
 
@@ -49,32 +57,30 @@ def sign_columns(
 ) -> dict[str, ColumnMap]:
     """Quantity with "_sign" behind it -> the column of the ``table`` whose words are the signs of its numbers.
 
-    mapped: the columns that are known; headers: those that ``hold_signs``; chosen: the map. Only numbers of which
-    none is negative lack a sign. Raises UserError where two columns hold it, where only an order does, and where the
-    words of a column whose header is a direction are not known.
+    mapped: the columns that are known; headers: those that ``hold_signs``; chosen: the map. Only numbers of which none
+    is negative lack a sign. Raises UserError where two columns hold it, where only an order does, and where the words
+    of a column whose title is a direction are not known.
     """
     found: dict[str, ColumnMap] = {}
     orders: dict[str, str] = {}
     for header in headers:
         title, words = plain_words(header), _words(table.cells(header))
-        kind = _kind(title, words)
-        assert kind is not None
-        reads = _reads(kind, title)
-        known = words <= set(reads) and not (words <= {"0", "1"} and reads["1"] == 1)
-        if not known and (len(words) < 2 or not re.fullmatch(DIRECTION, title)):
-            continue
-        for quantity in _targets(kind, title, table, mapped, chosen):
-            own = mapped[quantity].header
-            if not known:
-                raise _open(table, own, header, f"holds {', '.join(sorted(words)[:4])}, of which the sign is not known")
-            negative = any(reads[word] < 0 for word in words)
-            if re.fullmatch(ORDERS, title):
-                orders |= {quantity: header} if negative else {}
-            elif f"{quantity}_sign" not in found:
-                found[f"{quantity}_sign"] = ColumnMap.model_validate({"from": header})
-            elif negative:
-                other = found[f"{quantity}_sign"].header
-                raise _open(table, own, header, f"holds its sign as '{other}' does")
+        for kind in _kinds(title, words):
+            reads = _reads(kind, title)
+            known = words <= set(reads) and not (words <= {"0", "1"} and reads["1"] == 1)
+            for quantity in _targets(kind, title, table, mapped, _beside(table, header, headers, mapped), chosen):
+                own = mapped[quantity].header
+                if not known and len(words) > 1:
+                    shown = ", ".join(sorted(words)[:4])
+                    raise _open(table, own, header, f"holds {shown}, of which the sign is not known")
+                negative = known and any(reads[word] < 0 for word in words)
+                if re.fullmatch(ORDERS, title):
+                    orders |= {quantity: header} if negative else {}
+                elif known and f"{quantity}_sign" not in found:
+                    found[f"{quantity}_sign"] = ColumnMap.model_validate({"from": header})
+                elif negative:
+                    other = found[f"{quantity}_sign"].header
+                    raise _open(table, own, header, f"holds its sign as '{other}' does")
     for quantity, header in orders.items():
         if f"{quantity}_sign" not in {*found, *mapped}:
             raise _open(table, mapped[quantity].header, header, "holds orders, not what the shaft does")
@@ -84,7 +90,7 @@ def sign_columns(
 def hold_signs(table: RawTable, header: str) -> bool:
     """Whether the cells below ``header`` in the ``table`` hold words of a direction, or its title promises them."""
     has_unit = bool(table.units[table.headers.index(header)])
-    return not has_unit and _kind(plain_words(header), _words(table.cells(header))) is not None
+    return not has_unit and bool(_kinds(plain_words(header), _words(table.cells(header))))
 
 
 def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chosen: ImportMap) -> np.ndarray:
@@ -94,7 +100,7 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     """
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
     reads = {"": 1, **_reads(kind, plain_words(header))}
-    words = [_word(cell) for cell in table.cells(header)]
+    words = [_word(cell) for cell in table.cells(header).ffill()]  # some are logged where they change
     unknown = [i for i, word in enumerate(words) if word not in reads]
     if unknown:
         row = table.before + unknown[0] + 1
@@ -111,17 +117,16 @@ def _open(table: RawTable, own: str, header: str, why: str) -> UserError:
     )
 
 
-def _kind(title: str, words: set[str]) -> Kind | None:
-    """What the ``words`` of a column are, or else those that its ``title`` promises."""
-    by_words = next((kind for kind in KINDS if words & {*kind.plus, *kind.minus}), None)
-    if by_words or not re.fullmatch(DIRECTION, title) or not words:
-        return by_words
-    return SIDE if re.search("rudder|thruster", title) else AHEAD
+def _kinds(title: str, words: set[str]) -> list[Kind]:
+    """What a column of these ``words`` may be: those whose words it holds, or the one that its ``title`` promises."""
+    if words and re.fullmatch(DIRECTION, title):
+        return [SIDE if re.search("rudder|thruster", title) else AHEAD]
+    return [k for k in KINDS if words & {*k.plus, *k.minus} and words <= set(_reads(k, title))]
 
 
 def _reads(kind: Kind, title: str) -> dict[str, int]:
     """Word -> sign. A column that is called astern or reverse holds whether it is so."""
-    astern = re.search("astern|rev", title) and "ahead" not in title
+    astern = re.fullmatch(REVERSED, title) is not None and "ahead" not in title
     return {
         **dict.fromkeys((*kind.plus, *NEITHER, "false", "no"), 1),
         **dict.fromkeys((*kind.minus, "-1", *(("true", "yes") if astern else ())), -1),
@@ -129,15 +134,27 @@ def _reads(kind: Kind, title: str) -> dict[str, int]:
     }
 
 
-def _targets(kind: Kind, title: str, table: RawTable, mapped: Mapping[str, ColumnMap], chosen: ImportMap) -> list[str]:
-    """The quantities without a sign whose headers share most words with the ``title`` of a column of signs."""
+def _targets(
+    kind: Kind, title: str, table: RawTable, mapped: Mapping[str, ColumnMap], beside: bool, chosen: ImportMap
+) -> list[str]:
+    """The quantities without a sign whose headers share most words with the ``title`` of a column of signs.
+
+    beside: whether it stands beside positions.
+    """
     own = _stems(title)
-    shared = {
-        q: len(own & _stems(plain_words(c.header))) for q, c in mapped.items() if re.fullmatch(kind.quantities, q)
-    }
+    fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
+    shared = {q: len(own & _stems(plain_words(header))) for q, header in fit.items()}
     best = max(shared.values(), default=0)
-    near = [q for q, count in shared.items() if count == best and (best or not kind.named)]
-    return [q for q in near if _positive(table, mapped[q].header, chosen)]
+    told = {"": True, "title": best > 0, "place": beside or re.fullmatch(PLACE, title) is not None}[kind.told_by]
+    return [q for q in fit if told and shared[q] == best and _positive(table, fit[q], chosen)]
+
+
+def _beside(table: RawTable, header: str, signs: Sequence[str], mapped: Mapping[str, ColumnMap]) -> bool:
+    """Whether only columns of ``signs`` lie between ``header`` and one of latitude or longitude."""
+    places = [mapped[q].header for q in ("latitude", "longitude") if q in mapped]
+    at = table.headers.index(header)
+    both_ways = (reversed(table.headers[:at]), iter(table.headers[at + 1 :]))
+    return any(next((h for h in way if h not in signs), "") in places for way in both_ways)
 
 
 def _stems(title: str) -> set[str]:

@@ -75,6 +75,8 @@ _WORDS: tuple[tuple[str, str], ...] = (
         r"|awa|awd|rwd)",
         "apparent_wind_direction",
     ),
+    (r"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_(rpm|rps|revs|revolutions|speed)", "n_azimuth"),
+    (r"(azimuth|pod)(_thruster)?(_angle|_direction)?", "azimuth"),
     (r"bow_thruster(_rpm|_speed)?", "n_bow"),
     (r"stern_thruster(_rpm|_speed)?", "n_stern"),
     (r"(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)", "pitch"),
@@ -139,11 +141,11 @@ def _without_unit(words: str) -> tuple[str, str]:
 
 
 def _of_side(quantity: str, side: str) -> str:
-    """The column of that side: two rudders; the port one of two propellers is n_2."""
+    """The column of that side: two rudders; the port one of two propellers or pods is the second."""
     if quantity == "delta" and side:
         return f"delta_{side}"
-    if quantity == "n" and side == "port":
-        return "n_2"
+    if quantity in ("n", "n_azimuth", "azimuth") and side == "port":
+        return f"{quantity}_2"
     return quantity
 
 
