@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cases.trial import Trial
+from cases.trial import Trial, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -37,7 +37,7 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     for name in actuators:
         other = _STAND_INS.get(name, "")
         if name in trial:
-            columns.append(trial[name])
+            columns.append(trial.unwrapped(name) if wraps(name) else trial[name])  # means go the short way round
         elif other in trial:
             columns.append(trial[other])
             notices.append(Message(f"{trial.name}: no column {name}, so {name} = {other}", "stand_in"))
@@ -57,8 +57,7 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
         notices.append(Message(text, "input_ignored"))
     found = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
-    angles = np.array([INPUTS[name][1] != "rps" for name in actuators], dtype=bool)
-    return (_over_each_sample(found, angles) if is_sampled(trial) else found), notices
+    return (_over_each_sample(found) if is_sampled(trial) else found), notices
 
 
 def is_sampled(trial: Trial) -> bool | None:
@@ -68,14 +67,10 @@ def is_sampled(trial: Trial) -> bool | None:
     return said == SAMPLED if said else None
 
 
-def _over_each_sample(values: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Means (N, A) from each sample of ``values`` (N, A) to the next, which a straight line joins.
-
-    angles: which of them are angles (A,), that of an azimuth thruster is held where it passes half a turn. Where the
-    next sample is missing, it is held too.
-    """
+def _over_each_sample(values: np.ndarray) -> np.ndarray:
+    """Means (N, A) from each sample of ``values`` (N, A) to the next, which a straight line joins. Where the next
+    sample is missing, it is held."""
     change = np.diff(values, axis=0, append=values[-1:])
-    change[angles & (np.abs(change) > np.pi)] = 0.0
     return values + 0.5 * np.nan_to_num(change)
 
 

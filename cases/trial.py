@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -47,6 +48,12 @@ UNITS = {
     "apparent_wind_direction": "rad",
 }
 """Canonical columns and the unit they have in a Trial."""
+
+
+def wraps(column: str) -> bool:
+    """Whether a ``column`` is a direction, whose values begin anew after a turn: a heading, a course over ground, where
+    a pod pushes or the wind comes from, from north or from the bow."""
+    return re.fullmatch(r"psi|cog|azimuth(_[2-9])?|(apparent_)?wind_direction|true_wind_angle", column) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +127,14 @@ class Trial:
     @property
     def psi_unwrapped(self) -> np.ndarray:
         """Heading without jumps of 2 pi [rad], NaN where it is missing, shape (N,)."""
-        psi = np.array(self.columns["psi"], dtype=float)
-        good = np.isfinite(psi)
-        psi[good] = np.unwrap(psi[good])
-        return psi
+        return self.unwrapped("psi")
+
+    def unwrapped(self, column: str) -> np.ndarray:
+        """A ``column`` of directions [rad] without jumps of 2 pi, NaN where it is missing, shape (N,)."""
+        values = np.array(self.columns[column], dtype=float)
+        good = np.isfinite(values)
+        values[good] = np.unwrap(values[good])
+        return values
 
     @property
     def rudder(self) -> np.ndarray:

@@ -13,16 +13,16 @@ from cases.importing.derived_motion import derived_velocities
 from cases.importing.import_map import ImportMap, conventions
 from cases.importing.local_frame import globe_positions, local_positions
 from cases.importing.log_columns import Log
+from cases.importing.track_direction import positions_problem
 from cases.importing.unit_evidence import by_evidence, with_units_of_size
-from cases.importing.vocabulary import factor, known_units
+from cases.importing.vocabulary import factor, known_units, turn_of
 from cases.io.conventions import converted
 from cases.io.table import MOST_ROWS
-from cases.trial import RUDDERS, UNITS
+from cases.trial import RUDDERS, UNITS, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS
 
-ANGLES = ("psi", "cog", "azimuth", "wind_direction", "apparent_wind_direction", "true_wind_angle")
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
 GAP = 2.5
 """Gaps of a column beyond so many of its steps stay gaps."""
@@ -55,10 +55,11 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
-    problems = clock_problems(logs, chosen)
+    t, columns, steps = _on_one_clock(logs, chosen, where, notices)
+    exchanged = positions_problem(columns, logs, chosen, where)
+    problems = [exchanged] if exchanged else clock_problems(logs, chosen)
     if problems:
         raise UserError("; ".join(problems))
-    t, columns, steps = _on_one_clock(logs, chosen, where, notices)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
@@ -91,7 +92,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(words, "inputs"))
     columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
     canonical = converted({"t": t, **columns}, conventions(chosen), notices)
-    canonical["psi"] = np.angle(np.exp(1j * canonical["psi"]))
+    for q in filter(wraps, canonical):
+        canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
     return ImportedRun(
@@ -152,8 +154,7 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
     if good.sum() < 2:
         return np.full(len(times), np.nan)
     t, y = log.t[good], values[good]
-    if quantity in ANGLES:
-        turn = 2 * np.pi / (1.0 if quantity not in log.unitless else np.pi / 180.0)
+    if turn := turn_of(quantity):
         y = np.unwrap(y, period=turn)
     for end in (t[0], t[-1]):  # sums of steps miss the ends by their last digits
         times = np.where(np.abs(times - end) < 1e-6, end, times)

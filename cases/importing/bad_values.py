@@ -119,7 +119,7 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
     a, b = (channels[name].copy() for name in pair)
     none = np.zeros(len(a), dtype=bool)
     if pair[0] == "latitude":
-        none = ((a == 0) & (b == 0)) | (np.abs(a) > 90) | (np.abs(b) > 180)
+        none = ((a == 0) & (b == 0)) | (np.abs(a) > 90) | (np.abs(b) > 360)
     known = np.flatnonzero(np.isfinite(a) & np.isfinite(b) & ~none)
     if len(known) > 20:
         for values in (a, b):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,23 +31,30 @@ DAYS_1899 = 25569.0
 """Days from the epoch of spreadsheets to 1970."""
 
 
+SAMPLED = 0.1
+"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
+ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
+"""The end of a stamp with a zone."""
 LATEST = 1e21
 """No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
 
 
-def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = None, zone_hours: float = 0.0) -> Clock:
+def clock_of(
+    table: RawTable, header: str, unit: str = "", date: str | None = None, zone_hours: float | None = None
+) -> Clock:
     """The clock of ``table`` in the column ``header``.
 
     unit: of its numbers, if known; date: header of a column with the day, or None; zone_hours: of stamps without a
-    zone, ahead of UTC. Raises UserError, which names the first row, for text that is no time, and for numbers of which
-    it is not known what they count.
+    zone, ahead of UTC, None where nobody said it: they are UTC. Raises UserError, which names the first row, for text
+    that is no time, for numbers of which it is not known what they count, and for stamps of which only some have a zone
+    where ``zone_hours`` is None.
     """
     import pandas as pd
 
-    cells = table.cells(header)
+    cells, no_times = table.cells(header), np.zeros(0)
     where = f"{table.name}: column '{header}'"
     if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, "datetime"):
-        return Clock(_stamps(cells, where, zone_hours, table.before), True, header, "dates and times")
+        return _stamps(cells, where, zone_hours, table.before, Clock(no_times, True, header, "dates and times"))
     if _holds(cells, "time"):
         cells = cells.map(lambda value: None if value is None else str(value))
     if table.numeric(header):
@@ -55,19 +64,14 @@ def clock_of(table: RawTable, header: str, unit: str = "", date: str | None = No
     if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?", sample):
         if date is not None:
             joined = table.cells(date).astype(str).str.strip().str.slice(0, 10) + " " + text.astype(str)
-            return Clock(
-                _stamps(joined, where, zone_hours, table.before), True, header, f"times of the days in '{date}'"
-            )
+            words = f"times of the days in '{date}'"
+            return _stamps(joined, where, zone_hours, table.before, Clock(no_times, True, header, words))
         passed = pd.to_timedelta(text.map(_full_time), errors="coerce")
         _refuse(passed.isna() & text.notna(), text, where, table.before)
         t = passed.dt.total_seconds().to_numpy(dtype=float)
         return Clock(_past_midnight(t), False, header, "times of a day")
-    return Clock(
-        _stamps(text, where, zone_hours, table.before),
-        True,
-        header,
-        "ISO 8601" if sample[:4].isdigit() else "dates and times",
-    )
+    words = "ISO 8601" if sample[:4].isdigit() else "dates and times"
+    return _stamps(text, where, zone_hours, table.before, Clock(no_times, True, header, words))
 
 
 def check_clock(clock: Clock, where: str) -> list[Message]:
@@ -80,13 +84,39 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     if len(back):
         i = int(back[0])
         raise backwards(where, clock.header, i + 1, float(t[i] - t[i + 1]), f" ({len(back)} such rows)")
-    repeated = int((np.diff(t) == 0).sum())
-    if repeated == len(t) - 1:
+    if t[0] == t[-1]:
         raise UserError(f"{where}: the clock '{clock.header}' stands still")
-    said = [Message(f"time from '{clock.header}': {clock.words}", "clock")]
-    if repeated:
-        said.append(Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated"))
-    return said
+    return [Message(f"time from '{clock.header}': {clock.words}", "clock")]
+
+
+def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndarray, list[Message]]:
+    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike.
+
+    columns: (N,) each. Where values change within stamps, these are coarser than the rows, as those of a clock that
+    shows whole seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them.
+    """
+    stamps, first, count = np.unique(t, return_index=True, return_counts=True)
+    repeated = len(t) - len(stamps)
+    if not repeated:
+        return t, []
+    within = changes = 0
+    for values in columns:
+        good = np.isfinite(values)
+        changed = np.diff(values[good]) != 0
+        changes += int(changed.sum())
+        within += int((changed & (np.diff(t[good]) == 0)).sum())
+    if within <= SAMPLED * changes:
+        return t, [Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated")]
+    step = np.diff(stamps)
+    wide = np.append(step, np.inf)
+    tick = float(np.median(step))
+    gap_before, gap_after = np.append(True, step > 1.5 * tick), wide > 1.5 * tick
+    places = np.where(gap_before | gap_after, np.maximum(count, int(np.median(count))), count)
+    skipped = np.where(gap_before & ~gap_after, places - count, 0)
+    place = np.arange(len(t)) - np.repeat(first, count) + np.repeat(skipped, count)
+    words = f"{repeated} rows with the time of the row before are spread until the next: stamps of {tick:.3g} s"
+    spread = np.repeat(stamps, count) + place * np.repeat(np.minimum(wide, tick) / places, count)
+    return spread, [Message(f"{words} hold several rows", "time_spread")]
 
 
 def backwards(where: str, header: str, row: int, far: float, more: str = "") -> UserError:
@@ -150,9 +180,9 @@ def _past_midnight(t: np.ndarray) -> np.ndarray:
     return t + 86400.0 * np.cumsum(np.where(np.nan_to_num(steps) < -43200.0, 1.0, 0.0))
 
 
-def _stamps(cells: Any, where: str, zone_hours: float, before: int) -> np.ndarray:
-    """Dates and times as seconds since 1970, UTC. Raises UserError for the first that is none, and where day and month
-    could be either."""
+def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock: Clock) -> Clock:
+    """The ``clock`` with dates and times as seconds since 1970, UTC. Raises UserError for the first that is none, where
+    day and month could be either, and where only some have a zone and nobody said that of the others."""
     import pandas as pd
 
     text = cells if getattr(cells.dtype, "kind", "O") == "M" else cells.map(_normal_stamp)
@@ -174,8 +204,20 @@ def _stamps(cells: Any, where: str, zone_hours: float, before: int) -> np.ndarra
     except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
         raise UserError(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
     _refuse(parsed.isna() & text.notna(), text, where, before)
-    naive = not given.astype(str).str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any()
-    return since - (3600.0 * zone_hours if naive else 0.0)
+    zoned = text.astype(str).str.contains(ZONE, regex=True).to_numpy()
+    naive = (text.notna() & ~zoned).to_numpy()
+    if zone_hours is None and zoned.any() and naive.any():
+        row = int(np.flatnonzero(naive != naive[0])[0])
+        raise mixed_zones(where, before + row + 1)
+    return replace(clock, t=since - 3600.0 * (zone_hours or 0.0) * naive, zoned=bool(zoned.any()))
+
+
+def mixed_zones(where: str, row: int) -> UserError:
+    """What is said of stamps with and without a zone. where: names table and column; row: the first other one."""
+    return UserError(
+        f"{where}: some stamps have a time zone and others none (from row {row} on); write it to all, or say that of "
+        "the others: --zone-hours, or zone_hours in the map"
+    )
 
 
 def _refuse(bad: Any, text: Any, where: str, before: int) -> None:

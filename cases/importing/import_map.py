@@ -54,9 +54,10 @@ class ImportMap(Section):
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
     measured at each sample where it is not said; orders are held. zone_hours: time zone of stamps without one,
-    ahead of UTC. sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local
-    frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore: headers of columns
-    that are not used in any file. files: by name, or with as much of the path before it as tells them apart.
+    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
+    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
+    headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
+    them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -64,7 +65,7 @@ class ImportMap(Section):
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
-    zone_hours: float = number("h", 0.0, ge=-14.0, le=14.0)
+    zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from cases.importing.bad_values import lost_satellites, stands_still, without_sentinels
-from cases.importing.clocks import Clock, check_clock, clock_of
+from cases.importing.clocks import Clock, check_clock, clock_of, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import RawTable, split_unit
-from cases.importing.vocabulary import factor, known_units, meaning, unit_of
+from cases.importing.sign_columns import hold_signs, sign_columns, signed
+from cases.importing.vocabulary import SIGNS, factor, known_units, meaning, turn_in, turn_of, unit_of
 from mmg.errors import UserError
 from mmg.messages import Message
 
-TEXT = ("ship", "zone", "date")
+HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
+"""A header of a motion of the hull, beside which a column called pitch is another."""
+PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
+TEXT = ("ship", "zone", "date", *SIGNS)
 """Quantities that are words."""
 
 
@@ -91,6 +96,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         values = numbers_of(table, quantity, column)
         values = np.where(np.isfinite(values), values, np.nan)
         values, said = without_sentinels(values, column.header, chosen.sentinels)
+        values = with_sign(values, quantity, table, mapped, chosen)
+        if f"{quantity}_sign" in mapped:
+            said.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
         unit = unit_in(table, quantity, column)
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None:
@@ -103,7 +111,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         columns[quantity] = column.sign * values * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
         notices += said
-    t, columns = _rows(clock, columns)
+    _check_globe(table.name, columns, mapped)
+    t, columns, said = _rows(clock, columns, unitless)
+    notices += said
     own = chosen.of(table.path)
     t = t + own.clock_offset + own.clock_drift * (t - t[0])
     for clean in (lost_satellites, stands_still):
@@ -145,12 +155,16 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             continue  # of another file
         mapped[quantity] = column
     taken = {column.header for column in mapped.values()}
+    of_the_hull = any(re.search(HULL, other.lower()) for other in (*table.headers, *table.others))
     unknown, unsure, ignored = [], {}, {split_unit(cell)[0] for cell in chosen.ignored_in(table.path)}
+    signs = [h for h in table.headers if h not in taken and h not in ignored and hold_signs(table, h)]
     for header in (*table.headers, *table.others):
-        if header in taken or header in ignored:
+        if header in taken or header in ignored or header in signs:
             continue
         found = meaning(header)
-        if found.quantity and found.quantity not in mapped:
+        if header == "pitch" and of_the_hull:
+            unsure[header] = PITCH
+        elif found.quantity and found.quantity not in mapped:
             mapped[found.quantity] = ColumnMap.model_validate({"from": header})
         elif found.quantity and found.quantity not in chosen.columns_of(table.path):
             other = mapped[found.quantity].header
@@ -163,10 +177,24 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             unsure[header] = found.may_be
         elif not found.quantity:
             unknown.append(header)
+    found_signs = sign_columns(table, mapped, signs, chosen)
+    mapped |= found_signs
+    unknown += [header for header in signs if header not in [column.header for column in found_signs.values()]]
     if "t" not in mapped:
         headers = ", ".join(table.headers)
         raise UserError(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return mapped, unknown, unsure
+
+
+def with_sign(
+    values: np.ndarray, quantity: str, table: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap
+) -> np.ndarray:
+    """The ``values`` (N,) of a ``quantity`` in a ``table`` with the signs that another column holds, if one does.
+
+    mapped: columns of the table by quantity; chosen: the map. Raises UserError for a word that is no sign.
+    """
+    column = mapped.get(f"{quantity}_sign")
+    return signed(values, quantity, table, column.header, chosen) if column else values
 
 
 def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
@@ -197,23 +225,39 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     return -total if any(c in text for c in "SW-") else total
 
 
-def _rows(clock: Clock, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Rows with a time; those with the same time averaged (angles keep the first)."""
+def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
+    """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
+    for quantity, most in (("latitude", 90.0), ("longitude", 360.0)):
+        values = np.abs(columns.get(quantity, np.zeros(0)))
+        beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
+        if beyond.sum() > 0.5 * len(beyond):
+            raise UserError(
+                f"{where}: column '{mapped[quantity].header}' reaches {np.nanmax(values):g}, which is no {quantity} in "
+                "degrees; are latitude and longitude exchanged, or degrees and minutes one number (ddmm.mm)? Say the "
+                "columns in the map, or write degrees"
+            )
+
+
+def _rows(
+    clock: Clock, columns: dict[str, np.ndarray], unitless: Sequence[str]
+) -> tuple[np.ndarray, dict[str, np.ndarray], list[Message]]:
+    """Rows with a time, those of coarse stamps apart and others with the same time averaged; and what was done."""
     known = np.isfinite(clock.t)
-    t, where = np.unique(clock.t[known], return_inverse=True)
-    out = {}
-    for name, values in columns.items():
-        values = values[known]
-        if len(t) < len(values):
-            first = np.full(len(t), np.nan)
-            good = np.flatnonzero(np.isfinite(values))[::-1]
-            first[where[good]] = values[good]
-            if name not in ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle", "longitude"):
-                total = np.bincount(where, np.nan_to_num(values), len(t))
-                first = total / np.maximum(np.bincount(where, np.isfinite(values), len(t)), 1) + 0 * first
-            values = first
-        out[name] = values
-    return t, out
+    columns = {name: values[known] for name, values in columns.items()}
+    times, said = within_stamps(clock.t[known], columns.values())
+    t, where = np.unique(times, return_inverse=True)
+    for name, values in columns.items() if len(t) < len(times) else ():
+        first = np.full(len(t), np.nan)
+        good = np.flatnonzero(np.isfinite(values))[::-1]
+        first[where[good]] = values[good]
+        off = values - first[where]
+        largest = float(np.nanmax(np.abs(values), initial=0.0))
+        turn = turn_in(name, "", largest) if name in unitless else turn_of(name)
+        if turn:  # the short way round
+            off = np.remainder(off + turn / 2, turn) - turn / 2
+        count = np.bincount(where, np.isfinite(values), len(t))
+        columns[name] = first + np.bincount(where, np.nan_to_num(off), len(t)) / np.maximum(count, 1)
+    return t, columns, said
 
 
 def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:

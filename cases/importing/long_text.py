@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.bad_values import LARGEST, SENTINELS, nothing_in
-from cases.importing.clocks import backwards, clock_of
+from cases.importing.clocks import backwards, clock_of, mixed_zones
 from cases.importing.delimited_text import (
     CUT_OFF,
     EMPTY,
@@ -26,8 +26,9 @@ from cases.importing.delimited_text import (
     table_of,
 )
 from cases.importing.import_map import ImportMap
-from cases.importing.log_columns import TEXT, assigned, numbers_of, unit_in
+from cases.importing.log_columns import TEXT, assigned, numbers_of, unit_in, with_sign
 from cases.importing.raw_table import Clock, RawTable
+from cases.importing.vocabulary import turn_in, turn_of
 from cases.io.block_means import BlockMeans, rows_together
 from cases.io.csv_table import PIECE, LineCount, text_encoding
 from cases.io.files import opened
@@ -40,8 +41,6 @@ PLACES, SAMPLE = 40, 2**15
 """Places at which a log is looked at before it is read, and bytes at each."""
 AT_ONCE = 100_000
 """Cells of a piece."""
-TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle", "azimuth", "longitude")
-"""Angles that may jump by a turn."""
 
 
 def read_long_text(path: Path, chosen: ImportMap) -> RawTable:
@@ -146,16 +145,16 @@ class _LongText:
         return _Nothing(tuple(named), tuple(nothing_in(values, SENTINELS)), float(np.median(values)))
 
     def _periods(self) -> dict[str, float]:
-        """The turn of each angle, in the unit of the file; without one, degrees where the sample goes beyond 2 pi."""
-        periods = {}
-        for quantity, column in self.mapped.items():
-            if not quantity.startswith(TURNS):
-                continue
-            unit = unit_in(self.sample, quantity, column).lower()
-            large = float(np.nanmax(np.abs(self._sampled(quantity)), initial=0.0)) > 6.6
-            radians = unit.startswith("rad") or (not unit and not large)
-            periods[quantity] = (2 * math.pi if radians else 360.0) * (1000.0 if unit.startswith("mrad") else 1.0)
-        return periods
+        """The turn of each direction, in the unit of the file."""
+        return {
+            quantity: turn_in(
+                quantity,
+                unit_in(self.sample, quantity, column),
+                float(np.nanmax(np.abs(self._sampled(quantity)), initial=0.0)),
+            )
+            for quantity, column in self.mapped.items()
+            if turn_of(quantity)
+        }
 
     def _pieces(self) -> Iterator[RawTable]:
         """The rows below the header as tables of the columns that are needed."""
@@ -237,6 +236,7 @@ class _LongText:
             for number, where in self.nothing[quantity].found(values):
                 values[where] = np.nan
                 self.masked[column.header, number] += int(where.sum())
+            values = with_sign(values, quantity, piece, self.mapped, self.chosen)
             out[quantity] = values[known]
         if {"latitude", "longitude"} <= set(out):
             lost = (out["latitude"] == 0) & (out["longitude"] == 0)
@@ -253,6 +253,8 @@ class _LongText:
             t = t + 86400.0
         if self.clock is not None and clock.absolute != self.clock.absolute:
             raise UserError(f"{self.path}: column '{clock.header}' changes its kind of time after row {self.rows}")
+        if self.clock is not None and clock.zoned != self.clock.zoned and self.chosen.zone_hours is None:
+            raise mixed_zones(f"{self.path}: column '{clock.header}'", self.rows + 1)
         self.clock = self.clock or clock
         times = np.concatenate([[self.end], t])
         back = np.flatnonzero(np.diff(times) < 0)

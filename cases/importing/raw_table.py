@@ -22,13 +22,14 @@ class Clock:
     """Times of the rows of a table.
 
     t: (N,) seconds; absolute: since 1970 in UTC, else since the log's own zero; header: of the column; words: how it
-    was read.
+    was read; zoned: whether its stamps name a time zone.
     """
 
     t: np.ndarray
     absolute: bool
     header: str
     words: str
+    zoned: bool = False
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ import numpy as np
 
 from cases.importing.derived_motion import smoothed
 from cases.importing.log_columns import Log
-from cases.importing.vocabulary import factor, known_units, unit_of
-from cases.trial import RUDDERS
+from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, unit_of
+from cases.trial import RUDDERS, wraps
 
 CLOSE, APART = 0.10, 0.25
 """Relative difference of a unit that fits, and least one of all others."""
 RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
 """Units that are read where they are written, but not looked for: other ones lie too near."""
-TURNS = ("psi", "cog", "wind_direction", "apparent_wind_direction", "true_wind_angle")
 
 
 def with_units_of_size(log: Log) -> Log:
@@ -21,7 +20,7 @@ def with_units_of_size(log: Log) -> Log:
     for quantity in log.unitless:
         values = log.columns[quantity]
         largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-        if quantity in TURNS and 6.6 < largest <= 361:
+        if wraps(quantity) and BEYOND_A_TURN < largest <= 361:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than a turn in radians")
         elif (quantity in RUDDERS or quantity == "pitch") and 1.75 < largest <= 110:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than 100 deg if in radians")

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 
 from cases.io.headers import FRT_NAMES
 from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
+from cases.trial import wraps
+from mmg.motion.flow import INPUTS
 
 RAW = {
     "latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "true_wind_angle": "rad", "date": "", "ship": "",
     "zone": "",
 }  # fmt: skip
+SIGNS = tuple(f"{q}_sign" for q in ("latitude", "longitude", *(q for q in INPUTS if q.startswith(("n", "delta")))))
+"""Words that give numbers of another column their sign."""
+RAW |= dict.fromkeys(SIGNS, "")
 """Quantities of raw logs that no trial file holds, and the unit they are turned into. The angle of the true wind is
 counted from the bow."""
 
@@ -40,7 +45,10 @@ ENDINGS = {
 }  # fmt: skip
 """Last words of a header that are a unit."""
 
-_SIDE = {
+BEYOND_A_TURN = 6.6
+"""No direction in radians is larger."""
+
+SIDES = {
     "port": "port",
     "ps": "port",
     "stbd": "starboard",
@@ -72,6 +80,8 @@ _WORDS: tuple[tuple[str, str], ...] = (
         r"|awa|awd|rwd)",
         "apparent_wind_direction",
     ),
+    (r"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_(rpm|rps|revs|revolutions|speed)", "n_azimuth"),
+    (r"(azimuth|pod)(_thruster)?(_angle|_direction)?", "azimuth"),
     (r"bow_thruster(_rpm|_speed)?", "n_bow"),
     (r"stern_thruster(_rpm|_speed)?", "n_stern"),
     (r"(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)", "pitch"),
@@ -100,17 +110,21 @@ class Meaning:
     may_be: str = ""
 
 
+def plain_words(header: str) -> str:
+    """The words of a ``header`` in lower case with "_" between them."""
+    return re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
+
+
 def meaning(header: str) -> Meaning:
     """What the words of a ``header`` mean."""
     header = FRT_NAMES.get(header, header)
     if is_canonical(header) or header in RAW:
         return Meaning(header)
-    words = re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
-    words, unit = _without_unit(words)
+    words, unit = _without_unit(plain_words(header))
     side = ""
     for word in words.split("_"):
-        if word in _SIDE and words != word:
-            side = _SIDE[word]
+        if word in SIDES and words != word:
+            side = SIDES[word]
             words = "_".join(w for w in words.split("_") if w != word)
     if re.fullmatch(NOT_USED, words):
         return Meaning("", unit)
@@ -134,17 +148,28 @@ def _without_unit(words: str) -> tuple[str, str]:
 
 
 def _of_side(quantity: str, side: str) -> str:
-    """The column of that side: two rudders; the port one of two propellers is n_2."""
+    """The column of that side: two rudders; the port one of two propellers or pods is the second."""
     if quantity == "delta" and side:
         return f"delta_{side}"
-    if quantity == "n" and side == "port":
-        return "n_2"
+    if quantity in ("n", "n_azimuth", "azimuth") and side == "port":
+        return f"{quantity}_2"
     return quantity
 
 
 def unit_of(quantity: str) -> str:
     """The unit that a ``quantity`` is turned into, "" where it has none."""
     return RAW[quantity] if quantity in RAW else si_unit(quantity)
+
+
+def turn_of(quantity: str) -> float:
+    """A turn in ``unit_of`` the ``quantity``, after which its values begin anew; 0 of one that is no direction."""
+    return 360.0 if quantity == "longitude" else 2 * math.pi if wraps(quantity) else 0.0
+
+
+def turn_in(quantity: str, unit: str, largest: float) -> float:
+    """``turn_of`` the ``quantity`` in the ``unit`` of a file; without one ("") the ``largest`` number tells degrees."""
+    scale = factor(quantity, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
+    return turn_of(quantity) / (scale or 1.0)
 
 
 def known_units(quantity: str) -> dict[str, float]:

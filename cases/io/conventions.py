@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.io.sidecar import SidecarEntry
-from cases.trial import RUDDERS
+from cases.trial import RUDDERS, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.frames import true_wind
@@ -61,11 +61,13 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
         keep &= (at >= t[0]) & (at <= t[-1])
         values = np.array(columns[name], dtype=float)
         good = np.isfinite(values)
-        if name == "psi" and good.any():
+        if wraps(name):
             values[good] = np.unwrap(values[good])
         if good.any():
             near = np.interp(at, t, good.astype(float))
             out[name] = np.where(near > 0.999, np.interp(at, t[good], values[good]), np.nan)
+        if wraps(name) and name != "psi":
+            out[name] = np.remainder(out[name], 2 * math.pi)
         notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
     if keep.sum() < 2:
         raise UserError(

@@ -18,6 +18,7 @@ from cases.io.csv_table import PIECE, CsvPieces, LineCount, csv_header, text_enc
 from cases.io.files import check_file, opened, read_bytes
 from cases.io.sentinels import masked, remarks, without_sentinels
 from cases.io.table import checked_header, read_table, within
+from cases.trial import wraps
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.states import STATES
@@ -26,8 +27,6 @@ LARGEST_CSV = 8 * 2**30
 """Most bytes of a CSV file."""
 SMALL = 32 * 2**20
 """Bytes up to which a CSV file is read at once."""
-TURNS = ("psi", "wind_direction", "apparent_wind_direction", "azimuth")
-"""Columns that are angles and may jump by a turn; so may azimuth_2 and on."""
 
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
@@ -148,7 +147,7 @@ def _averaged(
     infinite: dict[str, int] = {}
     clock = _Clock(path)
     for columns in pieces:
-        means.periods = {name: 2 * math.pi for name in columns if name.startswith(TURNS)}
+        means.periods = {name: 2 * math.pi for name in columns if wraps(name)}
         for name, values in columns.items():
             wrong = np.isinf(values)
             if wrong.any():

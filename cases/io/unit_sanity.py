@@ -25,6 +25,9 @@ SPIN_LIMIT = 1.5
 REVOLUTIONS_LIMIT = 60.0
 """rps; propellers of models of a metre or more, and of ships, turn more slowly."""
 
+STEADIER = 0.2
+"""Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another."""
+
 _DIRECTIONS = ("wind_direction", "apparent_wind_direction")
 
 _CAUSES = {
@@ -52,19 +55,37 @@ def _revolutions(columns: Mapping[str, np.ndarray]) -> str:
 
 def _angles(columns: Mapping[str, np.ndarray]) -> str:
     """Angles too large to be radians: rudders and wind directions."""
-    known = {name: np.abs(values) for name, values in columns.items() if np.isfinite(values).any()}
-    for name in RUDDERS:
-        if name in known and (largest := float(np.nanmax(known[name]))) > RUDDER_LIMIT:
-            return (
-                f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
-                f"are these degrees labelled rad? (label the column '{name} [deg]')"
-            )
-    for name in _DIRECTIONS:
-        if name in known and (typical := float(np.nanpercentile(known[name], 90))) > 4 * math.pi:
-            return (
-                f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? (label the column '{name} [deg]')"
-            )
+    return next(filter(None, (_angle(columns, name) for name in (*RUDDERS, *_DIRECTIONS))), "")
+
+
+def _angle(columns: Mapping[str, np.ndarray], name: str) -> str:
+    """The sentence about the rudder or wind direction ``name``."""
+    size = np.abs(columns.get(name, np.full(1, np.nan)))
+    if not np.isfinite(size).any():
+        return ""
+    if name in RUDDERS and (largest := float(np.nanmax(size))) > RUDDER_LIMIT:
+        return (
+            f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
+            f"are these degrees labelled rad? (label the column '{name} [deg]')"
+        )
+    typical = float(np.nanpercentile(size, 90))
+    if name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name):
+        return f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? (label the column '{name} [deg]')"
     return ""
+
+
+def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
+    """Whether the wind over ground is steadier where the direction ``name`` holds radians, which may go on beyond a
+    turn as the ship turns, than where it holds degrees."""
+    speed = columns.get(name.replace("direction", "speed"), np.ones(len(columns[name])))
+    steady = []
+    for unit in (1.0, DEG):
+        air = -speed * np.exp(1j * columns[name] * unit)
+        if name.startswith("apparent") and {"psi", "u", "v"} <= set(columns):
+            air = (air + columns["u"] + 1j * columns["v"]) * np.exp(1j * columns["psi"])
+        air = air[np.isfinite(air)]
+        steady.append(abs(air.mean()) / max(float(np.abs(air).mean()), 1e-12) if len(air) else 0.0)
+    return steady[0] > steady[1] + STEADIER
 
 
 def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
@@ -162,8 +183,9 @@ def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
     allows; columns: as ``implausible`` takes them."""
     out = []
-    for names, test, factor in ((("n", "n_2"), _revolutions, 1 / 60), ((*RUDDERS, *_DIRECTIONS), _angles, DEG)):
-        for name in names:
-            if name in columns and (sentence := test({"n" if test is _revolutions else name: columns[name]})):
-                out.append((name, factor, sentence))
+    for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS):
+        turns = name in ("n", "n_2")
+        sentence = (_revolutions({"n": columns[name]}) if turns else _angle(columns, name)) if name in columns else ""
+        if sentence:
+            out.append((name, 1 / 60 if turns else DEG, sentence))
     return out

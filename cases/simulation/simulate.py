@@ -216,7 +216,7 @@ def _columns(
     columns |= {} if {"delta", "delta_port"} & set(columns) else {"delta": 0.0}
     columns |= {} if air is None else {"wind_speed": air[:, 0], "wind_direction": air[:, 1]}
     columns |= {name: states[:, names.index(name)] for name in ("phi", "p") if name in names}
-    columns["psi"] = wrap(columns["psi"])
+    columns |= {name: wrap(columns[name]) for name in columns if name == "psi" or name.startswith("azimuth")}
     return {name: np.array(np.broadcast_to(values, len(t)), dtype=float) for name, values in columns.items()}
 
 

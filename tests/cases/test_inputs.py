@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.checks import check
-from cases.inputs import SAMPLED, actuator_columns, model_inputs, straight_means, with_corners
+from cases.inputs import SAMPLED, actuator_columns, model_inputs, step_means, straight_means, with_corners
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -46,14 +46,23 @@ def test_a_sidecar_says_that_actuators_are_as_they_are_at_each_sample(tmp_path: 
         read_trial(file_with(tmp_path, '[default]\ninputs = "later"\n'))
 
 
-def test_a_missing_sample_and_an_angle_past_half_a_turn_are_held() -> None:
+def test_a_missing_sample_is_held_and_a_direction_past_half_a_turn_goes_the_short_way() -> None:
     azimuth = np.array([3.0, -3.1, -3.0, -2.8])
     n = np.array([1.0, 9.0, np.nan, 2.0])
     columns = {name: np.zeros(4) for name in ("psi", "u", "v", "r")}
     trial = Trial("run", columns | {"t": np.arange(4.0), "n": n, "azimuth": azimuth}, meta={"inputs": SAMPLED})
     found, _ = actuator_columns(trial, ["n", "azimuth"])
     assert found[:, 0] == pytest.approx([5.0, 9.0, np.nan, 2.0], nan_ok=True)
-    assert found[:, 1] == pytest.approx([3.0, -3.05, -2.9, -2.8])
+    short = 0.5 * (3.0 + 2 * np.pi - 3.1)
+    assert np.angle(np.exp(1j * found[:, 1])) == pytest.approx([short, -3.05, -2.9, -2.8])
+
+
+def test_held_directions_either_side_of_ahead_have_a_mean_ahead_over_a_step() -> None:
+    """A pod at 359 deg for a second and at 1 deg for the next pushes ahead, not astern."""
+    zeros = {name: np.zeros(3) for name in ("psi", "u", "v", "r", "n_azimuth_2")}
+    trial = Trial("run", zeros | {"t": np.arange(3.0), "azimuth_2": np.radians([359.0, 1.0, 1.0])})
+    found, _ = actuator_columns(trial, ["azimuth_2"])
+    assert np.cos(step_means(trial.t, found, np.array([0.0, 2.0]))) == pytest.approx(np.ones((1, 1)))
 
 
 def test_a_check_asks_whether_a_rudder_on_its_way_is_held() -> None:

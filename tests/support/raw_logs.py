@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, reduce
 from pathlib import Path
 
@@ -143,3 +144,32 @@ def plain(path: Path, header: str, **changed: np.ndarray) -> Path:
 
 
 UNITS = "time_s north_m east_m heading_rad surge_mps sway_mps yaw_rate_rad_s shaft_rps rudder_rad"
+
+
+def bridge(trial: Trial, origin: tuple[float, float] = ORIGIN) -> dict[str, np.ndarray | list[str]]:
+    """The columns of a bridge's log of a ``trial``, by header, its first position at ``origin`` [deg]."""
+    sog, cog = ground(trial)
+    scale = M_PER_DEG[0], 111320.0 * np.cos(np.radians(origin[0]))
+    return {
+        "Time": [stamp(t) for t in trial.t],
+        "Latitude": origin[0] + trial["x"] / scale[0],
+        "Longitude": origin[1] + trial["y"] / scale[1],
+        "SOG [kn]": sog,
+        "COG [deg]": cog,
+        "Heading [deg]": np.degrees(trial["psi"]) % 360,
+        "RPM": 60 * trial["n"],
+        "Rudder [deg]": np.degrees(trial["delta"]),
+    }
+
+
+def table(path: Path, columns: Mapping[str, Sequence[object] | np.ndarray], keep: np.ndarray | None = None) -> Path:
+    """A file of ``columns`` by header, separated by commas; keep: the rows that are written."""
+    lines = [
+        ",".join(cells) for cells in zip(*([_cell(v) for v in values] for values in columns.values()), strict=True)
+    ]
+    kept = lines if keep is None else [line for line, wanted in zip(lines, keep, strict=True) if wanted]
+    return rows(path, ",".join(columns), kept)
+
+
+def _cell(value: object) -> str:
+    return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)

@@ -1,0 +1,87 @@
+"""Positions whose axes are exchanged or that lost a hemisphere are refused: course and heading tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap
+from cases.io.toml_file import validated
+from cases.trial import Trial
+from mmg_ident import simulate
+from tests.support import raw_logs
+from tests.support.raw_logs import bridge, table
+
+pytest.importorskip("pyproj", reason="needs the extra import")
+
+HEADING = ("SOG [kn]", "COG [deg]")
+"""Columns without which the heading alone tells."""
+
+
+def without(log: dict[str, object], *headers: str) -> dict[str, object]:
+    return {name: values for name, values in log.items() if name not in headers}
+
+
+@pytest.mark.parametrize("left_out", [(), HEADING])
+@pytest.mark.parametrize("origin", [(10.0, 50.0), (-12.0, 30.0)])
+def test_exchanged_latitude_and_longitude_are_refused_and_the_line_mends_it(
+    tmp_path: Path, left_out: tuple[str, ...], origin: tuple[float, float]
+) -> None:
+    log = bridge(raw_logs.run(), origin)
+    log["Latitude"], log["Longitude"] = log["Longitude"], log["Latitude"]
+    path = table(tmp_path / "a.csv", without(log, *left_out))
+    problems = import_logs([path]).problems
+    assert len(problems) == 1 and 'latitude = "Longitude" and longitude = "Latitude"' in problems[0], problems
+    chosen = validated(ImportMap, {"columns": {"latitude": "Longitude", "longitude": "Latitude"}}, "map")
+    found = import_logs([path], chosen)
+    assert not found.problems
+    assert np.abs(found.runs[0].columns["u"] - raw_logs.run()["u"])[20:-20].max() < 0.02
+
+
+def test_a_latitude_beyond_the_pole_is_no_lost_satellite(tmp_path: Path) -> None:
+    """Exchanged in Japan, and degrees and minutes in one number."""
+    log = bridge(raw_logs.run())
+    swapped = {**log, "Latitude": log["Longitude"], "Longitude": log["Latitude"]}
+    minutes = {**log, "Latitude": np.floor(log["Latitude"]) * 100 + 60 * (log["Latitude"] % 1)}
+    for columns in (swapped, minutes):
+        problems = import_logs([table(tmp_path / "a.csv", columns)]).problems
+        assert len(problems) == 1 and "column 'Latitude' reaches" in problems[0], problems
+
+
+@pytest.mark.parametrize(
+    ("origin", "left_out", "lines"),
+    [
+        ((-33.86, 151.2), HEADING, ['latitude = { from = "Latitude", sign = -1 }']),
+        ((48.3, -4.4), HEADING, ['longitude = { from = "Longitude", sign = -1 }']),
+        ((-33.0, -71.6), (), ['latitude = { from = "Latitude", sign = -1 }', "and longitude"]),
+    ],
+)
+def test_a_hemisphere_that_no_column_holds_is_refused(
+    tmp_path: Path, origin: tuple[float, float], left_out: tuple[str, ...], lines: list[str]
+) -> None:
+    log = bridge(raw_logs.run(), origin)
+    log |= {name: np.abs(np.asarray(log[name], dtype=float)) for name in ("Latitude", "Longitude")}
+    problems = import_logs([table(tmp_path / "a.csv", without(log, *left_out))]).problems
+    assert len(problems) == 1 and all(line in problems[0] for line in lines), problems
+
+
+def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    log = without(log, "Latitude", "Longitude") | {"x [m]": truth["y"], "y [m]": truth["x"]}
+    problems = import_logs([table(tmp_path / "a.csv", log)]).problems
+    assert len(problems) == 1 and 'x = "y" and y = "x"' in problems[0]
+
+
+@pytest.mark.parametrize("maneuver", ["zigzag:5/5", "turning:35", "turning:-35", "crash-stop", "random:3"])
+@pytest.mark.parametrize("left_out", [(), HEADING])
+def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...]) -> None:
+    """Also with noise of a receiver, with headings anywhere, and where the ship goes astern."""
+    truth: Trial = simulate("esso_osaka_3m", maneuver, dt=0.5, duration=90, seed=1)
+    log, rng = bridge(truth), np.random.default_rng(3)
+    for name, size in (("Latitude", 2e-7), ("Longitude", 2e-7), ("Heading [deg]", 0.5), ("COG [deg]", 2.0)):
+        log[name] = np.asarray(log[name], dtype=float) + rng.normal(0, size, len(truth))
+    found = import_logs([table(tmp_path / "a.csv", without(log, *left_out))])
+    assert not found.problems, found.problems
