@@ -77,11 +77,14 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
 def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
-    from fitting.report.run_folder import RESULT
+    from fitting.report.run_folder import RESULT, described_in
 
+    known: Any = model
     if isinstance(model, (str, Path)):
-        return load_run(model).to_dict() if (Path(model) / RESULT).exists() else {}
-    return model.to_dict() if hasattr(model, "to_dict") else {}
+        folder = described_in(Path(model))
+        known = load_run(folder) if (folder / RESULT).exists() else None
+    content = known.to_dict() if hasattr(known, "to_dict") else {}
+    return content | dict(getattr(getattr(known, "inputs", None), "of_predictions", {}))  # beside diagnosis.json
 
 
 def check(trials: Trials) -> list[CheckReport]:
@@ -227,7 +230,7 @@ def predict(
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
             remarks.append(Message(words, "outside_training"))
-        results.append(Prediction(run, tuple(found), tuple(remarks), outside))
+        results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
     if not any(p.windows for p in results):
         notes = "; ".join(note for p in results for note in p.notes)
         raise UserError(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
@@ -268,13 +271,16 @@ def diagnose(
     into account. Returns the diagnosis. Raises UserError for input from which nothing can be concluded.
     """
     from diagnosis import diagnose as pipeline
+    from fitting.report.run_folder import of_predictions
 
     runs = _sound(trials)
     known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
     if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         known = objects.trials
-    return pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
+    found = pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
+    told = found.inputs.of_predictions or of_predictions(content_of(model))
+    return replace(found, inputs=replace(found.inputs, of_predictions=told))
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
