@@ -17,7 +17,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-from fitting.report.run_folder import RESULT, SHIP, described_in, of_predictions, read_result, trial_rows
+from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -211,11 +211,10 @@ def told_of_predictions(ship: Ship, calibrated_on: Path | str | Sequence[Trial] 
 
     calibrated_on: as of ``calibration_trials``; trials tell nothing.
     """
-    folder = described_in(Path(calibrated_on)) if isinstance(calibrated_on, (str, Path)) else None
-    if folder is None or not (folder / RESULT).exists():
+    if not isinstance(calibrated_on, (str, Path)) or not (content := content_on(Path(calibrated_on))):
         return {}
-    same = dict(load_ship(folder / SHIP).components) == dict(ship.components)
-    return of_predictions(read_result(folder)) if same else {}
+    same = dict(load_ship(calibrated_on).components) == dict(ship.components)
+    return of_predictions(content) if same else {}
 
 
 def _faults(ship: Ship, trials: Sequence[Trial]) -> tuple[Message, ...]:

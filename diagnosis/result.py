@@ -48,6 +48,12 @@ class Diagnosis(Findings):
         table = self.to_pandas().reset_index()
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
+    def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
+        """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
+        content: of its result.json."""
+        told = self.inputs.of_predictions or of_predictions(content)
+        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
+
     def with_figures(self) -> Diagnosis:
         """The same with all its figures drawn that can be; the others are drawn, or why not is said, on saving."""
         from diagnosis.report import page

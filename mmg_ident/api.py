@@ -77,14 +77,11 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
 def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
-    from fitting.report.run_folder import RESULT, described_in
+    from fitting.report.run_folder import content_on
 
-    known: Any = model
     if isinstance(model, (str, Path)):
-        folder = described_in(Path(model))
-        known = load_run(folder) if (folder / RESULT).exists() else None
-    content = known.to_dict() if hasattr(known, "to_dict") else {}
-    return content | dict(getattr(getattr(known, "inputs", None), "of_predictions", {}))  # beside diagnosis.json
+        return content_on(Path(model))
+    return model.to_dict() if hasattr(model, "to_dict") else {}
 
 
 def check(trials: Trials) -> list[CheckReport]:
@@ -271,7 +268,6 @@ def diagnose(
     into account. Returns the diagnosis. Raises UserError for input from which nothing can be concluded.
     """
     from diagnosis import diagnose as pipeline
-    from fitting.report.run_folder import of_predictions
 
     runs = _sound(trials)
     known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
@@ -279,8 +275,7 @@ def diagnose(
     if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         known = objects.trials
     found = pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
-    told = found.inputs.of_predictions or of_predictions(content_of(model))
-    return replace(found, inputs=replace(found.inputs, of_predictions=told))
+    return found.told_by(content_of(model))
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

@@ -16,7 +16,7 @@ from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
 from delivery.full_scale.similarity import dropped_effects, similar_adaptation, similar_bands, similar_envelope
 from fitting.record import CoefficientRow, Correlation, FitRecord, MessageRow
-from fitting.report.run_folder import RESULT, described_in, of_predictions, read_result, versions
+from fitting.report.run_folder import content_on, of_predictions, versions
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -37,12 +37,11 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     if isinstance(source, Ship):
         return _of_ship(source)
     folder = Path(source)
-    home = described_in(folder)
-    content = read_result(home) if (home / RESULT).exists() else {}
+    content = content_on(folder)
     if content.get("kind") == "calibration":
         return read_fit(folder)
     told = of_predictions(content)
-    return replace(_of_ship(load_ship(source)), **{key: told.get(key) for key in ("bands", "adaptation")})
+    return replace(_of_ship(load_ship(source)), bands=told.get("bands"), adaptation=told.get("adaptation"))
 
 
 def _of_ship(ship: Ship) -> FitResult:

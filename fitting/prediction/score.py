@@ -88,8 +88,7 @@ class Score:
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
             units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
             paper, window = _number(row["paper"]), _number(row["window"])
-            past = _number(row.get("past_s", 0.0))
-            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, past)
+            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
 

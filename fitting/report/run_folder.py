@@ -203,6 +203,13 @@ def described_in(folder: Path) -> Path:
     return run if inside and read_result(run).get("other") == folder.absolute().name else folder
 
 
+def content_on(folder: Path) -> dict[str, Any]:
+    """The content of the result.json that tells of the ship in ``folder``; empty where there is none. Raises UserError
+    where it cannot be read."""
+    where = described_in(folder)
+    return read_result(where) if (where / RESULT).is_file() else {}
+
+
 def trial_rows(folder: Path) -> list[dict[str, Any]]:
     """The rows of ``data_rows`` in the result.json of a run ``folder``, [] where it has none. Raises UserError where
     they are no such rows."""

@@ -17,13 +17,13 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from delivery.full_scale.result import result_of
 from diagnosis import diagnose as diagnosis
+from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.inputs import told_of_predictions
 from diagnosis.result import Diagnosis
 from fitting.report.run_folder import read_result
 from mmg_ident.api import content_of
 from mmg_ident.commands.main import main
 from residual.result import read_training
-from tests.diagnosis.report.test_report import case
 from tests.fitting.prediction.test_worth_of_past import PAID, runs
 from tests.support.calibrated import small_result
 from tests.support.figures import unrendered
@@ -47,7 +47,8 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
             write_trial(trial, root / "trials" / f"run{k}.csv")
         quick = ["--seeds", "1", "--epochs", "1", "--width", "4", "--rate", "1e-6", "--step", "1"]
         for out, more in (("declined", []), ("always", ["--keep", "always"])):
-            assert main(["train", str(root / "run"), str(root / "trials"), *quick, *more, "--out", str(root / out)]) == 0
+            given = [str(root / "run"), str(root / "trials"), *quick, *more]
+            assert main(["train", *given, "--out", str(root / out)]) == 0
         again = ["train", str(root / "always"), str(root / "trials"), *quick, "--out", str(root / "again")]
         assert main(again) == 0
     return root
@@ -58,6 +59,11 @@ def shown(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, A
     capsys.readouterr()
     assert main([*(str(a) for a in arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
+
+
+def breaks_down(*given: object) -> None:
+    """In place of a fit that takes long: a diagnosis then says that nothing can be said."""
+    raise BrokenModelError("it explodes")
 
 
 @pytest.mark.parametrize("out", ["declined", "always", "again"])
@@ -109,8 +115,7 @@ def test_what_a_training_decided_by_is_said(root: Path) -> None:
 def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnosis, "_diagnosed", lambda *given: (case("named"), None))
-    monkeypatch.setattr(diagnosis, "with_learned", lambda found, *given: found)
+    monkeypatch.setattr(diagnosis, "prepare", breaks_down)
     found: Sequence[Diagnosis] = [
         mmg_ident.diagnose(model, list(runs(True)))
         for model in (root / "run", root / "always", root / "always" / "calibrated")
