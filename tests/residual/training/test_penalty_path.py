@@ -28,7 +28,7 @@ from tests.residual.training.test_acceptance import Ballast, drifting
 from tests.residual.training.test_hybrid import QUICK
 from tests.support import hybrids
 
-DEFAULT = replace(QUICK, penalty=None, rate=3e-3)
+DEFAULT = replace(QUICK, penalty=None, epochs=15, rate=3e-3)
 """A small network with the default penalty and rate."""
 
 
