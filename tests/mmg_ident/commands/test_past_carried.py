@@ -24,6 +24,7 @@ from fitting.report.run_folder import read_result
 from mmg_ident.api import content_of
 from mmg_ident.commands.main import main
 from residual.result import read_training
+from residual.settings import TrainSettings
 from tests.fitting.prediction.test_worth_of_past import PAID, runs
 from tests.support.calibrated import small_result
 from tests.support.figures import unrendered
@@ -126,6 +127,8 @@ def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
             one.save(tmp_path / f"{k}")
         for content in (read_result(tmp_path / f"{k}"), content_of(tmp_path / f"{k}")):
             assert {key: content.get(key) for key in KNOWN} == {key: known[key] for key in KNOWN}
+    quick = TrainSettings(seeds=1, epochs=1, width=4, step=1.0, penalty=0.3)
+    assert mmg_ident.train(tmp_path / "0", list(runs(True)), settings=quick).details["adaptation"] == PAID
     memory = replace(small_result(3), adaptation=PAID)
     assert mmg_ident.diagnose(memory, list(runs(True))).inputs.of_predictions["adaptation"] == PAID
 
