@@ -184,13 +184,13 @@ def main() -> None:
         f"hybrid, {whole}": (
             build_hybrid,
             of_hybrid,
-            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
+            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h, penalty=0.3),
             False,
         ),
         "hybrid, bootstrap": (
             build_hybrid,
             of_hybrid,
-            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h),
+            TrainSettings(seeds=MEMBERS, workers=2, epochs=12, step=h, penalty=0.3),
             True,
         ),
         f"FNN, {whole}": (

@@ -224,7 +224,8 @@ def gains_of(s: Setting, v: Variant, seed: int) -> Gains:
         scales, make = s.scaled(v.extra, train), partial(build, v.extra)
         total, known = sum(p.steps for p in train), sum(p.steps for p in s.train)
         epochs = max(8, round(40 * known / total))
-        training = TrainSettings(seed=seed, seeds=v.members, step=s.h, **{"epochs": epochs, **v.settings})
+        values = {"epochs": epochs, "penalty": 0.3, **v.settings}
+        training = TrainSettings(seed=seed, seeds=v.members, step=s.h, **values)
         stop = held if v.within else []
         tasks = training_tasks(make, s.ship, scales, training, train, stop, v.judge and not v.within)
         outcomes = [train_one(t) for t in tasks]

@@ -114,7 +114,7 @@ def main(run: str, names: list[str]) -> None:
         settings, build, changed = VARIANTS[name]
         scales, rows = changed(hybrid_scales(ship, pieces, train, h)), []
         for seed in (0, 100, 200):
-            training = TrainSettings(seed=seed, step=h, **settings)
+            training = TrainSettings(seed=seed, step=h, **{"penalty": 0.3, **settings})
             tasks = training_tasks(build, ship, scales, training, pieces)
             outcomes = [train_one(task) for task in tasks]
             systems, row = restored(tasks[0], outcomes), []

@@ -52,6 +52,7 @@ from diagnosis.inputs import (
     diagnosable_trials,
     independent_tests,
     parted,
+    told_of_predictions,
 )
 from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import JudgedSearch, judged_search
@@ -122,7 +123,8 @@ def _within_time(
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
     remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
-    inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions())
+    told = told_of_predictions(ship, calibrated_on)
+    inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
     try:
         found, learning = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
     except (BrokenModelError, np.linalg.LinAlgError) as error:

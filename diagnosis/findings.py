@@ -181,13 +181,15 @@ class RandomSizes:
 @dataclass(frozen=True)
 class DiagnosisInputs:
     """What a diagnosis was made from: rows on the training and the test trials (name, path, sha256, ...), the command,
-    the seed, and the versions of the program and its libraries."""
+    the seed, and the versions of the program and its libraries. of_predictions: what the calibration behind the ship
+    tells of predictions by her (``fitting.report.run_folder.OF_PREDICTIONS``)."""
 
     data: tuple[Mapping[str, Any], ...] = ()
     test: tuple[Mapping[str, Any], ...] = ()
     command: str = ""
     seed: int = 0
     versions: Mapping[str, str] = field(default_factory=dict)
+    of_predictions: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cases.checks import inputs_are_constant
 from cases.checks.duplicates import duplicates
@@ -16,7 +17,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-from fitting.report.run_folder import RESULT, SHIP, trial_rows
+from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -203,6 +204,17 @@ def calibration_trials(
         words = f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"
         return CalibrationTrials(True, (), (Message(words, "calibration_trials_missing"),))
     return CalibrationTrials(True, tuple(same), _faults(ship, same))
+
+
+def told_of_predictions(ship: Ship, calibrated_on: Path | str | Sequence[Trial] | None) -> dict[str, Any]:
+    """What the calibration behind ``ship`` tells of predictions by her; nothing for a model of other components.
+
+    calibrated_on: as of ``calibration_trials``; trials tell nothing.
+    """
+    if not isinstance(calibrated_on, (str, Path)) or not (content := content_on(Path(calibrated_on))):
+        return {}
+    same = dict(load_ship(calibrated_on).components) == dict(ship.components)
+    return of_predictions(content) if same else {}
 
 
 def _faults(ship: Ship, trials: Sequence[Trial]) -> tuple[Message, ...]:

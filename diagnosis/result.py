@@ -17,7 +17,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
 from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
 from fitting.record import MessageRow
-from fitting.report.run_folder import check_target, read_result, write_json, write_whole
+from fitting.report.run_folder import check_target, of_predictions, read_result, write_json, write_whole
 from mmg.errors import UserError
 from mmg.messages import has_code, messages_from
 from mmg.notebook import html_table
@@ -48,6 +48,12 @@ class Diagnosis(Findings):
         table = self.to_pandas().reset_index()
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
+    def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
+        """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
+        content: of its result.json."""
+        told = self.inputs.of_predictions or of_predictions(content)
+        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
+
     def with_figures(self) -> Diagnosis:
         """The same with all its figures drawn that can be; the others are drawn, or why not is said, on saving."""
         from diagnosis.report import page
@@ -70,11 +76,13 @@ class Diagnosis(Findings):
 
         def result(figures: Sequence[Mapping[str, str]], failures: Sequence[str], complete: bool) -> dict[str, Any]:
             seconds = self.timings.get("total", 0.0) + time.perf_counter() - began
+            made_from = dict(vars(self.inputs))
             return {
                 "schema_version": SCHEMA_VERSION,
                 "kind": "diagnosis",
                 "complete": complete,
-                **vars(self.inputs),
+                **made_from.pop("of_predictions"),
+                **made_from,
                 "figures": figures,
                 "warnings": [*self.warnings, *failures],
                 "timings_s": {**self.timings, "wall": seconds},
@@ -123,9 +131,10 @@ def read_diagnosis(folder: Path | str) -> Diagnosis:
     folder = Path(folder)
     content = _checked(_Content, folder / CONTENT)
     record = {f.name: getattr(content, f.name) for f in fields(DiagnosisRecord)}
+    inputs = _checked(DiagnosisInputs, folder / RESULT)
     return Diagnosis(
         **record | {"warnings": messages_from(vars(row) for row in content.messages)},
-        inputs=_checked(DiagnosisInputs, folder / RESULT),
+        inputs=dataclasses.replace(inputs, of_predictions=of_predictions(read_result(folder))),
         ship=load_ship(folder / SHIP),
     )
 

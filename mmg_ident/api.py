@@ -77,10 +77,10 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
 def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
-    from fitting.report.run_folder import RESULT
+    from fitting.report.run_folder import content_on
 
     if isinstance(model, (str, Path)):
-        return load_run(model).to_dict() if (Path(model) / RESULT).exists() else {}
+        return content_on(Path(model))
     return model.to_dict() if hasattr(model, "to_dict") else {}
 
 
@@ -227,7 +227,7 @@ def predict(
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
             remarks.append(Message(words, "outside_training"))
-        results.append(Prediction(run, tuple(found), tuple(remarks), outside))
+        results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
     if not any(p.windows for p in results):
         notes = "; ".join(note for p in results for note in p.notes)
         raise UserError(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
@@ -274,7 +274,8 @@ def diagnose(
     objects = getattr(model, "objects", None)
     if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         known = objects.trials
-    return pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
+    found = pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
+    return found.told_by(content_of(model))
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

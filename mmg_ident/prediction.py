@@ -21,13 +21,14 @@ class Prediction:
 
     trial: that was predicted; windows: each with its rows of the trial, predicted states and, where they are known,
     standard deviations; notes: on windows that were left out; outside: share of the rows that lie outside the data the
-    network of a hybrid was trained on, None without a network.
+    network of a hybrid was trained on, None without a network; past_s: seconds before each window that were used.
     """
 
     trial: Trial
     windows: tuple[Window, ...]
     notes: tuple[Message, ...] = ()
     outside: float | None = None
+    past_s: float = 0.0
 
     @property
     def diverged(self) -> int:

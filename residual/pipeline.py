@@ -20,7 +20,15 @@ from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
 from fitting.record import read_record
 from fitting.report.parts import Store
-from fitting.report.run_folder import RESULT, data_rows, read_result, trial_rows, versions
+from fitting.report.run_folder import (
+    RESULT,
+    data_rows,
+    described_in,
+    of_predictions,
+    read_result,
+    trial_rows,
+    versions,
+)
 from fitting.result import FitResult
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -40,8 +48,6 @@ from residual.training.tasks import ModelKind, tasks_of
 from residual.training.trainer import Outcome, Task
 from residual.training.windows import windows
 
-CARRIED = ("coefficients", "correlation", "bands", "per_run")
-"""Of the calibration's result.json, what still holds of the ship inside."""
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
 
@@ -134,7 +140,9 @@ def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Ma
 
 
 def _known(folder: Path) -> Mapping[str, Any]:
-    """The content of result.json of a run ``folder``, {} where there is none; UserError where it is not as written."""
+    """The content of result.json on the ship in ``folder``, {} where there is none; UserError where it is not as
+    written."""
+    folder = described_in(folder)
     if not (folder / RESULT).exists():
         return {}
     content = read_result(folder)
@@ -143,7 +151,7 @@ def _known(folder: Path) -> Mapping[str, Any]:
     if content["kind"] == "calibration":
         read_record(folder / RESULT, content)
         return content
-    return {"data": trial_rows(folder)}
+    return {**of_predictions(content), "data": trial_rows(folder)}
 
 
 def _hybrid(
@@ -163,7 +171,7 @@ def _hybrid(
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
             "residual_size": _residual_size(network, scales) if network else {},
             "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
-            **{key: known[key] for key in CARRIED if key in known},
+            **of_predictions(known),
         },
         "notices": (notice,) if always else (),
     }
@@ -210,6 +218,7 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
             "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
             "judged_restarts": {"before": o.before[1], "after": o.after[1]},
             "judged_runs": _judged_runs(o, judging),
+            "penalty": o.penalty,
             "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
             "training_windows": o.windows,
             "learning_rate": o.rate,

@@ -9,6 +9,10 @@ LOSSES = ("state", "acceleration")
 """Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
 KEEP = ("better", "always")
 """Which ship is recommended: the better one as the decision says, or always the hybrid."""
+PATH = (0.3, 0.03, 0.01, 0.001)
+"""Weights of a residual's penalty that a training takes one after the other, each from where the one before ended
+(a path of weights as of Friedman et al. 2010, J Stat Softw 33(1)): windows that it does not train on choose among
+them. The first hardly lets a residual grow; the last asks nothing of one as large as the ship's own accelerations."""
 KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 
@@ -19,13 +23,13 @@ class TrainSettings:
 
     seeds: networks trained from seeds seed, seed + 1, ...; workers: processes; width: of the hidden layers; symmetric:
     whether a residual treats port and starboard alike (half of its neurons are then those of the mirror image);
-    penalty: weight of the network's own penalty; rate, last_rate: of Adam; clip: of the norm of gradients; batch:
-    windows per gradient step; epochs: passes over the windows, of which each stage (length [s], share) of the
-    curriculum gets its share; stride: seconds between windows; jitter: multiples of the noise of the instruments added
-    to the states, anew at every step; augment: a named set of ``residual.training.augmentation.SETS`` instead of
-    stride, "" for none; loss: "state" (Eq. 23) or "acceleration" (Eq. 16); method: "rk4" or "euler"; step: of grid and
-    integration [s], None as in a calibration; block: length of blocks [s] where there are few runs; time_limit: [s] of
-    the whole training.
+    penalty: weight of the network's own penalty, None: those of PATH; rate, last_rate: of Adam; clip: of the norm of
+    gradients; batch: windows per gradient step; epochs: passes over the windows under a weight of the penalty, of which
+    each stage (length [s], share) of the curriculum gets its share; stride: seconds between windows; jitter: multiples
+    of the noise of the instruments added to the states, anew at every step; augment: a named set of
+    ``residual.training.augmentation.SETS`` instead of stride, "" for none; loss: "state" (Eq. 23) or "acceleration"
+    (Eq. 16); method: "rk4" or "euler"; step: of grid and integration [s], None as in a calibration; block: length of
+    blocks [s] where there are few runs; time_limit: [s] of the whole training.
     """
 
     seeds: int = 5
@@ -33,7 +37,7 @@ class TrainSettings:
     workers: int = 1
     width: int = 32
     symmetric: bool = True
-    penalty: float = 0.3
+    penalty: float | None = None
     rate: float = 3e-3
     last_rate: float = 2e-5
     clip: float = 1.0
@@ -49,6 +53,11 @@ class TrainSettings:
     augment: str = ""
     time_limit: float | None = None
 
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weights of the penalty, in their order."""
+        return PATH if self.penalty is None else (self.penalty,)
+
 
 @dataclass(frozen=True)
 class BlackBoxSettings(TrainSettings):
@@ -60,7 +69,7 @@ class BlackBoxSettings(TrainSettings):
     """
 
     width: int = 64
-    penalty: float = 1e-4
+    penalty: float | None = 1e-4
     epochs: int = 60
     kind: str = "fnn"
     layers: int = 2

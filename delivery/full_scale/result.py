@@ -14,9 +14,9 @@ import numpy as np
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
-from delivery.full_scale.similarity import dropped_effects, similar_bands, similar_envelope
+from delivery.full_scale.similarity import dropped_effects, similar_adaptation, similar_bands, similar_envelope
 from fitting.record import CoefficientRow, Correlation, FitRecord, MessageRow
-from fitting.report.run_folder import RESULT, read_result, versions
+from fitting.report.run_folder import content_on, of_predictions, versions
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.errors import UserError
@@ -37,9 +37,11 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     if isinstance(source, Ship):
         return _of_ship(source)
     folder = Path(source)
-    if (folder / RESULT).exists() and read_result(folder)["kind"] == "calibration":
+    content = content_on(folder)
+    if content.get("kind") == "calibration":
         return read_fit(folder)
-    return _of_ship(load_ship(source))
+    told = of_predictions(content)
+    return replace(_of_ship(load_ship(source)), bands=told.get("bands"), adaptation=told.get("adaptation"))
 
 
 def _of_ship(ship: Ship) -> FitResult:
@@ -84,6 +86,7 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     absent = {f.name: f.default for f in fields(FitRecord) if f.default is not MISSING}  # what belongs to trials
     known = {
         "bands": similar_bands(model.bands, found.law),
+        "adaptation": similar_adaptation(model.adaptation, found.law),
         "envelope": similar_envelope(model.envelope, found.law),
         "scaling": _account(model, found, scaling),
     }

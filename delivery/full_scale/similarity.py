@@ -126,6 +126,17 @@ def similar_envelope(envelope: Mapping[str, Sequence[float]] | None, law: Simila
     return {name: [law.feature(name) * value for value in pair] for name, pair in envelope.items()}
 
 
+def similar_adaptation(adaptation: Mapping[str, Any] | None, law: Similarity) -> dict[str, Any] | None:
+    """What the past of a window is worth, found on trials of the model, with seconds of the other length.
+
+    adaptation: as ``fitting.prediction.worth_of_past.adaptation_worth`` gives it, None stays None; law: of similarity.
+    """
+    if not adaptation:
+        return None
+    seconds = float(max(1.0, round(adaptation["past_s"] * math.sqrt(law.scale))))
+    return {**adaptation, "past_s": seconds, "trials": "trials of the model"}
+
+
 def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str, Any] | None:
     """The process of unexplained accelerations in result.json at the other length, without noise of instruments.
 

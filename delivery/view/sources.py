@@ -140,7 +140,8 @@ def _named(folder: Path) -> list[ViewModel]:
     d = read_diagnosis(folder)
     if not d.effects:
         return []
-    return [ViewModel("named", f"with {', '.join(e.name for e in d.effects)}", label_of(folder), Simulator(d.ship))]
+    words, bands = f"with {', '.join(e.name for e in d.effects)}", bands_of(d.inputs.of_predictions, d.ship)
+    return [ViewModel("named", words, label_of(folder), Simulator(d.ship), bands)]
 
 
 def _rows(folder: Path) -> list[tuple[str, Mapping[str, Any]]]:

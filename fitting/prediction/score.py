@@ -47,7 +47,7 @@ class Score:
     """Scores of a set of trials with the sigma they were divided by.
 
     paper, window: pooled over all rows of all trials; sigma: (6,) with ``sigma_from`` saying where it is from; units:
-    errors in units, None where they were not asked for.
+    errors in units, None where they were not asked for; past_s: seconds before each window that the predictions used.
     """
 
     trials: tuple[TrialScore, ...]
@@ -57,6 +57,7 @@ class Score:
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
     units: UnitErrors | None = None
+    past_s: float = 0.0
 
     @property
     def diverged(self) -> tuple[str, ...]:
@@ -73,6 +74,7 @@ class Score:
             "trials": [t.to_dict() for t in self.trials],
             "notes": list(self.notes),
             "units": self.units.to_dict() if self.units else None,
+            "past_s": self.past_s,
         }
 
     @classmethod
@@ -86,7 +88,7 @@ class Score:
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
             units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
             paper, window = _number(row["paper"]), _number(row["window"])
-            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units)
+            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
 
@@ -324,4 +326,5 @@ def score(
     paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
     known = (WINDOW, STRIDE, short)
     errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, known)
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors)
+    used = past.seconds if past else 0.0
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors, used)

@@ -14,7 +14,7 @@ import platform
 import re
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
 from importlib import metadata
@@ -36,6 +36,8 @@ RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterat
 FIGURES, PAGE = "figures", "report.html"
 MODEL = "model"
 """Folder in the run of a scaled ship that holds the run of its model."""
+OF_PREDICTIONS = ("coefficients", "correlation", "per_run", "campaigns", "bands", "adaptation")
+"""Keys of a calibration's result.json that tell of predictions by her ship: what is made of her has them too."""
 PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
 """Warning of a run folder that is whole but for these; it is gone when they are made."""
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
@@ -186,6 +188,26 @@ def read_result(folder: Path) -> dict[str, Any]:
     if not isinstance(content.get("kind"), str):
         raise UserError(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
     return content
+
+
+def of_predictions(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What the ``content`` of a result.json tells of predictions by the ship, by key."""
+    return {key: content[key] for key in OF_PREDICTIONS if key in content}
+
+
+def described_in(folder: Path) -> Path:
+    """The folder whose result.json tells of the ship in ``folder``: itself, or the training that keeps her there as
+    the one that it does not recommend. Raises UserError where that result.json cannot be read."""
+    run = folder.absolute().parent
+    inside = not (folder / RESULT).exists() and (folder / SHIP).exists() and (run / RESULT).exists()
+    return run if inside and read_result(run).get("other") == folder.absolute().name else folder
+
+
+def content_on(folder: Path) -> dict[str, Any]:
+    """The content of the result.json that tells of the ship in ``folder``; empty where there is none. Raises UserError
+    where it cannot be read."""
+    where = described_in(folder)
+    return read_result(where) if (where / RESULT).is_file() else {}
 
 
 def trial_rows(folder: Path) -> list[dict[str, Any]]:

@@ -132,11 +132,11 @@ def _with_intervals(
 
     from cases.shipfiles.estimates import is_starting_ship
     from fitting.prediction.figure_intervals import DRAWS, correlation_in, with_intervals
-    from fitting.report.run_folder import RESULT, read_result
+    from fitting.report.run_folder import content_on
     from mmg.messages import Message
 
     scatter, seed, workers = draws
-    content = read_result(Path(model)) if (Path(model) / RESULT).is_file() else {}
+    content = content_on(Path(model))
     known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
     count = scatter if scatter is not None else DRAWS * known
     if count == 0:

@@ -91,32 +91,35 @@ def predict(
     write_tables({files[p.trial.name]: p.table for p in found})
     for note in notes:
         say(f"note: {note}")
-    counts = {p.trial.name: len(p.windows) for p in found}
+    counts, past = {p.trial.name: len(p.windows) for p in found}, found[0].past_s
     if json:
         outside = {p.trial.name: p.outside for p in found}
         written = {
             "title": _title(known),
             "files": {n: str(p) for n, p in files.items()},
             "windows": counts,
+            "past_s": past,
             "notes": notes,
         }
         print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
     else:
-        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(known)} written to {out}")
+        how = f"with up to {past:g} s of past" if past else "without a past"
+        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(known)}, {how}, written to {out}")
 
 
 def _read_once(model: str) -> str | Ship | FitResult:
     """The ship or calibration that ``model`` names, its name where it is a training."""
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import RESULT
+    from fitting.report.run_folder import RESULT, described_in
     from fitting.result import FitResult
     from mmg.ship import Ship
     from mmg_ident.api import load_run
 
     if is_black_box(model):
         return model
-    run = load_run(model) if (Path(model) / RESULT).exists() else load_ship(model)
+    folder = described_in(Path(model))
+    run = load_run(folder) if (folder / RESULT).exists() else load_ship(model)
     return run if isinstance(run, (FitResult, Ship)) else model
 
 

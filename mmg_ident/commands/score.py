@@ -34,8 +34,8 @@ def score(
     adapt: Annotated[
         float | None,
         Option(
-            help="Score also with this many seconds before each window as a help; 0: not. Default: what a run folder "
-            "says pays."
+            help="Score also with this many seconds before each window as a help; 0: not. Default: what pays, as one "
+            "of the run folders says."
         ),
     ] = None,
     window: Annotated[
@@ -58,10 +58,10 @@ def score(
     Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
     the scored trials with the heading as stored. Beside them: rms errors by run in metres, degrees, m/s and deg/s, over
     windows that are longer for a large ship, and errors of advance, diameters and overshoots of the runs that are
-    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. A run folder
-    that knows that the past of a window pays, and with --adapt every model, is scored twice: without and with the
-    disturbance estimated from that past (see mmg predict); but not a black box of mmg train --model fnn, rnn or
-    rnn-window, which has its own integration as well.
+    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. With --adapt,
+    and where the run folder of one of the models knows that the past of a window pays, every ship is scored twice:
+    without and with the disturbance estimated from that past (see mmg predict), and models are compared with as much
+    past as each other. A black box of mmg train --model fnn, rnn or rnn-window uses none, and has its own integration.
 
     Example: mmg score esso_osaka_3m runs/first held_out/*.csv
     """
@@ -111,9 +111,9 @@ def score(
     lengths = [s.ship.particulars["L"] for s in loaded.values() if isinstance(s, Simulator)]
     window = window or window_for(trials, lengths[0] if lengths else None)
     scores = {}
+    past = max(past_to_use(content_of(name), adapt)[0] for name in models)
     for name, simulator in each(list(loaded.items()), "scoring"):
         scores[name] = scored(simulator, trials, values, origin, method, units=window)
-        past = past_to_use(content_of(name), adapt)[0]
         if past and isinstance(simulator, Simulator):
             scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
     notes = [
@@ -126,8 +126,9 @@ def score(
         found = {n: s.to_dict() for n, s in scores.items()}
         titles = {n: s.ship.title for n, s in loaded.items() if isinstance(s, Simulator)}
         print_json(
-            {"titles": titles, "metric": METRIC, "method": method, "models": found, "worse": worse_than_first(scores)}
-        )
+            {"titles": titles, "metric": METRIC, "method": method, "past_s": past, "models": found,
+             "worse": worse_than_first(scores)}
+        )  # fmt: skip
     else:
         for model, simulator in loaded.items():
             if isinstance(simulator, Simulator) and simulator.ship.mark:

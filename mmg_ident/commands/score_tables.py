@@ -40,10 +40,19 @@ def print_scores(scores: Mapping[str, Score]) -> None:
     _print_units(console, scores)
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)
+    console.print(past_in_words(scores), highlight=False, soft_wrap=True)
     for note in first.notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
     for line in worse_than_first(scores):
         console.print(line, highlight=False, soft_wrap=True)
+
+
+def past_in_words(scores: Mapping[str, Score]) -> str:
+    """How much of the past of a window the predictions of the ``scores`` used."""
+    with_past = {Path(name).name: s.past_s for name, s in scores.items() if s.past_s}
+    if not with_past:
+        return "past of a window: none is used"
+    return f"past of a window: up to {max(with_past.values()):g} s by {', '.join(with_past)}; none by the others"
 
 
 def _cell(found: Score | TrialScore, windows: int) -> str:
@@ -104,13 +113,16 @@ def _units(run: RunErrors) -> str:
 
 
 def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
-    """A line for each of the ``scores`` that is worse than the first on some run."""
+    """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
+    compared with the first of all."""
     from fitting.prediction.score import ScorePair
 
-    (name, first), *others = scores.items()
+    first, *others = scores
     lines = []
-    for other, found in others:
-        runs = ScorePair(first, found).worse_runs
+    for other in others:
+        found, alike = scores[other], next(n for n, s in scores.items() if s.past_s == scores[other].past_s)
+        name = first if alike == other else alike
+        runs = ScorePair(scores[name], found).worse_runs
         if runs:
             words = f"worse than {Path(name).name} on {len(runs)} of {len(found.trials)} runs: {'; '.join(runs)}"
             lines.append(f"{Path(other).name}: {words}")

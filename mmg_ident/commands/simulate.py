@@ -151,9 +151,9 @@ def _scatter(
     """Draws (how many and their seed), prints the table, and writes the motions and the figure to ``files``."""
     from fitting.prediction.maneuver_scatter import maneuver_scatter
     from fitting.report.plot_maneuvers import save_figure
-    from fitting.report.run_folder import RESULT, read_result
+    from fitting.report.run_folder import content_on
 
-    content = read_result(Path(name)) if (Path(name) / RESULT).is_file() else {}
+    content = content_on(Path(name))
     with working(f"simulating {plan.name} {draws[0]} times"):
         found, run, drawn = maneuver_scatter(ship, plan, content, *draws, dt)
     out, plot = files

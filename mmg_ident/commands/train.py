@@ -54,7 +54,10 @@ def train(
     width: Annotated[int | None, Option(help="Neurons of each hidden layer; default 32, of a black box 64.")] = None,
     penalty: Annotated[
         float | None,
-        Option(help="Weight of mean (residual / its scale)^2, default 0.3; of a black box, of its weights^2."),
+        Option(
+            help="Weight of mean (residual / its scale)^2; default 0.3, then 0.03, 0.01, 0.001, of which windows that "
+            "are not trained on choose; of a black box, of its weights^2."
+        ),
     ] = None,
     jitter: Annotated[float, Option(help="Noise added to the states, in multiples of the instruments' noise.")] = 0.0,
     rate: Annotated[float, Option(help="First learning rate of Adam.")] = 3e-3,
@@ -191,7 +194,7 @@ def _summary(result: TrainResult, out: Path) -> None:
     """A few lines for a person."""
     say_remarks(result)
     if result.decision:
-        say(result.decision.words)
+        say(f"{result.decision.words} (judged and scored, with and without it, without the past of a window)")
     what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
     for name, pair in result.scores.items():
         say(f"{name}, {what}: {scores_in_words(pair.before, pair.after)}")

@@ -45,7 +45,7 @@ def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
     o, arrays = outcome, {f"state.{name}": value for name, value in outcome.state.items()}
     arrays |= {"errors": np.array([o.before, o.after]), "history": np.array(o.history), "judged": o.judged}
-    arrays["times"] = np.array([o.rate, o.seconds])
+    arrays |= {"times": np.array([o.rate, o.seconds]), "path": np.array(o.path).reshape(-1, 2)}
     store.save(f"seed_{o.seed}", {name: getattr(o, name) for name in _WORDS}, arrays)
 
 
@@ -57,10 +57,11 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     words, arrays = found
     (before, after), (rate, seconds) = arrays["errors"].tolist(), arrays["times"].tolist()
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
+    path = tuple((weight, least) for weight, least in arrays["path"].tolist())
     state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
     return Outcome(
         before=tuple(before), after=tuple(after), history=history, state=state, rate=rate, seconds=seconds,
-        judged=arrays["judged"], **{name: words[name] for name in _WORDS},
+        judged=arrays["judged"], path=path, **{name: words[name] for name in _WORDS},
     )  # type: ignore[arg-type]  # fmt: skip
 
 

@@ -19,7 +19,8 @@ class Decision:
     same part, fold_spread: among the means of parts (NaN where they cannot be separated); runs_error: standard error
     of the improvement by the choice of judged runs, or of their days or kinds where that is more (NaN for fewer than
     two); lowest, highest: ends of the 90 % interval of the improvement on other runs, by that error (NaN where it is);
-    groups: how many runs, days or kinds it rests on; reason: why it is not kept, as a clause.
+    groups: how many runs, days or kinds it rests on; reason: why it is not kept, as a clause; past_s: seconds of past
+    that the compared predictions used, with and without the residual alike.
     """
 
     kept: bool
@@ -35,3 +36,4 @@ class Decision:
     lowest: float = nan
     highest: float = nan
     groups: int = 0
+    past_s: float = 0.0

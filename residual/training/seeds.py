@@ -57,7 +57,9 @@ def train_seeds(
                 done += 1
                 better = f"judged 30 s windows {outcome.before[0]:.4f} -> {outcome.after[0]:.4f}"
                 again = f", restarted {outcome.restarts} time(s) at a lower rate" if outcome.restarts else ""
-                LOGGER.info(f"seed {outcome.seed}: {outcome.status} in {outcome.seconds:.0f} s, {better}{again}")
+                weight = "" if len(outcome.path) < 2 else f", weight of the penalty {outcome.penalty}"
+                words = f"{outcome.status} in {outcome.seconds:.0f} s, {better}{again}{weight}"
+                LOGGER.info(f"seed {outcome.seed}: {words}")
                 if progress:
                     progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
 

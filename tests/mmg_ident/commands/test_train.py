@@ -151,11 +151,11 @@ def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None
     assert set(content) == KEYS | OF_A_HYBRID and content["schema_version"] == 1
     assert set(content["per_seed"][0]) == {
         "seed", "status", "judged_by_part", "judged_window", "judged_restarts", "judged_runs", "stop_window",
-        "training_windows", "learning_rate", "restarts", "seconds", "history",
+        "training_windows", "learning_rate", "restarts", "seconds", "history", "penalty",
     }  # fmt: skip
     assert set(content["decision"]) == {
         "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "seed_spread", "fold_spread",
-        "runs_error", "reason", "lowest", "highest", "groups",
+        "runs_error", "reason", "lowest", "highest", "groups", "past_s",
     }  # fmt: skip
     box = ["train", "esso_osaka_3m", str(folder / "trials"), "--model", "fnn", "--seeds", "1", "--epochs", "2"]
     assert main([*box, "--step", "1", "--out", str(tmp_path / "box")]) == 0

@@ -138,6 +138,7 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json"]) == 0
     captured = capsys.readouterr()
     content = json.loads(captured.out)
+    assert content["past_s"] == 0.0, "no model uses the past of a window"
     assert [row["name"] for row in content["test"]] == ["test"] and len(content["train"]) == 5, "tests are taken out"
     entries = content["entries"]
     assert {(e["model"], e["fraction"], e["random"], e["seed"]) for e in entries} == {
