@@ -22,6 +22,8 @@ from types import ModuleType
 
 import casadi as ca
 
+from mmg.progress import LOGGER
+
 NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ())
 """Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
 Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which costs
@@ -154,6 +156,9 @@ def _built(
         units = [Path(scratch) / f"code_{i}.c" for i in range(text.count(UNIT) + 1)]
         for path, part in zip(units, text.split(UNIT), strict=True):
             path.write_text(part, encoding="utf-8")
+        if len(units) > 1:  # seconds to minutes
+            words = "compiling the equations, once for this model: %d kB of C in %d files, which can take some minutes"
+            LOGGER.info(words, len(text) // 1000, len(units))
         for extra in NATIVE:
             run = _compiled([*command, *extra], units, built)
             if run.returncode == 0 and built.is_file():
