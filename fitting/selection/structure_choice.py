@@ -111,7 +111,8 @@ def choose_structure(
             fitted += work.shots([(one, {})])
             calibrated = fitted[-1].ship
         elif learned:
-            fitted.append(work.learned(one, runs[one.name][0]))
+            fitted += [work.learned(one, best) for best in runs[one.name][:1]]
+            table += [] if runs[one.name] else [_row(one, left_out="nothing was evaluated within its time limit")]
         else:
             fitted += work.regressed(_based_on(one, calibrated))
     if not learned:
