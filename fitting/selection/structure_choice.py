@@ -95,9 +95,8 @@ def choose_structure(
     _check(train, validate, ship.inputs)
     work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
     fitted: list[_Fitted] = []
-    table = [work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0)]
-    able, left_out = _able(given, train, named)
-    table += left_out
+    able, table = _able(given, train, named)
+    table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
     runs: dict[str, tuple[Learned, ...]] = {}
     if learned:
         if progress:

@@ -55,7 +55,7 @@ def finite_at(results: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], close: float = CLOSE) -> str:
-    """What tells the arrays ``found`` from the ``expected``, "" for nothing but rounding.
+    """What tells the arrays ``found`` (...,) each from the ``expected`` (...,), "" for nothing but rounding.
 
     Compared are the finite numbers of ``expected``, each with a difference of at most ``close`` times the largest one
     of its array (what follows from no number is not the same everywhere).
@@ -70,6 +70,6 @@ def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], clo
 
 
 def require_values(expected: Sequence[np.ndarray]) -> None:
-    """Raises Untested where there are arrays ``expected`` and none of their numbers is finite."""
+    """Raises Untested where there are arrays ``expected`` (...,) and none of their numbers is finite."""
     if any(a.size for a in expected) and not any(np.isfinite(a).any() for a in expected):
         raise Untested(NO_VALUE)
