@@ -45,10 +45,10 @@ def nominal(angle: float, late: float = 0.0, early: float = 0.0, rudder: float =
     return min(fits, key=lambda step: (step != rudder, step < SMALL, off(step))) if fits else float(round(degrees))
 
 
-def ordered_at_once(psi: np.ndarray, sides: np.ndarray, rates: np.ndarray, named: float, near: float) -> bool:
+def ordered_at_once(psi: np.ndarray, signs: np.ndarray, rates: np.ndarray, named: float, near: float) -> bool:
     """Whether the rudder was reversed at one heading, and not a time after the heading ``named`` [deg].
 
-    psi, sides, rates: headings [rad] at the reversals, sides to which she turned, yaw rates [rad/s] (N,). After a
+    psi, signs, rates: headings [rad] at the reversals, signs of the turn, yaw rates [rad/s] (N,). After a
     reaction she has turned farther where she turns faster; near: to which either explains the headings, beside their
     RESOLUTION [rad].
     """
@@ -61,5 +61,5 @@ def ordered_at_once(psi: np.ndarray, sides: np.ndarray, rates: np.ndarray, named
         return float(np.abs(given - columns @ np.linalg.lstsq(columns, given, rcond=None)[0]).max())
 
     near += RESOLUTION
-    at_one, after = off(sides, psi), off(sides * rates, psi - sides * math.radians(named))
+    at_one, after = off(signs, psi), off(signs * rates, psi - signs * math.radians(named))
     return at_one <= near < after and FARTHER * at_one < after
