@@ -187,6 +187,8 @@ def _zigzag(run: Run, scale: float | None) -> list[Row]:
         ]
     rudder, heading = run.steps
     words = f"{rudder:g}/{heading:g} is no zigzag of the standard"
+    if run.steps in ((10.0, 10.0), (20.0, 20.0)):
+        words = f"the rudder was reversed at {math.degrees(run.heading):.1f} deg, more than 2 deg off the order"
     return [_row(run, "yaw checking", f"overshoot_{k}", "deg", None, words) for k in (1, 2)]
 
 

@@ -16,6 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from cases.criteria.approach import approach
+from cases.criteria.ordered_steps import nominal, ordered_at_once
 from cases.criteria.rudder_steps import RudderStep, held_stretches
 from cases.criteria.stops import Stop, find_stops
 from cases.trial import Trial
@@ -44,11 +45,9 @@ LEAST_HOLDS = 3
 LEAST_SHARE = 0.4
 """Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
 
-STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-"""Angles that are ordered as a rule [deg]."""
-
-NAMED, SHARE = 0.6, 0.07
-"""A measured angle is called one of STEPS within this [deg], or this share of it."""
+REACTION = 0.15
+"""Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
+helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,8 @@ class Execute:
     times of the following reversals of a measured rudder [s]; end: up to where the run counts [s]. heading: switch
     heading of a zigzag [rad], of a measured one the median over its reversals, 0 else. speed: test speed V [m/s], of a
     measured run the mean over the stretch before the order. notes: what keeps a criterion from being judged, in words;
-    caveats: what is to be told with its verdict. late: heading that passes within a sample at the reversals [rad].
+    caveats: what is to be told with its verdict. late, early: by how much the heading may have passed its order when
+    the rudder begins to move, and may fall short of it there by the sampling [rad].
     """
 
     kind: str
@@ -73,12 +73,14 @@ class Execute:
     notes: tuple[str, ...]
     caveats: tuple[str, ...] = ()
     late: float = 0.0
+    early: float = 0.0
 
     @property
     def steps(self) -> tuple[float, float]:
         """Rudder and heading [deg] as they were ordered: a usual angle within what the record can tell, else whole
         degrees; heading 0 for other than a zigzag."""
-        return nominal(abs(self.rudder)), nominal(self.heading, self.late)
+        rudder = nominal(abs(self.rudder))
+        return rudder, nominal(self.heading, self.late, self.early, rudder)
 
     @property
     def title(self) -> str:
@@ -87,21 +89,6 @@ class Execute:
         side = "-" if self.rudder < 0 else ""
         own = {"zigzag": f" {side}{rudder:g}/{heading:g}", "turning": f" {side}{rudder:g}"}
         return self.kind + own.get(self.kind, "")
-
-
-def nominal(angle: float, late: float = 0.0) -> float:
-    """The usual angle [deg] that an ``angle`` >= 0 [rad] stands for, or its whole degrees where it is none.
-
-    late: what the order may have come too late [rad]: a heading read at samples is never reversed too early.
-    """
-    degrees, more = math.degrees(angle), math.degrees(late)
-    near, fits = max(NAMED, SHARE * degrees), []
-    for step in STEPS:
-        early = max(near, 0.5 * more) if step >= 5 else min(near, 0.4)
-        too_late = near + more if step >= 5 or step == 1 else near
-        if step - early <= degrees <= step + too_late:
-            fits.append(step)
-    return min(fits, key=lambda s: abs(s - degrees)) if fits else float(round(degrees))
 
 
 def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
@@ -124,9 +111,10 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     t = trial.t - trial.t[0]
     stops = [] if kind in ("turning", "zigzag") else find_stops(t, trial["n"], trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, trial.rudder, _ship_time(trial, length))
-    found = _steered(trial, holds, [stop for stop in stops if stop.stopped])
+    reaction = REACTION * _ship_time(trial, length)
+    found = _steered(trial, holds, [stop for stop in stops if stop.stopped], reaction)
     if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
-        found = _partial(trial, holds) or _against_rudder(trial, holds)
+        found = _partial(trial, holds, reaction) or _against_rudder(trial, holds, reaction)
     if found and not all(stop.stopped for stop in stops):
         stops = [stop for stop in stops if stop.stopped]
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
@@ -151,14 +139,14 @@ def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
     return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
 
 
-def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop]) -> list[Execute]:
-    """Complete zigzags and turning tests among ``holds``; those in a stop are part of it."""
+def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], reaction: float) -> list[Execute]:
+    """Complete zigzags and turning tests among ``holds``; those in a stop are part of it. reaction: longest one [s]."""
     holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
     found, k = [], 0
     while k < len(holds):
         count = _in_turn(trial, holds[k:])
         if count >= LEAST_HOLDS:
-            found.append(_zigzag(trial, holds[k : k + count]))
+            found.append(_zigzag(trial, holds[k : k + count], reaction))
             k += count
             continue
         hold = holds[k]
@@ -168,7 +156,7 @@ def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop]) -
     return found
 
 
-def _partial(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
+def _partial(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list[Execute]:
     """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early.
 
     The rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together.
@@ -180,7 +168,7 @@ def _partial(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
     for k in range(len(holds) - 1):
         pair = holds[k : k + 2]
         if _in_turn(trial, pair) > 1 and sum(h.seconds for h in pair) >= 0.5 * seconds:
-            return [_zigzag(trial, pair)]
+            return [_zigzag(trial, pair, reaction)]
     hold = max(beyond, key=lambda h: h.seconds)
     lasting = hold.seconds >= 0.5 * seconds
     if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:
@@ -190,10 +178,10 @@ def _partial(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
     return [Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, (words,))]
 
 
-def _against_rudder(trial: Trial, holds: Sequence[RudderStep]) -> list[Execute]:
+def _against_rudder(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list[Execute]:
     """Manoeuvres of a run in which the ship turns against the rudder as it is logged; none of them is judged."""
     words = "the ship turns against the rudder as it is logged: see its sign (mmg check)"
-    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [])
+    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], reaction)
     return [replace(execute, notes=(*execute.notes, words)) for execute in found]
 
 
@@ -239,7 +227,7 @@ def _middle_and_size(holds: Sequence[RudderStep]) -> tuple[float, float]:
     return 0.5 * (first + second), 0.5 * (first - second)
 
 
-def _zigzag(trial: Trial, holds: Sequence[RudderStep]) -> Execute:
+def _zigzag(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> Execute:
     """The zigzag of ``holds`` in turn. Its base course lies between the headings at reversals to either side, which
     also a record that begins with the rudder over has."""
     middle, half = _middle_and_size(holds)
@@ -252,7 +240,11 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep]) -> Execute:
     else:
         heading = float(sides[0] * (psi[0] - start))
     t, good = trial.t - trial.t[0], np.isfinite(trial["r"])
-    rate = float(np.median(np.abs(np.interp(times, t[good], trial["r"][good])))) if good.any() else 0.0
+    rates = np.abs(np.interp(times, t[good], trial["r"][good])) if good.any() else np.zeros(len(times))
+    rate = float(np.median(rates))
+    late, early = rate * (trial.dt + reaction), rate * trial.dt
+    if ordered_at_once(psi, sides, rates, nominal(heading, late, early, nominal(abs(half))), 0.5 * early):
+        late = early = 0.0
     notes: tuple[str, ...] = ()
     if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
         notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
@@ -260,7 +252,7 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep]) -> Execute:
     if abs(middle) > math.radians(1.0):
         caveats.append(f"the rudder is logged {math.degrees(middle):+.1f} deg off: the middle of its two sides")
     return Execute("zigzag", holds[0].begin, half, tuple(times), holds[-1].end, heading, math.nan, notes,
-                   tuple(caveats), rate * trial.dt)  # fmt: skip
+                   tuple(caveats), late, early)  # fmt: skip
 
 
 def _headings(trial: Trial, times: Sequence[float]) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from mmg.compile.batch import BatchFunction, batch_functions
 from mmg.compile.path_numpy import PortablePaths, advanced, pushed, spread_over
 from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
+from mmg.compile.self_test import differences
 from mmg.effects import EFFECTS
 from mmg.model import Model, assemble, settled, states_behind
 from mmg.motion.froude import state_scale
@@ -97,11 +98,9 @@ class TransitionModel:
             linear = self.linearise(z, inputs, theta, force, *every)
             gradient = self.logdet_gradient(z, inputs[..., : self.C], theta, force, *weights, *every)
             found.append((*vars(linear).values(), gradient, self.follow(z, inputs, theta, force=force)))
-        for expected, own in zip(*found, strict=True):
-            if not np.allclose(own, expected, 1e-9, 1e-9 * np.abs(np.nan_to_num(expected)).max(initial=0.0), True):
-                LOGGER.warning("the compiled code of paths does not agree with numpy, which is used instead")
-                self._paths = portable
-                return
+        if differences(found[1], found[0], close=1e-9):
+            LOGGER.warning("the compiled code of paths does not agree with numpy, which is used instead")
+            self._paths = portable
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""

@@ -18,7 +18,9 @@ from fitting.nlp.measurement import Measurement
 from fitting.nlp.portable_intervals import Blocks
 from fitting.nlp.portable_rates import Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
+from mmg.compile.cache import Untested
 from mmg.compile.intervals import IntervalKernel, Lanes
+from mmg.compile.self_test import MORE, NO_VALUE, differences, finite_at
 from mmg.model import Model
 
 CLOSE = 1e-9
@@ -59,13 +61,23 @@ class Kernels:
         return elimination(self.interval is not None)
 
     def _tried(self, kernel: IntervalKernel) -> str:
-        """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those of numpy."""
+        """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those of numpy.
+
+        Raises Untested where the rates or their derivatives are finite at none of the points drawn.
+        """
         rng, M, K, theta = np.random.default_rng(0), 11, 3, self.model.ship.values
         steps, window = np.array([3] * 6 + [2] * 3 + [1] * 2), np.arange(M) // 3
         both = np.array([theta, theta * 1.01])
-        controls = 0.1 * rng.standard_normal((K, len(self.model.controls), M))
-        start, weight = 0.1 * rng.standard_normal((2, self.S, M))
+        controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
+        start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
         pull, curved = rng.standard_normal((2, K - 1, self.S, M)) * (steps > np.arange(1, K)[:, None])[:, None, :]
+        f, at = self.functions, (start[self.first :], controls[0])
+        rates = [a for each in both for a in (*f.jacobian.at(*at, each), *f.hessian.at(*at, each, weight))]
+        finite = np.flatnonzero(finite_at(rates))
+        if not len(finite):
+            raise Untested(NO_VALUE)
+        chosen = np.resize(finite, M)
+        start, weight, controls = start[:, chosen], weight[:, chosen], controls[..., chosen]
         cost, found = SampleCost(pull, curved), []
         for way in (kernel, None):
             shooting = Shooting(self, steps, controls, 0.1, window % 2, window, way)
@@ -73,10 +85,8 @@ class Kernels:
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
-        for ours, theirs in zip(*found, strict=True):
-            if not np.allclose(ours, theirs, rtol=CLOSE, atol=CLOSE * float(np.abs(theirs).max()), equal_nan=True):
-                return "its numbers differ from those without compiled code"
-        return ""
+        wrong = differences(*found, close=CLOSE)
+        return f"its numbers differ from those without compiled code {wrong}" if wrong else ""
 
 
 class Shooting:

@@ -95,9 +95,8 @@ def choose_structure(
     _check(train, validate, ship.inputs)
     work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
     fitted: list[_Fitted] = []
-    table = [work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0)]
-    able, left_out = _able(given, train, named)
-    table += left_out
+    able, table = _able(given, train, named)
+    table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
     runs: dict[str, tuple[Learned, ...]] = {}
     if learned:
         if progress:
@@ -111,7 +110,8 @@ def choose_structure(
             fitted += work.shots([(one, {})])
             calibrated = fitted[-1].ship
         elif learned:
-            fitted.append(work.learned(one, runs[one.name][0]))
+            fitted += [work.learned(one, best) for best in runs[one.name][:1]]
+            table += [] if runs[one.name] else [_row(one, left_out="nothing was evaluated within its time limit")]
         else:
             fitted += work.regressed(_based_on(one, calibrated))
     if not learned:

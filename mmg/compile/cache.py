@@ -22,6 +22,8 @@ from types import ModuleType
 
 import casadi as ca
 
+from mmg.progress import LOGGER
+
 NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ())
 """Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
 Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which costs
@@ -89,8 +91,12 @@ def _trusted(path: Path) -> bool:
     return good
 
 
+class Untested(Exception):
+    """A newly compiled library could not be compared with anything: it is not used, and the compiler not blamed."""
+
+
 Check = Callable[[ctypes.CDLL], str]
-"""Says what is wrong with a newly compiled library, "" for nothing."""
+"""Says what is wrong with a newly compiled library, "" for nothing; raises Untested where it cannot say."""
 
 
 @dataclass(frozen=True)
@@ -150,6 +156,9 @@ def _built(
         units = [Path(scratch) / f"code_{i}.c" for i in range(text.count(UNIT) + 1)]
         for path, part in zip(units, text.split(UNIT), strict=True):
             path.write_text(part, encoding="utf-8")
+        if len(units) > 1:  # seconds to minutes
+            words = "compiling the equations, once for this model: %d kB of C in %d files, which can take some minutes"
+            LOGGER.info(words, len(text) // 1000, len(units))
         for extra in NATIVE:
             run = _compiled([*command, *extra], units, built)
             if run.returncode == 0 and built.is_file():
@@ -161,6 +170,8 @@ def _built(
             wrong = check(_copied(built)) if check else ""
         except OSError as error:
             return None, f"compiled code does not load ({error})"
+        except Untested as why:
+            return None, f"compiled code cannot be tested: {why}"
         if wrong:
             return None, f"what {Path(command[0]).name} made of the equations is wrong: {wrong}"
         library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"

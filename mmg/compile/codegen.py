@@ -52,6 +52,15 @@ EXPORT = """#ifdef _WIN32
 #endif
 """
 """What a function is that Python calls."""
+HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
+#define HIDDEN
+#else
+#define HIDDEN __attribute__((visibility("hidden")))
+#endif
+"""
+"""What a function is that is called from another unit of the same library alone."""
+UNIT_SIZE = 3000
+"""Instructions in one C function: compilers take more than twice the time, and memory, for twice as many."""
 _COMMON = "#include <math.h>\n#include <string.h>\n" + EXPORT
 _VECTOR = f"""#define LANES {LANES}
 typedef double V __attribute__((vector_size(8 * LANES)));

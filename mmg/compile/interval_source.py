@@ -15,7 +15,7 @@ from __future__ import annotations
 import casadi as ca
 
 from mmg.compile.cache import UNIT
-from mmg.compile.codegen import prelude
+from mmg.compile.codegen import HIDDEN, UNIT_SIZE, prelude
 from mmg.compile.interval_loops import LOOPS, TYPES
 from mmg.compile.staged_lanes import staged_bodies
 from mmg.compile.stages import Program
@@ -38,15 +38,6 @@ _DECLARED = (
     "HIDDEN void {}_inputs(const V* c, const V* p, const V* K, V* H)",
 )
 _PART = "HIDDEN void {}_{}(const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* M, V* d)"
-UNIT_SIZE = 3000
-"""Values of the last stage in one function: compilers take more than twice the time for twice the values."""
-HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
-#define HIDDEN
-#else
-#define HIDDEN __attribute__((visibility("hidden")))
-#endif
-"""
-"""What a function is that is called from another unit of the same library alone."""
 _ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
 _ARRAYS = {1: "K", 2: "H"}
 

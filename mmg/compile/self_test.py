@@ -7,8 +7,15 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from mmg.compile.cache import Untested
+
 CLOSE = 1e-7
 """Largest difference of a result, over the largest number of its kind, by which sums may be rounded otherwise."""
+ROUNDING = float(np.finfo(float).eps)
+"""A difference of results that cancel, of arguments of the order of 1."""
+MORE = 8
+"""So many times the points are drawn where some have no finite value."""
+NO_VALUE = "the equations have no finite value at any point of the test"
 LOW, HIGH = 0.2, 1.0
 """Range of all arguments of a test, in which nothing is singular."""
 
@@ -30,11 +37,39 @@ def by_virtual_machine(function: ca.Function, inputs: Sequence[np.ndarray]) -> l
     return [np.array(rows).reshape(inputs[0].shape[1], -1).T for rows in found]
 
 
-def alike(found: np.ndarray, expected: np.ndarray) -> bool:
-    """Whether the arrays ``found`` and ``expected``, (nnz, M) both, are the same but for rounding, where a number is
-    expected (what follows from none is not the same everywhere)."""
-    good = np.isfinite(expected)
-    if found.shape != expected.shape or not np.isfinite(found[good]).all():
-        return False
-    largest = float(np.abs(expected[good]).max(initial=0.0))
-    return bool((np.abs(found[good] - expected[good]) <= CLOSE * largest).all())
+def finite_points(function: ca.Function, count: int, seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Arguments of a ``function`` at ``count`` points, (rows, count) each, the same for the same ``seed``, and its
+    results there by ``by_virtual_machine``; of more points those at which it is finite, where there are any."""
+    for drawn in (count, MORE * count):
+        inputs = [points(function.nnz_in(j), drawn, seed + j) for j in range(function.n_in())]
+        results = by_virtual_machine(function, inputs)
+        if (good := finite_at(results)).all():
+            break
+    chosen = np.resize(np.flatnonzero(good) if good.any() else np.arange(drawn), count)
+    return [a[:, chosen] for a in inputs], [a[:, chosen] for a in results]
+
+
+def finite_at(results: Sequence[np.ndarray]) -> np.ndarray:
+    """At which points (M,) all numbers of the ``results`` (nnz, M) are finite."""
+    return np.all([np.isfinite(a).all(axis=0) for a in results], axis=0)
+
+
+def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], close: float = CLOSE) -> str:
+    """What tells the arrays ``found`` (...,) each from the ``expected`` (...,), "" for nothing but rounding.
+
+    Compared are the finite numbers of ``expected``, each with a difference of at most ``close`` times the largest one
+    of its array (what follows from no number is not the same everywhere).
+    """
+    for a, b in zip(found, expected, strict=True):
+        finite = np.isfinite(b)
+        away, largest = np.abs(a[finite] - b[finite]), float(np.abs(b[finite]).max(initial=0.0))
+        if not (away <= close * largest + ROUNDING).all():
+            most = float(np.where(np.isfinite(away), away, np.inf).max())
+            return f"by {most:.2g}, where the largest number is {largest:.2g}"
+    return ""
+
+
+def require_values(expected: Sequence[np.ndarray]) -> None:
+    """Raises Untested where there are arrays ``expected`` (...,) and none of their numbers is finite."""
+    if any(a.size for a in expected) and not any(np.isfinite(a).any() for a in expected):
+        raise Untested(NO_VALUE)

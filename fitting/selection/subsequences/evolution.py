@@ -86,6 +86,8 @@ def evolve(
                 continue
             if learning.seconds > time_limit or log.spent + size > evaluations:
                 log.save(strategy.mean)
+                if learning.best < np.inf:  # a state that is continued has no lesson of the limit
+                    learning.note(learning.p)
                 return Evolved(len(log.told), restart, True)
             candidates = np.transpose(points)
             values = population.values(candidates)

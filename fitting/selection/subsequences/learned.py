@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -30,6 +31,10 @@ WORSE, PATIENCE = 1.5, 3
 """The path ends where the validation error is so many times its least at so many weights in a row."""
 SPREAD = 0.3
 """Standard deviation of the starts of further seeds of the descent about that by regression."""
+
+
+class TooLate(UserError):
+    """The time limit of a run had passed before anything was evaluated."""
 
 
 @dataclass(frozen=True)
@@ -109,10 +114,12 @@ def learn_all(
     method: Method,
     kept: Kept | None = None,
 ) -> dict[str, tuple[Learned, ...]]:
-    """Runs of each of the candidates ``given`` by name, the one with the least validation error first.
+    """Runs of each of the candidates ``given`` by name, the one with the least validation error first; none for one
+    that came too late.
 
     trials: to train on and to validate; method: how; kept: finished runs, which are taken from there, and to which
-    others are added as they come. Raises UserError for trials from which nothing can be learned.
+    others are added as they come. Raises UserError for trials from which nothing can be learned, TooLate where all
+    candidates came too late.
     """
     kept = kept or Kept()
     runs = [
@@ -124,13 +131,16 @@ def learn_all(
     left = [run for run in runs if run.name not in found]
 
     def keep(content: dict[str, Any]) -> None:
+        if late := content.get("too_late"):
+            LOGGER.warning(late)
+            return
         kept.put(f"{content['name']}_seed{content['seed']}", content)
         LOGGER.info(
             f"{content['name']}, seed {content['seed']}: J {content['objective']:.4g}, validation "
             f"{content['validation']:.4g} after {content['seconds']:.0f} s"
         )
 
-    task = partial(learn_one, trials=trials, method=method)
+    task = partial(_in_time, trials=trials, method=method)
     if len(left) == 1 and method.optimizer == "cmaes":  # its generations are spread instead
         with kept_workers(method.workers):
             found[left[0].name] = content = task(left[0])
@@ -138,8 +148,11 @@ def learn_all(
         left = []
     for run, content in zip(left, run_all(task, left, method.workers, keep, "models"), strict=True):
         found[run.name] = content
+    late = [content["too_late"] for content in found.values() if "too_late" in content]
+    if late and len(late) == len(runs):
+        raise TooLate(late[0])
     try:
-        done = [Learned.of(found[run.name]) for run in runs]
+        done = [Learned.of(found[run.name]) for run in runs if "too_late" not in found[run.name]]
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
     by_name = {one.name: [row for row in done if row.name == one.name] for one in given}
@@ -149,14 +162,26 @@ def learn_all(
     }
 
 
+def _in_time(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
+    """As ``learn_one``; of a run that came too late why."""
+    try:
+        return learn_one(run, trials, method)
+    except TooLate as error:
+        return {"too_late": str(error)}
+
+
 def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """One ``run`` on ``trials`` to train on and to validate, by ``method``: plain values of ``Learned``."""
+    """One ``run`` on ``trials`` to train on and to validate, by ``method``: plain values of ``Learned``.
+
+    The time limit counts from here: compiling and preparing belong to it. Raises TooLate where it had passed before
+    anything was evaluated.
+    """
+    began = time.perf_counter()
     problem = SubsequenceObjective(run.candidate.ship, *trials, compiled=method.compiled)
-    learning = Learning(problem)
+    learning = Learning(problem, began=began)
     limit = float("inf") if method.time_limit is None else method.time_limit
     if method.optimizer == "cmaes":
         problem.penalties = Penalties(sparsity=SPARSITY)
-        learning = Learning(problem)
         most = float("inf") if method.evaluations is None else method.evaluations
         evolve(learning, run.seed, limit, most, state=run.state)
     else:
@@ -165,6 +190,11 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], m
             rng = np.random.default_rng([37, run.seed])
             start = np.clip(start + SPREAD * rng.standard_normal(problem.P), problem.lower, problem.upper)
         follow(problem, start, learning, limit)
+    if not learning.lessons:
+        raise TooLate(
+            f"{run.candidate.name}: nothing was evaluated within --time-limit {limit:g}: compiling and preparing took "
+            f"{learning.seconds:.0f} s; give more"
+        )
     p = learning.p_chosen
     train, validate = problem.train, problem.validate
     assert validate is not None
@@ -197,7 +227,7 @@ def follow(problem: SubsequenceObjective, start: np.ndarray, learning: Learning,
         worse[0] = worse[0] + 1 if lesson.validation > WORSE * learning.chosen else 0
         return worse[0] >= PATIENCE or learning.seconds > limit
 
-    sparsity_path(problem, start, SPARSITIES, each, 10, limit)
+    sparsity_path(problem, start, SPARSITIES, each, 10, limit - learning.seconds)
     if worse[0] < PATIENCE and learning.seconds <= limit:
         problem.penalties = replace(problem.penalties, sparsity=0.0)
         descend(problem, last[0], learning, limit, (1.0,), 20)

@@ -30,7 +30,8 @@ class Lesson:
 
 @dataclass
 class Learning:
-    """The learning curve of one run of an optimiser on ``objective``.
+    """The learning curve of one run of an optimiser on ``objective``, which began at ``began`` by the clock of
+    ``time.perf_counter``.
 
     before, earlier: seconds and evaluations of an interrupted run. lessons: the curve; best, p: least objective and
     where; chosen, p_chosen: the least validation error and where, without validation trials as best and p.
@@ -44,15 +45,16 @@ class Learning:
     p: np.ndarray = field(default_factory=lambda: np.zeros(0))
     chosen: float = float("inf")
     p_chosen: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    began: float = field(default_factory=lambda: time.perf_counter())
 
     def __post_init__(self) -> None:
-        self._began, self._first = time.perf_counter(), self.objective.evaluations
+        self._first = self.objective.evaluations
         self.p = self.p_chosen = np.zeros(self.objective.P)
 
     @property
     def seconds(self) -> float:
         """Of the optimiser so far."""
-        return self.before + time.perf_counter() - self._began
+        return self.before + time.perf_counter() - self.began
 
     def note(self, p: np.ndarray) -> Lesson:
         """Adds the point ``p`` (P,) to the curve; its evaluation does not count."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -99,7 +100,6 @@ class SubsequenceObjective:
         self.prior, self.trials, self.judged_by = Prior.of(ship), tuple(train), tuple(validate)
         self.simulator = Simulator(ship, compiled)
         self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
-        self.slopes = RatesWithJacobian(self.simulator.model, self.free, compiled)
         L = ship.particulars["L"]
         self.step, self.length = step or default_step(train, L), LENGTH * time_scale(L)
         self.sigma = spread_of(train)
@@ -114,6 +114,11 @@ class SubsequenceObjective:
     def __reduce__(self) -> tuple:
         given = (self.ship, self.trials, self.judged_by, self.penalties, self.step)
         return SubsequenceObjective, (*given, self.simulator.compiled, self.threads)
+
+    @cached_property
+    def slopes(self) -> RatesWithJacobian:
+        """Rates with their Jacobian; late, since they take long to compile and the evolution has no use for them."""
+        return RatesWithJacobian(self.simulator.model, self.free, self.simulator.compiled)
 
     @property
     def P(self) -> int:

@@ -6,7 +6,7 @@ Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reve
                       u_2 = u eps (1 - w_P), u_1 = u_2 + n D k_xR sqrt(8 |K_T|/pi)
   else (sternway):    u_R = u.
 The first is u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } of Yasukawa & Yoshimura
-(2015) for u_P > 0, multiplied out by u_P.
+(2015) for u_P > 0, multiplied out by u_P; eta = D_P/H_R, at most 1.
 """
 
 from __future__ import annotations
@@ -33,12 +33,21 @@ def slipstream(flow: Flow) -> Slipstream:
     return flow.slipstream
 
 
+def share_in_slipstream(p: SimpleNamespace) -> float:
+    """eta = D_P / H_R [-], share of the rudder's height H_R = sqrt(A_R Lambda) in the slipstream: at most all of it.
+    p: particulars.
+
+    Above 1 the share 1 - eta outside would count negatively under the root of u_R, which is no number then.
+    """
+    return min(1.0, p.D_P / (p.A_R * p.aspect_ratio) ** 0.5)
+
+
 def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace, s: Smoothing) -> Any:
     """u_R [m/s]; ``kappa`` [-] the acceleration of the slipstream ahead; uses c.epsilon, c.k_xR, c.C_PR. flow, p: as in
     mmg/motion/flow.py."""
     wash = slipstream(flow)
     u, nD = flow.u, flow.n * p.D_P
-    eta = p.D_P / (p.A_R * p.aspect_ratio) ** 0.5
+    eta = share_in_slipstream(p)
     small = 0.1 * s.speed
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P

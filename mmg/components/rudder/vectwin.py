@@ -32,7 +32,7 @@ import casadi as ca
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.components.propeller.kang import advance_ratio, clip
-from mmg.components.rudder.inflow import slipstream
+from mmg.components.rudder.inflow import share_in_slipstream, slipstream
 from mmg.motion.flow import Blade, Flow, Force
 from mmg.motion.smooth import Smoothing
 
@@ -178,7 +178,7 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - s.magnitude(wash.u_P, small)
     in_wash = free + c.k_x * jet
-    eta = p.D_P / (p.A_R * p.aspect_ratio) ** 0.5
+    eta = share_in_slipstream(p)
     q = eta * in_wash * s.absolute(in_wash, small) + (1 - eta) * free * s.absolute(free, small)
     slower = 1 - s.positive(1 - (Q("g") + Q("h") * angle + Q("k") * angle**2), 0.005)
     factor = 1 + s.step(outward * angle, 0.02) * (slower - 1)

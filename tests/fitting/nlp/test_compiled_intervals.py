@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -11,9 +15,10 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting
 from mmg.compile import intervals
+from mmg.compile.batch import batch_functions
 from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes
-from mmg.model import assemble
+from mmg.model import Model, assemble
 from mmg.ship import Ship
 from tests.support.wrong_compiler import use_wrong_compiler
 
@@ -142,3 +147,41 @@ def test_wrong_code_of_a_compiler_is_found_and_not_kept(
     assert kernels.interval is None
     assert "cc.sh made of the equations is wrong" in kernels.interpreted_because
     assert cache.is_dir() and not list(cache.glob("*.so"))
+
+
+def with_rates(model: Model, change: Callable[[ca.SX], ca.SX]) -> Model:
+    """The ``model`` with the rate of surge multiplied by ``change`` of the surge velocity."""
+    z, c, p = (ca.SX.sym(name, model.rates.size1_in(i)) for i, name in enumerate("zcp"))
+    k = model.rates(z, c, p)
+    k[3] *= change(z[3])
+    return replace(model, rates=ca.Function("rates", [z, c, p], [k]))
+
+
+def partly(u: ca.SX) -> ca.SX:
+    """No number for u < -0.03, at a third of the points of the test, and infinite for u < -0.1 by its derivatives."""
+    return 1 + ca.sqrt(u + 0.03)
+
+
+def test_where_the_equations_have_no_value_the_compiler_is_not_blamed() -> None:
+    kernels = Kernels(with_rates(assemble(load_ship("kvlcc2_l7")), partly), np.arange(3))
+    assert kernels.interval is not None and not kernels.interpreted_because
+
+
+@pytest.mark.parametrize("change", ["s/adjoint\\[s\\] + later/adjoint[s] - later/", "s/more(part, d3/more(part, -d3/"])
+def test_wrong_code_is_found_beside_points_without_a_value(
+    change: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cache = use_wrong_compiler(change, tmp_path, monkeypatch)
+    kernels = Kernels(with_rates(assemble(load_ship("kvlcc2_l7")), partly), np.arange(3))
+    assert kernels.interval is None and not list(cache.glob("*.so"))
+    assert "cc.sh made of the equations is wrong" in kernels.interpreted_because
+    assert float(re.findall(r"by ([0-9.e+-]+),", kernels.interpreted_because)[0]) > 1e-9
+
+
+def test_code_that_cannot_be_compared_is_not_used_and_no_compiler_is_blamed() -> None:
+    q = ca.SX.sym("q")
+    (batch,), reason = batch_functions([ca.Function("nothing", [q], [ca.sqrt(-1 - q * q)])])
+    kernels = Kernels(with_rates(assemble(load_ship("kvlcc2_l7")), lambda u: ca.sqrt(-1 - u * u)), np.arange(3))
+    assert batch.library is None and kernels.interval is None
+    for why in (reason, kernels.interpreted_because):
+        assert why.startswith("compiled code cannot be tested") and "wrong" not in why

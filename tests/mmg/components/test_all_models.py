@@ -32,12 +32,14 @@ ACTUATORS = {name: 12.0 if unit == "rps" else 0.6 for name, (_, unit) in INPUTS.
 NEEDED_BY = {"rudder": "hachii"}
 
 
-def symbolic(role: str, name: str) -> tuple[ca.Function, ca.Function, ca.Function, int]:
+def symbolic(
+    role: str, name: str, particulars: dict[str, float] = PARTICULARS
+) -> tuple[ca.Function, ca.Function, ca.Function, int]:
     """Force, first and second derivatives of a model as functions of motion and actuators."""
     components = {"propeller": NEEDED_BY[role]} if role in NEEDED_BY else {}
     components[role] = name
-    c = names({s: row.value for s, row in coefficient_table(components, PARTICULARS).items()})
-    p, s = names(PARTICULARS), Smooth.for_length(3.0)
+    c = names({s: row.value for s, row in coefficient_table(components, particulars).items()})
+    p, s = names(particulars), Smooth.for_length(3.0)
     keys = [*SIZES, *ACTUATORS]
     x = ca.SX.sym("x", len(keys))
     flow = Flow(**{key: x[i] for i, key in enumerate(keys)})
@@ -50,10 +52,20 @@ def symbolic(role: str, name: str) -> tuple[ca.Function, ca.Function, ca.Functio
     return (*(ca.Function("f", [x], [e]) for e in (y, jacobian, hessian)), len(keys))
 
 
-@pytest.mark.parametrize(("role", "name"), FORCE_MODELS)
-def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(role: str, name: str) -> None:
+LOW_RUDDER = {**PARTICULARS, "aspect_ratio": 0.25 * PARTICULARS["aspect_ratio"]}
+"""Its rudder is lower than the propeller's diameter, and all of it in the slipstream."""
+
+
+@pytest.mark.parametrize(
+    ("role", "name", "particulars"),
+    [(*model, PARTICULARS) for model in FORCE_MODELS]
+    + [(*model, LOW_RUDDER) for model in FORCE_MODELS if model[0] == "rudder"],
+)
+def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(
+    role: str, name: str, particulars: dict[str, float]
+) -> None:
     """On a grid of zero and non-zero speeds, all quadrants, actuators stopped and moving, wind and calm."""
-    f, J, H, size = symbolic(role, name)
+    f, J, H, size = symbolic(role, name, particulars)
     scale = np.array([*SIZES.values(), *ACTUATORS.values()])
     rng = np.random.default_rng(0)
     points = [np.zeros(size)]

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from fitting.parallel import kept_workers
+from fitting.selection.candidates import candidate
+from fitting.selection.subsequences import learned
+from fitting.selection.subsequences import learning as learning_module
 from fitting.selection.subsequences.descent import descend, regression, sparsity_path
+from fitting.selection.subsequences.learned import Method, SeededRun, learn_all, learn_one
 from fitting.selection.subsequences.learning import Learning, write_learning
-from fitting.selection.subsequences.objective import Penalties
+from fitting.selection.subsequences.objective import Penalties, SubsequenceObjective
 from fitting.selection.subsequences.quadratic_step import minimise_quadratic
 from mmg.errors import UserError
-from tests.fitting.selection.subsequences.problems import problem
+from tests.fitting.selection.subsequences.problems import ESSO, harbour, problem
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -143,3 +149,61 @@ def test_generations_are_the_same_on_processes() -> None:
             evolve(learning, 3, evaluations=60)
         found.append((learning.p, learning.best, [(s.evaluations, s.objective) for s in learning.lessons]))
     assert np.array_equal(found[0][0], found[1][0]) and found[0][1:] == found[1][1:]
+
+
+# The time limit
+
+
+def learned_in(seconds: float, optimizer: str = "cmaes", evaluations: int | None = None) -> dict[str, Any]:
+    """``learn_one`` of a candidate of first order under a time limit."""
+    runs = harbour()
+    run = SeededRun(candidate(ESSO, "sm1-order1"), 0, None)
+    return learn_one(run, (runs[:2], runs[2:]), Method(optimizer, time_limit=seconds, evaluations=evaluations))
+
+
+def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
+    """Before it made a note of its best, after twenty generations."""
+    pytest.importorskip("cma")
+    found = learned_in(600.0, evaluations=60)
+    assert 40 < found["evaluations"] <= 60 and len(found["vanished"]) == 0
+    assert found["objective"] < problem().values(np.zeros((problem().P, 1)))[0]
+
+
+def test_a_run_without_an_evaluation_is_refused_and_not_the_zero_polynomial() -> None:
+    pytest.importorskip("cma")
+    with pytest.raises(UserError, match=r"nothing was evaluated within --time-limit 1e-06.*give more"):
+        learned_in(1e-6)
+    runs = harbour()
+    with pytest.raises(UserError, match="nothing was evaluated"):
+        learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method("cmaes", time_limit=1e-6))
+
+
+@pytest.mark.parametrize("optimizer", ["cmaes", "gradient"])
+def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which preparing alone takes longer than the limit."""
+    pytest.importorskip("cma")
+    now, real = [0.0], learned.SubsequenceObjective
+    clock = SimpleNamespace(perf_counter=lambda: now[0])
+    monkeypatch.setattr(learned, "time", clock)
+    monkeypatch.setattr(learning_module, "time", clock)
+
+    def slow(*arguments: Any, **more: Any) -> SubsequenceObjective:
+        now[0] += 100.0
+        return real(*arguments, **more)
+
+    monkeypatch.setattr(learned, "SubsequenceObjective", slow)
+    if optimizer == "cmaes":
+        with pytest.raises(UserError, match="compiling and preparing took 100 s"):
+            learned_in(40.0, optimizer)
+    else:  # its start, by regression, is the best so far
+        found = learned_in(40.0, optimizer)
+        assert len(found["lessons"]) == 1 and found["seconds"] == 100.0
+
+
+def test_an_evolution_compiles_no_derivatives() -> None:
+    pytest.importorskip("cma")
+    from fitting.selection.subsequences.evolution import evolve
+
+    one = problem()
+    evolve(Learning(one), evaluations=30)
+    assert "slopes" not in vars(one)
