@@ -70,8 +70,6 @@ def remarks_on(run: Trial, windows: Sequence[Window]) -> list[Message]:
     remarks = []
     if not run.has_position:
         remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-    if not run.has_wind:
-        remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
     if count := _diverged(windows):
         words = f"{run.name}: {count} of {len(windows)} windows diverge; their last rows are nan"
         remarks.append(Message(words, "diverged"))

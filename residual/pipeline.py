@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
+from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.parallel import with_one_thread
@@ -74,6 +75,7 @@ def train(
     if not chosen:
         raise UserError("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
+    taken = assumed([*chosen, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
     kind = BOX_KIND if black_box else HYBRID_KIND
     try:
@@ -85,7 +87,7 @@ def train(
         if store:
             store.discard()
         raise
-    own["notices"] = (*own.get("notices", ()), *_campaign_mean(ship, black_box))
+    own["notices"] = (*own.get("notices", ()), *taken, *_campaign_mean(ship, black_box))
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
@@ -309,7 +310,7 @@ def score(
     past = Adaptation.of(simulator.ship, adapt) if adapt and isinstance(simulator, Simulator) else None
     paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
     short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
-    rows, notes = [], []
+    rows, notes = [], assumed(trials, simulator.inputs)
     pooled = np.zeros((2, 2))
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
         notes += remarks + more
@@ -324,4 +325,4 @@ def score(
     paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
     known = (WINDOW, STRIDE, short)
     errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, known)
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors)
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(dict.fromkeys(notes)), errors)

@@ -40,10 +40,12 @@ def print_scores(scores: Mapping[str, Score]) -> None:
     _print_units(console, scores)
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)
-    for note in first.notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True)
+    for note in dict.fromkeys(note for s in scores.values() for note in s.notes):
+        of = [Path(name).name for name, s in scores.items() if note in s.notes]
+        model = f" ({', '.join(of)})" if len(of) < len(scores) else ""
+        console.print(f"note: {note}{model}", highlight=False, soft_wrap=True, markup=False)
     for line in worse_than_first(scores):
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def _cell(found: Score | TrialScore, windows: int) -> str:
