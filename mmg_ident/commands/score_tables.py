@@ -32,10 +32,10 @@ def print_scores(scores: Mapping[str, Score]) -> None:
         table.add_column(Path(name).name, justify="right")
     table.add_column("windows", justify="right")
     for i, row in enumerate(first.trials):
-        cells = [_cell(s.trials[i], s.trials[i].windows) for s in scores.values()]
+        cells = [_cell(s.trials[i]) for s in scores.values()]
         table.add_row(row.name, *cells, str(row.windows))
     table.add_section()
-    table.add_row("all rows pooled", *[_cell(s, sum(t.windows for t in s.trials)) for s in scores.values()], "")
+    table.add_row("all rows pooled", *[_cell(s) for s in scores.values()], "")
     console.print(table)
     _print_units(console, scores)
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
@@ -48,12 +48,11 @@ def print_scores(scores: Mapping[str, Score]) -> None:
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
-def _cell(found: Score | TrialScore, windows: int) -> str:
-    """Both metrics of one trial or of all, of which so many ``windows`` were predicted."""
+def _cell(found: Score | TrialScore) -> str:
+    """Both metrics of one trial or of all."""
     from fitting.prediction.score import in_words
 
-    whole = in_words(found.window) if windows else "-"
-    return f"{in_words(found.paper) if windows or found.paper == found.paper else '-'} | {whole}"
+    return f"{in_words(found.paper)} | {in_words(found.window)}"
 
 
 def _print_units(console: Console, scores: Mapping[str, Score]) -> None:
