@@ -190,7 +190,6 @@ def predict(
     deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
-    from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
     from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
@@ -223,12 +222,8 @@ def predict(
             progress(Progress("predicting", number, len(runs)))
         own = bands_in(bands, ship, content, run) if ship else None
         found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
-        remarks = [
-            *assumed([run], simulator.inputs),
-            *remarks,
-            *remarks_on(run, found),
-            *(campaigns_taken(ship, [run]) if ship else ()),
-        ]
+        remarks = [*remarks, *remarks_on(run, found, simulator.inputs)]
+        remarks += campaigns_taken(ship, [run]) if ship else []
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"

@@ -164,11 +164,20 @@ def _hybrid(
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
             "residual_size": _residual_size(network, scales) if network else {},
-            "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
+            "calibration": _calibration_in(known) if known else None,
             **{key: known[key] for key in CARRIED if key in known},
         },
         "notices": (notice,) if always else (),
     }
+
+
+def _calibration_in(known: Mapping[str, Any]) -> dict[str, Any]:
+    """What is ``known`` of the calibration itself: when and how it was made, and what mmg plan asks for."""
+    if known.get("kind") == "training":
+        return dict(known.get("calibration") or {})
+    rows = {key: known.get(key) for key in ("created", "command", "converged", "settings", "sigma", "scaling")}
+    next_trial = (known.get("identifiability") or {}).get("next_trial") or {}
+    return rows | {"identifiability": {"next_trial": {"worth": next_trial.get("worth")}}}
 
 
 def _campaign_mean(ship: Ship, black_box: bool) -> tuple[Message, ...]:

@@ -12,6 +12,7 @@ from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
+from fitting.prediction.score_words import in_words, is_worse
 from fitting.prediction.units import UnitErrors, errors_in_units
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -125,21 +126,6 @@ NO_SCORE, NOTHING_SCORED = "no_score", "nothing_scored"
 
 MOST_NAMED = 5
 """Of trials in one message."""
-
-NOTED = 0.005
-"""Share of an error by which it must change for that to be said."""
-
-
-def in_words(error: float | None) -> str:
-    """An ``error`` with four digits behind the point, "-" of nothing, "diverges" where the prediction gave none."""
-    if error is None or np.isinf(error):
-        return "diverges"
-    return "-" if np.isnan(error) else f"{error:.4f}"
-
-
-def is_worse(before: float, after: float) -> bool:
-    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
-    return after > (1 + NOTED) * before + 1e-6
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from fitting.prediction.score import is_worse
+from fitting.prediction.score_words import is_worse
 from mmg.ship import Ship
 
 
@@ -113,7 +113,7 @@ def not_in_model(ship: Ship) -> list[str]:
     """What the model of ``ship`` leaves out, and where it goes instead."""
     no_wind = "wind: no wind model in this ship; its forces are absorbed like those of current"
     return [
-        *([no_wind] if "wind" not in ship.components else []),
+        *([] if ship.feels_wind else [no_wind]),
         "current, waves, shallow water and banks: where present in the trials, their mean effect is absorbed by the "
         "coefficients, the rest shows in the residuals",
         "heel, trim and squat: three degrees of freedom (surge, sway, yaw)",

@@ -160,8 +160,8 @@ def _worth(
 ) -> list[Message]:
     """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
     from cases.checks.trusted import as_they_are
-    from fitting.prediction.score import in_words
     from fitting.prediction.score import score as scored
+    from fitting.prediction.score_words import in_words
     from mmg.messages import Message
 
     name, simulator = next(iter(models.items()))

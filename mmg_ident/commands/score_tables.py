@@ -50,7 +50,7 @@ def print_scores(scores: Mapping[str, Score]) -> None:
 
 def _cell(found: Score | TrialScore) -> str:
     """Both metrics of one trial or of all."""
-    from fitting.prediction.score import in_words
+    from fitting.prediction.score_words import in_words
 
     return f"{in_words(found.paper)} | {in_words(found.window)}"
 

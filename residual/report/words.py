@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import degrees, isfinite, nan, sqrt
 from typing import Any
 
-from fitting.prediction.score import in_words
+from fitting.prediction.score_words import in_words
 from residual.training.decision import MINIMUM_GAIN
 
 
