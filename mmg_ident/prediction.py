@@ -64,8 +64,8 @@ class Prediction:
 
 
 def remarks_on(run: Trial, windows: Sequence[Window], inputs: Sequence[str]) -> list[Message]:
-    """Messages on the predicted ``windows`` of ``run``, by a model with these ``inputs``: what is assumed, what she lacks,
-    and which of them diverge."""
+    """Messages on the predicted ``windows`` of ``run``, by a model with these ``inputs``: what is assumed, what is
+    missing, and which of them diverge."""
     from cases.inputs import assumed
     from mmg.messages import Message
 
