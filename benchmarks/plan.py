@@ -91,7 +91,7 @@ def one(name: str, seed: int) -> dict[str, Any]:
         result = calibrated(base, first, settings, Path(scratch) / "run")
         began = resource.getrusage(resource.RUSAGE_SELF).ru_utime
         wish = Wish(f"{LENGTH * size:g}x{WIDTH * size:g}", SECONDS * k, seed=seed)
-        planned = plan_trial(result, wish)
+        planned = plan_trial(result.ship, result.to_dict(), wish)
         spent = resource.getrusage(resource.RUSAGE_SELF).ru_utime - began
         planned.write(Path(scratch) / "next.csv")
         designed = simulate_controls(true, read_controls(Path(scratch) / "next.csv"))

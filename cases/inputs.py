@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -11,7 +12,7 @@ import numpy as np
 from cases.trial import Trial, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, RUDDERS
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
@@ -30,9 +31,12 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     They are held from each sample to the next; of a file with ``inputs = "sampled"`` they are means from each to the
     next.
 
-    Raises UserError when the trial lacks one for which nothing can stand in, or moves one that the model does not have.
+    Raises UserError when the trial lacks one for which nothing can stand in, or all that drive the ship, or moves one
+    that the model does not have.
     """
-    _check_unused(trial, actuators)
+    used = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
+    _check_driven(trial, actuators)
+    _check_unused(trial, used)
     columns, notices = [], []
     for name in actuators:
         other = _STAND_INS.get(name, "")
@@ -51,7 +55,6 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
             if name == "delta" and "delta_port" in trial:
                 why = "; its twin rudders need a ship model with two rudders"
             raise UserError(f"{trial.name}: no column {name}{why}")
-    used = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
     ignored = [name for name in INPUTS if name in trial and name not in used and np.nan_to_num(trial[name]).any()]
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
@@ -74,16 +77,32 @@ def _over_each_sample(values: np.ndarray) -> np.ndarray:
     return values + 0.5 * np.nan_to_num(change)
 
 
-def _check_unused(trial: Trial, actuators: Sequence[str]) -> None:
-    """Raises UserError for a thruster or second propeller that moves but is not in the model."""
-    for name in ("n_2", *(name for name in _AT_REST if INPUTS[name][1] == "rps")):
-        if name in trial and name not in actuators:
-            most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
-            if most > 0 and not (name == "n_2" and np.array_equal(trial["n_2"], trial["n"], equal_nan=True)):
-                raise UserError(
-                    f"{trial.name}: {name} reaches {most:g} rps, but the ship's model has no such actuator; "
-                    "add it to the ship file ([model]) or remove the column"
-                )
+def _check_driven(trial: Trial, actuators: Sequence[str]) -> None:
+    """Raises UserError where all that drives the model would be taken to be at rest, as the file has none of it."""
+    driving = [name for name in actuators if INPUTS[name][1] == "rps"]
+    if driving and set(driving) <= set(_AT_REST) and not set(driving) & set(trial.columns):
+        there = ", ".join(name for name in INPUTS if name in trial) or "no actuator"
+        raise UserError(
+            f"{trial.name}: no column {' or '.join(driving)}, which drive the ship's model (the file has {there}); "
+            "name them in trials.toml (columns), or take a ship that has the file's actuators"
+        )
+
+
+def _check_unused(trial: Trial, used: set[str]) -> None:
+    """Raises UserError for a propeller, rudder or thruster that moves but is not among the inputs ``used``."""
+    steered = bool(used & set(trial.columns) & set(RUDDERS))
+    for name in INPUTS:
+        followed = name == "n_2" and name in trial and np.array_equal(trial[name], trial["n"], equal_nan=True)
+        idle = name == "pitch" or (name.startswith("azimuth") and f"n_{name}" in trial) or (name in RUDDERS and steered)
+        if name in used or name not in trial or followed or idle:
+            continue
+        most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
+        if most > 0:
+            reaches = f"{most:g} rps" if INPUTS[name][1] == "rps" else f"{math.degrees(most):.3g} deg"
+            raise UserError(
+                f"{trial.name}: {name} reaches {reaches}, but the ship's model has no such actuator; "
+                "add it to the ship file ([model]) or remove the column"
+            )
 
 
 class ModelInputs(NamedTuple):
@@ -110,6 +129,17 @@ def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
         array.flags.writeable = False
         known[names] = ModelInputs(array, tuple(notices))
     return known[names]
+
+
+def assumed(trials: Sequence[Trial], inputs: Sequence[str]) -> list[Message]:
+    """What a model with these ``inputs``, as of ``Ship.inputs``, assumes of ``trials`` or ignores, each message once.
+
+    Raises UserError as ``actuator_columns`` does.
+    """
+    found = [note for trial in trials for note in model_inputs(trial, inputs).notices]
+    if names := ", ".join(t.name for t in trials if not t.has_wind):
+        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
+    return list(dict.fromkeys(found))
 
 
 def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 
 from cases.checks.trusted import remarks as remarks_on
 from cases.evidence.kinematics import Kinematics, consistency
+from cases.inputs import model_inputs
 from cases.io.campaigns import ship_in
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
@@ -123,6 +124,7 @@ def _within_time(
     kept, shared = independent_tests(trials, tests)
     known = calibration_trials(ship, trials, calibrated_on)
     remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
+    remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
     told = told_of_predictions(ship, calibrated_on)
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
     try:

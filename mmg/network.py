@@ -84,6 +84,12 @@ class Network:
         """What |du|, |dv| [m/s^2], |dr| [rad/s^2] never exceed, (3,)."""
         return np.abs(self.output_scales) * np.mean([member.bound for member in self.members], axis=0)
 
+    @property
+    def feels_air(self) -> bool:
+        """Whether the air relative to the hull changes what it adds."""
+        columns = [self.features.index(name) for name in RELATIVE_AIR if name in self.features]
+        return any(bool(np.any(member.weights[0][:, columns])) for member in self.members)
+
     def outside(self, x: np.ndarray) -> np.ndarray:
         """(M,) bool: whether a feature of (F, M) lies outside the range of the training data."""
         return np.any((x < self.lower[:, None]) | (x > self.upper[:, None]), axis=0)

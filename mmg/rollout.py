@@ -35,6 +35,11 @@ class Simulator:
         """In another process it is made anew, its code taken from the cache."""
         return Simulator, (self.ship, self.compiled)
 
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of its inputs, as of ``Ship.inputs``."""
+        return self.ship.inputs
+
     @cached_property
     def _batch(self) -> tuple[BatchFunction, str]:
         (batch,), reason = batch_functions([self._function], self.compiled, hot=True)

@@ -133,6 +133,12 @@ class Ship:
         """What a network on this ship may see: velocities through the water, actuators, air relative to the hull."""
         return features_of(self.actuators)
 
+    @property
+    def feels_wind(self) -> bool:
+        """Whether the wind exerts a force on her: by a model of it, or by what her network sees."""
+        modelled = "wind" in self.components or "wind_force" in self.effects
+        return modelled or (self.network is not None and self.network.feels_air)
+
     def with_network(self, network: Network | None) -> Ship:
         """A copy with this network, or with none."""
         return replace(self, network=network)

@@ -222,7 +222,8 @@ def predict(
             progress(Progress("predicting", number, len(runs)))
         own = bands_in(bands, ship, content, run) if ship else None
         found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
-        remarks = [*remarks, *remarks_on(run, found), *(campaigns_taken(ship, [run]) if ship else ())]
+        remarks = [*remarks, *remarks_on(run, found, simulator.inputs)]
+        remarks += campaigns_taken(ship, [run]) if ship else []
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"

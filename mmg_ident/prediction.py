@@ -64,15 +64,15 @@ class Prediction:
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
 
 
-def remarks_on(run: Trial, windows: Sequence[Window]) -> list[Message]:
-    """Messages on the predicted ``windows`` of ``run``: what she lacks, and which of them diverge."""
+def remarks_on(run: Trial, windows: Sequence[Window], inputs: Sequence[str]) -> list[Message]:
+    """Messages on the predicted ``windows`` of ``run``, by a model with these ``inputs``: what is assumed, what is
+    missing, and which of them diverge."""
+    from cases.inputs import assumed
     from mmg.messages import Message
 
-    remarks = []
+    remarks = assumed([run], inputs)
     if not run.has_position:
         remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-    if not run.has_wind:
-        remarks.append(Message(f"{run.name}: no wind columns; calm air is assumed", "no_wind"))
     if count := _diverged(windows):
         words = f"{run.name}: {count} of {len(windows)} windows diverge; their last rows are nan"
         remarks.append(Message(words, "diverged"))

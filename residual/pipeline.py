@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.held_out import shared_rows, training_trials
+from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.parallel import with_one_thread
@@ -80,6 +81,7 @@ def train(
     if not chosen:
         raise UserError("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
+    taken = assumed([*chosen, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
     kind = BOX_KIND if black_box else HYBRID_KIND
     try:
@@ -91,7 +93,7 @@ def train(
         if store:
             store.discard()
         raise
-    own["notices"] = (*own.get("notices", ()), *_campaign_mean(ship, black_box))
+    own["notices"] = (*own.get("notices", ()), *taken, *_campaign_mean(ship, black_box))
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,
@@ -170,11 +172,20 @@ def _hybrid(
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
             "residual_size": _residual_size(network, scales) if network else {},
-            "calibration": {key: known.get(key) for key in ("created", "command", "converged")} if known else None,
+            "calibration": _calibration_in(known) if known else None,
             **of_predictions(known),
         },
         "notices": (notice,) if always else (),
     }
+
+
+def _calibration_in(known: Mapping[str, Any]) -> dict[str, Any]:
+    """What is ``known`` of the calibration itself: when and how it was made, and what mmg plan asks for."""
+    if known.get("kind") == "training":
+        return dict(known.get("calibration") or {})
+    rows = {key: known.get(key) for key in ("created", "command", "converged", "settings", "sigma", "scaling")}
+    next_trial = (known.get("identifiability") or {}).get("next_trial") or {}
+    return rows | {"identifiability": {"next_trial": {"worth": next_trial.get("worth")}}}
 
 
 def _campaign_mean(ship: Ship, black_box: bool) -> tuple[Message, ...]:

@@ -56,12 +56,13 @@ Drift = tuple[int, int, complex]
 
 
 def drifts(
-    t: np.ndarray, mismatch: np.ndarray, channel: str, way: float, known: Sequence[tuple[int, int]]
+    t: np.ndarray, mismatch: np.ndarray, channel: str, way: float, known: Sequence[tuple[int, int]], rounded: float
 ) -> list[Drift]:
     """The stretches of a record in which its ``mismatch`` (N,) drifts by more than is usual, in order of time.
 
     t: (N,) [s]; channel: "psi" or "position"; way: root mean square speed [m/s] of the record; known: first and last
-    rows of stretches that were found before, in which nothing is looked for.
+    rows of stretches that were found before, in which nothing is looked for; rounded: resolution of heading [rad] or
+    position [m], by which they are off in any case.
     """
     steps = np.diff(mismatch)
     for first, last in known:
@@ -70,7 +71,7 @@ def drifts(
     found: list[Drift] = []
     while len(found) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
-        one = _largest(t, total, usual, channel, way)
+        one = _largest(t, total, usual, channel, way, rounded)
         if one is None:
             break
         found.append(one)
@@ -106,7 +107,12 @@ def _dense(values: np.ndarray) -> float:
 
 
 def _largest(
-    t: np.ndarray, total: np.ndarray, usual: dict[float, tuple[float, complex]], channel: str, way: float
+    t: np.ndarray,
+    total: np.ndarray,
+    usual: dict[float, tuple[float, complex]],
+    channel: str,
+    way: float,
+    rounded: float,
 ) -> Drift | None:
     """What drifts most for its length among what is beyond the limit; None where nothing is."""
     dt, best, most = float(np.median(np.diff(t))), None, 0.0
@@ -114,7 +120,7 @@ def _largest(
     for seconds, (size, centre) in usual.items():
         rows = round(seconds / dt)
         change = np.abs(total[rows:] - total[:-rows] - centre)
-        least = LEAST_TURN if channel == "psi" else LEAST_WAY * way * seconds
+        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * way * seconds)
         at = int(np.argmax(change))
         value = float(change[at])
         if value > max(float(np.interp(seconds, times, limits)) * size, least) and value / np.sqrt(seconds) > most:

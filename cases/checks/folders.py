@@ -110,9 +110,11 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
     """
     said = [(CONTRADICTORY, "frozen_channel", _stuck(trial, name, why)) for name, why in still.items()]
     keys: Keys = {}
+    alone = found.reading.rudder != found.folder.rudder
     for code, meaning in [] if still else found.reading.statements():
-        said.append((CONTRADICTORY, code, _sentence(code, meaning, found)))
-        keys = found.reading.keys()
+        level = DOUBTFUL if alone and code == "rudder_sign" else CONTRADICTORY  # what else turns her is in no column
+        said.append((level, code, _sentence(code, meaning, found)))
+        keys = {} if alone else found.reading.keys()
     if found.rival and not still:
         other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"
         said = [(level, code, f"{text} (or {other}: the data cannot tell)") for level, code, text in said]
@@ -140,6 +142,7 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
     fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
     if code == "rudder_sign":
         also = "" if found.reading.faults > 1 else ", or y, psi, v and r are all mirrored"
+        also += ", or a wind turns her: in other files she turns to starboard" if found.folder.rudder == 1 else ""
         return f"Going ahead the ship turns to port when delta is positive: {meaning}{also}"
     if code == "r_sign" or meaning.startswith("r "):
         return meaning

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from cases.checks.mismatches import COLUMNS, mismatches, resolution
 from cases.trial import Trial
 
 LONGEST = 4.0
@@ -28,8 +29,11 @@ it never repeats itself for long."""
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
 
 
-def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
-    """First and last row, what, and columns of each frozen stretch of ``trial``."""
+def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
+    """First and last row, what, and columns of each frozen stretch of ``trial``.
+
+    signals: its ``mismatches``, each (N,).
+    """
     speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
     moves = {"psi": turn, "r": np.abs(np.gradient(trial.psi_unwrapped, trial.t)), "x": speed, "u": speed}
     for group in GROUPS:
@@ -49,6 +53,7 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
                 continue
             moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
             awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
+            awoken = awoken and _lacks(trial, signals, group, first, last)
             if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
 
@@ -56,10 +61,26 @@ def frozen(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]]:
 def frozen_share(trial: Trial) -> dict[str, float]:
     """Columns, in words, that stand still for a part of ``trial`` -> share of its time."""
     out: dict[str, float] = {}
-    for first, last, _, group in frozen(trial):
+    for first, last, _, group in frozen(trial, mismatches(trial)):
         name = ", ".join(group)
         out[name] = out.get(name, 0.0) + float(trial.t[last] - trial.t[first]) / max(trial.duration, 1e-9)
     return out
+
+
+def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ...], first: int, last: int) -> bool:
+    """Whether more of the motion is missing between the rows than rounded columns do not show.
+
+    What the rates are off by throughout the rest of the record is not missing.
+    """
+    name = next(name for name, columns in COLUMNS.items() if group in columns)
+    if name not in signals or not resolution(trial, group):
+        return False
+    own, since = signals[name], trial.t[first : last + 1] - trial.t[first]
+    off, rest = own[first : last + 1] - own[first], trial.duration - since[-1]
+    drift = (own[-1] - own[0] - off[-1]) / rest if rest > since[-1] else 0.0
+    missing = min(float(np.abs(off).max()), float(np.abs(off - drift * since).max()))
+    place, rate = (resolution(trial, columns) for columns in COLUMNS[name])
+    return missing > place + rate * float(since[-1])
 
 
 def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:

@@ -47,11 +47,12 @@ def _held(trial: Trial) -> list[Found]:
 
 
 def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
-    """Correlation (without mean) in ``trial`` of r with the low-passed rudder angle while going ahead.
+    """Correlation in ``trial`` of r with the low-passed rudder angle while going ahead.
 
-    Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta. Ahead
-    is where u is large, or, where u says nothing of that, the speed. None when the ship hardly goes ahead with rudder,
-    of ``least`` [rad] at its greatest.
+    Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta + c.
+    The mean of both is taken off, as a wind turns a ship too; but not where she turns round, as a wind turns her only
+    to the heading at which its moment vanishes. Ahead is where u is large, or, where u says nothing of that, the
+    speed. None when the ship hardly goes ahead with rudder, of ``least`` [rad] at its greatest.
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
@@ -65,10 +66,13 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
     if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < least:
         return nothing
     best, constant = 0.0, 0.0
-    for T in np.geomspace(2 * trial.dt, max(trial.duration / 8, 4 * trial.dt), 7):
+    share = 0.0 if abs(float(r[fast].sum())) * trial.dt > 2 * math.pi else 1.0
+    turn = r[fast] - share * r[fast].mean()
+    for T in np.geomspace(2 * trial.dt, max(trial.duration / 6, 4 * trial.dt), 7):
         slow = _low_pass(t, delta, float(T))[fast]
-        size = float(np.sqrt((slow @ slow) * (r[fast] @ r[fast])))
-        value = float(slow @ r[fast]) / size if size > 0 else 0.0
+        slow = slow - share * slow.mean()
+        size = float(np.sqrt((slow @ slow) * (turn @ turn)))
+        value = float(slow @ turn) / size if size > 0 else 0.0
         if abs(value) > abs(best):
             best, constant = value, float(T)
     return {"correlation": best, "time_constant_s": constant, "samples": int(fast.sum())}

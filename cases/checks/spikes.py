@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from cases.checks.mismatches import grain
 from cases.trial import Trial
 
 SURE = 8.0
@@ -38,7 +39,7 @@ def spike_trains(trial: Trial) -> Iterator[tuple[int, int, str, tuple[str, ...]]
             continue
         rms = float(np.sqrt(np.mean(values**2 + (0.0 if name == "r" else _other(trial, name)))))
         off = _off(values)
-        usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645)
+        usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
         rows = np.flatnonzero(off > max(SURE * usual, SIZE[name] * rms))
         if len(rows) > RARE * len(values):
             continue

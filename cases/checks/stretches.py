@@ -16,11 +16,11 @@ import numpy as np
 
 from cases.checks.drifts import drifts, there_and_back, tightened
 from cases.checks.frozen import frozen, frozen_share
+from cases.checks.mismatches import COLUMNS, filled, grain, mismatches, resolution
 from cases.checks.repeated import repeated
 from cases.checks.report import DOUBTFUL, INFO, Found
 from cases.checks.rest import SWINGING, without_cause
 from cases.checks.spikes import spike_trains
-from cases.inputs import integral
 from cases.trial import Trial
 
 STEP = 10
@@ -104,7 +104,7 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     side = max(STEP, round(LEAST / trial.dt))
     signals = mismatches(trial)
     breaks = [_tight(found, signals, side // 4) for found in _steps(trial, signals, side)]
-    breaks += [*frozen(trial), *repeated(trial), *spike_trains(trial), *without_cause(trial)]
+    breaks += [*frozen(trial, signals), *repeated(trial), *spike_trains(trial), *without_cause(trial)]
     breaks += list(_drifting(trial, signals, breaks))
     reach = max(JOIN, side * trial.dt)
     return [
@@ -113,26 +113,14 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     ]
 
 
-def mismatches(trial: Trial) -> dict[str, np.ndarray]:
-    """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
-
-    "psi" [rad]; "position" [m], north + i east, where there are positions.
-    """
-    t, psi = trial.t, _filled(trial.psi_unwrapped)
-    found = {"psi": psi - integral(t, _filled(trial["r"]))}
-    if trial.has_position:
-        w = _filled(trial["u"]) + 1j * _filled(trial["v"])
-        found["position"] = _filled(trial["x"]) + 1j * _filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
-    return found
-
-
 def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[Break]) -> Iterator[Break]:
     """Breaks of heading or position that no step shows, besides the ``known`` ones."""
-    way = float(np.sqrt(np.mean(_filled(trial["u"]) ** 2 + _filled(trial["v"]) ** 2)))
+    way = float(np.sqrt(np.mean(filled(trial["u"]) ** 2 + filled(trial["v"]) ** 2)))
     rows = [(first, last) for first, last, *_ in known]
     explained = list(rows)  # counts no more
     for name, signal in signals.items():
-        found = list(there_and_back(drifts(trial.t, signal, name, way, rows), trial.t, BACK))
+        rounded = resolution(trial, COLUMNS[name][0])
+        found = list(there_and_back(drifts(trial.t, signal, name, way, rows, rounded), trial.t, BACK))
         own = np.zeros(len(trial), bool)
         for first, last in found:
             own[first : last + 1] = True
@@ -191,7 +179,7 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     less what the means further out lead to expect, of psi - integral of r, position - integral of (u, v), and of
     (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do not lead to expect.
     """
-    r, w = _filled(trial["r"]), _filled(trial["u"]) + 1j * _filled(trial["v"])
+    r, w = filled(trial["r"]), filled(trial["u"]) + 1j * filled(trial["v"])
     errors = mismatches(trial)
     signals = {"psi": (errors["psi"], side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
     if trial.has_position:
@@ -201,21 +189,15 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     for name, (signal, rows) in signals.items():
         step = _level(signal, rows) if name == "psi" else _step(signal, rows)
         inner = np.abs(step)[2 * rows : -2 * rows]
-        usual = max(1.4826 * float(np.median(inner)), float(np.quantile(inner, 0.9)) / 1.645, _grain(trial, name))
+        usual = max(
+            1.4826 * float(np.median(inner)),
+            float(np.quantile(inner, 0.9)) / 1.645,
+            max(0.5 * max(grain(trial[column]) for column in WORDS[name][1]), 1e-9),
+        )
         motion, seconds = moves[name.removeprefix("sharp ")]
         least = MATTERS[name] * seconds * float(np.sqrt(np.mean(np.abs(motion) ** 2)))
         out[name] = (step, max(usual, least / SURE[name]))
     return out
-
-
-def _grain(trial: Trial, channel: str) -> float:
-    """Half of the least difference between values of a channel: rounded columns cannot say more."""
-    grains = []
-    for name in WORDS[channel][1]:
-        steps = np.abs(np.diff(trial[name]))
-        steps = steps[np.isfinite(steps) & (steps > 0)]
-        grains.append(float(np.quantile(steps, 0.01)) if len(steps) else 0.0)
-    return max(0.5 * max(grains), 1e-9)
 
 
 def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
@@ -280,15 +262,6 @@ def _joined(t: np.ndarray, breaks: Sequence[Break], reach: float) -> list[Break]
         else:
             out.append((first, last, what, channels))
     return out
-
-
-def _filled(values: np.ndarray) -> np.ndarray:
-    """Missing samples by straight lines: a gap is no break."""
-    good = np.isfinite(values)
-    if good.all() or not good.any():
-        return np.where(good, values, 0.0)
-    rows = np.arange(len(values))
-    return np.interp(rows, rows[good], values[good])
 
 
 def _step(values: np.ndarray, m: int) -> np.ndarray:

@@ -11,6 +11,7 @@ from cases.checks.trusted import remarks
 from cases.criteria.imo import ASSUMED, OPEN, SOURCE, Row, assess, worst
 from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_runs, simulated_run
 from cases.criteria.trial_correction import WaterVelocity, corrected_runs
+from cases.inputs import assumed
 from cases.io.leave_out import CODE
 from cases.maneuvers.controller import Limits
 from cases.maneuvers.definitions import parse_maneuver
@@ -148,12 +149,12 @@ def imo_figures_of_trials(
     scale: ship length over model length; correct: to still water and calm air, with the current of the circles among
     the trials or a given one (cases/criteria/trial_correction.py). Of several runs, one without a manoeuvre becomes a
     notice. Raises UserError when no length is
-    given and when there is no manoeuvre in any of the trials.
+    given, when the trials are not of the ship, and when there is no manoeuvre in any of them.
     """
     if ship is None and length is None:
         raise UserError("trials need the length of their ship; give ship or length")
     L = length if length is not None else ship.particulars["L"] if ship else 0.0
-    runs, notices = [], remarks(trials)
+    runs, notices = [], [*remarks(trials), *(assumed(trials, ship.inputs) if ship else ())]
     if has_code(notices, CODE):
         words = (
             "what is left out of a measured manoeuvre is bridged by straight lines, where she hardly turns meanwhile"

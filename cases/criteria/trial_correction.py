@@ -168,7 +168,7 @@ def corrected_runs(
     none is corrected for.
     """
     notices, models = [], {}
-    if ship is not None and "wind" in ship.components:
+    if ship is not None and ship.feels_wind:
         for run in runs:
             try:
                 models[run.name] = _modelled(run, ship)

@@ -63,12 +63,13 @@ class Scores:
 
 @dataclass(frozen=True)
 class Judged:
-    """The reading of one trial: itself, relative misfit of its track as labelled and with it, a rival that the folder
-    cannot tell from it."""
+    """The reading of one trial: itself, relative misfit of its track as labelled and with it, that of its folder, a
+    rival that the folder cannot tell from it."""
 
     reading: ColumnReading
     before: float
     after: float
+    folder: ColumnReading
     rival: ColumnReading | None = None
 
 
@@ -177,7 +178,7 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
         chosen = hypotheses[int(h)]
         before = s.misfit.get(("body", 1.0, 1.0), math.nan)
         after = s.misfit.get((chosen.frame, chosen.heading, chosen.speed * chosen.clock), math.nan)
-        out.append(Judged(chosen, before, after, rival if h == folder else None))
+        out.append(Judged(chosen, before, after, hypotheses[folder], rival if h == folder else None))
     return out
 
 

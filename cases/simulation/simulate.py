@@ -223,7 +223,7 @@ def _columns(
 def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]:
     """What a user must know of a run of true states (N, 6)."""
     found = []
-    if windy and "wind" not in ship.components and "wind_force" not in ship.effects:
+    if windy and not ship.feels_wind:
         words = f"{ship.name} has no wind model: the wind is recorded but exerts no force"
         found.append(Message(words, "no_wind_model"))
     hull = ship.components.get("hull")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.inputs import assumed
 from cases.io.read import read_trials
 from cases.trial import Trial
 from diagnosis.report.missing_force import MissingForce, read_missing_force
@@ -102,7 +103,8 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     if own is None:
         own, more = _beside(folders, shown)
         notes += more
-    distinct = _distinct(models)
+    distinct, measured = _distinct(models), [one.trial for one in shown]
+    notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
     return Campaign(ship, distinct, tuple(shown), _found(own) if own else None, tuple(notes))

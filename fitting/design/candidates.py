@@ -62,7 +62,7 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
         n = parse_maneuver("straight", ship).n
         going_astern = ("straight", "turning:35", "turning:-35")
         options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
-    if wind and ("wind" in ship.components or "wind_force" in ship.effects):
+    if wind and ship.feels_wind:
         speed = WIND_SPEED * time_scale(ship.particulars["L"])
         air = Wind(speed, math.radians(WIND_FROM))
         options += [Option(f"{name} in wind", name, wind=air) for name in IN_WIND]

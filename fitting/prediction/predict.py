@@ -174,13 +174,14 @@ def predict_all(
     LONGEST_GAP is left out. Without measured positions a window starts at (0, 0). All windows are simulated side by
     side.
     """
-    inputs = simulator.ship.inputs if isinstance(simulator, Simulator) else simulator.inputs
     own: Sequence[np.ndarray | None] = [None] * len(trials)
     if isinstance(simulator, ShipsByTrial):
         own = list(simulator.own)
     elif isinstance(simulator, Simulator):
         own = [values_of(simulator.ship, trial) for trial in trials]
-    plans = [_plan(trial, inputs, length, stride, short_last, o) for trial, o in zip(trials, own, strict=True)]
+    plans = [
+        _plan(trial, simulator.inputs, length, stride, short_last, o) for trial, o in zip(trials, own, strict=True)
+    ]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
         return [([], notes) for _, notes in plans]

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
+from fitting.prediction.score_words import in_words, is_worse
 from fitting.prediction.units import UnitErrors, errors_in_units
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -28,7 +30,8 @@ calibrated ship does not follow the trials; real ships of good trials have 0.1."
 
 @dataclass(frozen=True)
 class TrialScore:
-    """Both metrics of one trial (dimensionless), each also split by state (6,)."""
+    """Both metrics of one trial (dimensionless), each also split by state (6,): NaN where there is nothing to score,
+    inf where a prediction diverges. windows, restarts: how many were predicted, of 30 s and of 100 s."""
 
     name: str
     paper: float
@@ -36,6 +39,7 @@ class TrialScore:
     window: float
     window_by_state: np.ndarray
     windows: int
+    restarts: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, numbers by state as {state: number}."""
@@ -46,8 +50,9 @@ class TrialScore:
 class Score:
     """Scores of a set of trials with the sigma they were divided by.
 
-    paper, window: pooled over all rows of all trials; sigma: (6,) with ``sigma_from`` saying where it is from; units:
-    errors in units, None where they were not asked for; past_s: seconds before each window that the predictions used.
+    paper, window: pooled over all rows of all trials, NaN and inf as of a trial; sigma: (6,) with ``sigma_from`` saying
+    where it is from; units: errors in units, None where they were not asked for; past_s: seconds before each window
+    that the predictions used.
     """
 
     trials: tuple[TrialScore, ...]
@@ -62,7 +67,7 @@ class Score:
     @property
     def diverged(self) -> tuple[str, ...]:
         """Names of the trials of which windows were predicted without a finite error."""
-        return tuple(t.name for t in self.trials if t.windows and not np.isfinite([t.paper, t.window]).all())
+        return tuple(t.name for t in self.trials if np.isinf([t.paper, t.window]).any())
 
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
@@ -79,15 +84,18 @@ class Score:
 
     @classmethod
     def from_dict(cls, row: Mapping[str, Any]) -> Score:
-        """The score behind ``row``, as ``to_dict`` made it, null for NaN. Raises ValueError for any other row."""
+        """The score behind ``row``, as ``to_dict`` made it, null for NaN, and for inf where there was something to
+        score. Raises ValueError for any other row."""
         try:
+            counts = [(int(t.get("restarts", 0)), int(t["windows"])) for t in row["trials"]]
             trials = tuple(
-                TrialScore(t["name"], _number(t["paper"]), _by_state(t["paper_by_state"]), _number(t["window"]),
-                           _by_state(t["window_by_state"]), int(t["windows"])) for t in row["trials"]
+                TrialScore(t["name"], _number(t["paper"], of), _by_state(t["paper_by_state"], of),
+                           _number(t["window"], many), _by_state(t["window_by_state"], many), many, of)
+                for t, (of, many) in zip(row["trials"], counts, strict=True)
             )  # fmt: skip
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
             units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
-            paper, window = _number(row["paper"]), _number(row["window"])
+            paper, window = (_number(row[key], sum(c[j] for c in counts)) for j, key in enumerate(("paper", "window")))
             return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
         except (KeyError, TypeError, OverflowError) as error:
             raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
@@ -116,24 +124,11 @@ class Score:
         return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
 
 
-NO_SCORE = "no_score"
-"""Code of the message on a score that is no number."""
+NO_SCORE, NOTHING_SCORED = "no_score", "nothing_scored"
+"""Codes of the messages on a score that is no number as the prediction diverges, and on trials without a window."""
 
 MOST_NAMED = 5
 """Of trials in one message."""
-
-NOTED = 0.005
-"""Share of an error by which it must change for that to be said."""
-
-
-def in_words(error: float | None) -> str:
-    """An ``error`` with four digits behind the point, "diverges" where the prediction gave none."""
-    return "diverges" if error is None or not np.isfinite(error) else f"{error:.4f}"
-
-
-def is_worse(before: float, after: float) -> bool:
-    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
-    return after > (1 + NOTED) * before + 1e-6
 
 
 @dataclass(frozen=True)
@@ -148,7 +143,7 @@ class ScorePair:
         windows = ("30 s windows", self.before.window, self.after.window)
         restarts = ("100 s restarts", self.before.paper, self.after.paper)
         return [
-            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {after:.4f}", "worse_after")
+            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {in_words(after)}", "worse_after")
             for label, before, after in (windows, restarts)
             if is_worse(before, after)
         ]
@@ -232,12 +227,18 @@ def _by_name(values: np.ndarray) -> dict[str, float]:
     return dict(zip(STATES, values.tolist(), strict=True))
 
 
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
+def _number(value: float | None, count: int = 0) -> float:
+    """A stored ``value`` of ``count`` windows."""
+    return (float("inf") if count else float("nan")) if value is None else float(value)
 
 
-def _by_state(row: Mapping[str, float | None]) -> np.ndarray:
-    return np.array([_number(row[state]) for state in STATES])
+def _by_state(row: Mapping[str, float | None], count: int = 0) -> np.ndarray:
+    return np.array([_number(row[state], count) for state in STATES])
+
+
+def _mean(total: np.ndarray, rows: float) -> np.ndarray:
+    """Mean of squares (...) whose ``total`` is of so many ``rows``: NaN of none, inf of predictions that diverge."""
+    return np.where(np.isfinite(total), total, np.inf) / rows if rows else np.full(np.shape(total), np.nan)
 
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
@@ -311,7 +312,7 @@ def score(
     past = Adaptation.of(simulator.ship, adapt) if adapt and isinstance(simulator, Simulator) else None
     paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
     short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
-    rows, notes = [], []
+    rows, notes = [], assumed(trials, simulator.inputs)
     pooled = np.zeros((2, 2))
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
         notes += remarks + more
@@ -320,11 +321,15 @@ def score(
             squares, count = _squares(trial, found, whole=found is restarts)
             squares = squares / sigma**2
             pooled[j] += squares.sum(), count
-            means.append(squares / count)
+            means.append(_mean(squares, count))
         totals = [float(mean.sum()) for mean in means]
-        rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows)))
-    paper_all, window_all = (pooled[:, 0] / pooled[:, 1]).tolist()
+        rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows), len(restarts)))
+    paper_all, window_all = (float(_mean(total, count)) for total, count in pooled)
+    for size, each in ((PAPER_WINDOW, [r.restarts for r in rows]), (WINDOW, [r.windows for r in rows])):
+        if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
+            notes.append(Message(f"{names}: nothing to score over {size:g} s", NOTHING_SCORED))
     known = (WINDOW, STRIDE, short)
     errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, known)
     used = past.seconds if past else 0.0
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(notes), errors, used)
+    said = tuple(dict.fromkeys(notes))
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)

@@ -67,7 +67,8 @@ class ManeuverErrors:
 
 @dataclass(frozen=True)
 class RunErrors:
-    """Errors of one run. windows: how many; errors: by the names of ERRORS, NaN without a window; share: rms over the
+    """Errors of one run. windows: how many; errors: by the names of ERRORS, NaN without a window, inf where a
+    prediction diverges; share: rms over the
     states of error / change over the window; maneuvers: those that the run holds."""
 
     name: str
@@ -228,6 +229,8 @@ def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors
     }
     with np.errstate(divide="ignore", invalid="ignore"):
         share = float(np.sqrt(np.mean((rms / change) ** 2)))
+    if not np.isfinite(rms).all():
+        values, share = dict.fromkeys(ERRORS, math.inf), math.inf
     return RunErrors(name, len(ends), values, share)
 
 

@@ -95,7 +95,7 @@ def _unseen(envelope: Mapping[str, Sequence[float]]) -> list[str]:
 def _not_modelled(ship: Ship, windy: bool) -> list[str]:
     """Uses that the force models and effects of the ``ship`` rule out."""
     bad = []
-    if "wind" not in ship.components:
+    if not ship.feels_wind:
         bad.append("wind: the model has no wind forces")
     elif not windy:
         bad.append("wind: the trials log none, so its forces are those of the model's regression")

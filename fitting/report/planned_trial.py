@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,6 @@ from fitting.design.trial_information import Present, TrialInformation
 from fitting.design.wanted import FIGURES, coefficients_wanted, figure_slopes
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import draws_of
-from fitting.result import FitResult
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import reference_speed
@@ -167,20 +167,20 @@ class PlannedTrial:
             pd.DataFrame(columns).to_csv(scratch, index=False, lineterminator="\n")
 
 
-def known_now(result: FitResult, ship: Ship) -> tuple[Prior, np.ndarray]:
-    """The prior of what a ``result`` fitted on ``ship``, and the covariance (P, P) in its standard deviations.
+def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray]:
+    """The prior of what was fitted on ``ship``, and the covariance (P, P) in its standard deviations.
 
-    Raises UserError for a run without one.
+    content: of result.json of the calibration. Raises UserError for one without a covariance.
     """
-    rows, symbols = result.coefficients, result.correlation.symbols
-    std = [rows[s].std for s in symbols]
-    matrix = np.array([[math.nan if v is None else v for v in row] for row in result.correlation.matrix], dtype=float)
-    prior_std = [rows[s].prior_std for s in symbols]
+    rows, correlation = content.get("coefficients", {}), content.get("correlation", {"symbols": (), "matrix": ()})
+    symbols = list(correlation["symbols"])
+    std, prior_std = ([rows[s][key] for s in symbols] for key in ("std", "prior_std"))
+    matrix = np.array([[math.nan if v is None else v for v in row] for row in correlation["matrix"]], dtype=float)
     numbers = np.array([math.nan if v is None else v for v in (*std, *prior_std)], dtype=float)
     if not len(symbols) or not (np.isfinite(matrix).all() and np.isfinite(numbers).all() and (numbers > 0).all()):
         raise UserError(
-            f"{result.folder}: the run has no covariance of its coefficients, from which a trial could be planned; "
-            "fit it until it converges"
+            f"{ship.called}: the run has no covariance of its coefficients, from which a trial could be planned; fit "
+            "until it converges, and train on that run folder"
         )
     own = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))
     order = [symbols.index(s) for s in own.symbols]
@@ -192,13 +192,14 @@ def known_now(result: FitResult, ship: Ship) -> tuple[Prior, np.ndarray]:
     return Prior(own.symbols, own.mean, scale[order], own.lower, own.upper), covariance
 
 
-def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None) -> PlannedTrial:
-    """The trial of ``wish`` that would tell most beside the trials of the calibration ``result``.
+def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnProgress | None = None) -> PlannedTrial:
+    """The trial of ``wish`` that would tell most beside the trials that ``ship`` was calibrated on.
 
-    progress: called at each generation of the search. Raises UserError for a run without covariance, an area that the
-    ship does not fit into, unknown names, and a time or speed that makes no sense.
+    content: of result.json of her calibration, or of the training of a hybrid on it; progress: called at each
+    generation of the search. Raises UserError for a run without covariance, an area that the ship does not fit into,
+    unknown names, and a time or speed that makes no sense.
     """
-    ship, notes = result.ship, []
+    known, notes = _calibration_in(content), []
     if not {"n", "n_azimuth"} & set(ship.actuators):
         raise UserError(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
     if wish.coefficients and wish.figures:
@@ -206,18 +207,18 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
     if wish.seed < 0:
         raise UserError(f"--seed {wish.seed} must not be negative")
     area = Area.parse(wish.area, ship, wish.margin)
-    prior, covariance = known_now(result, ship)
+    prior, covariance = known_now(known, ship)
     if wish.start is not None:
         area.check_start(wish.start, ship)
     _check_limits(wish)
-    speed = _speed(result, wish)
-    step = result.settings.step or longest_step(ship)
+    speed, settings = _speed(ship, known, wish), known["settings"]
+    step = settings.get("step") or longest_step(ship)
     dt = min(step, longest_step(ship))
-    window = max(20, round((result.settings.window or 100 * step) / dt))
+    window = max(20, round((settings.get("window") or 100 * step) / dt))
     if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
         raise UserError(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
-    simulator = Simulator(ship, result.settings.compiled)
-    info = TrialInformation(simulator, prior, _sigma(result, ship), dt, window)
+    simulator = Simulator(ship, bool(settings.get("compiled", True)))
+    info = TrialInformation(simulator, prior, _sigma(known, ship), dt, window)
     if wish.figures:
         wanted, names = figure_slopes(simulator, prior, wish.figures), tuple(wish.figures)
     else:
@@ -225,12 +226,12 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
         names = coefficients_wanted(ship, prior.symbols, wish.coefficients or default)
         wanted = np.eye(len(prior.symbols))[[prior.symbols.index(s) for s in names]]
         wanted = wanted * prior.std
-    worth = (result.identifiability.get("next_trial") or {}).get("worth")
+    worth = (known.get("identifiability", {}).get("next_trial") or {}).get("worth")
     if worth is None:
         worth = 1.0
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
     present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
-    draws = draws_of(result.to_dict(), ship)[:, :DRAWS]
+    draws = draws_of(known, ship)[:, :DRAWS]
     task = PlanTask(
         wish.seconds, area, speed, wish.start, wish.ahead, wish.rudder_limit, wish.seed, draws, wish.time_limit
     )
@@ -238,6 +239,16 @@ def plan_trial(result: FitResult, wish: Wish, progress: OnProgress | None = None
     if not found.whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
     return PlannedTrial(ship, task, found, present, dt, tuple(notes))
+
+
+def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What ``content`` of a result.json knows of the calibration: of a hybrid, that on which it was trained."""
+    if content["kind"] != "training":
+        return content
+    if content["model"] != "hybrid":
+        raise UserError(f"a black box ({content['model']}) has no coefficients that a trial could tell; plan with the "
+                        "run folder of mmg fit")  # fmt: skip
+    return {**content, "sigma": {}, **(content.get("calibration") or {})}
 
 
 def _check_limits(wish: Wish) -> None:
@@ -251,23 +262,24 @@ def _check_limits(wish: Wish) -> None:
         raise UserError(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 
 
-def _speed(result: FitResult, wish: Wish) -> float:
+def _speed(ship: Ship, known: Mapping[str, Any], wish: Wish) -> float:
     """Highest speed [m/s]: as given, else the higher one of the ship's own and that which the trials held."""
     if wish.speed_limit is not None:
-        limit = reference_speed(result.ship.particulars["L"])
+        limit = reference_speed(ship.particulars["L"])
         if not (math.isfinite(wish.speed_limit) and 0.005 * limit <= wish.speed_limit <= limit):
             raise UserError(f"--speed-limit {wish.speed_limit:g} m/s: give {0.005 * limit:.2g} to {limit:.3g} m/s")
         return wish.speed_limit
-    return max(own_speed(result.ship), *((result.envelope or {}).get("u") or [0.0]))
+    return max(own_speed(ship), *((known.get("envelope") or {}).get("u") or [0.0]))
 
 
-def _sigma(result: FitResult, ship: Ship) -> np.ndarray:
-    """Noise (6,) of the states in the fit; infinite for positions that no trial has."""
+def _sigma(known: Mapping[str, Any], ship: Ship) -> np.ndarray:
+    """Noise (6,) of the states in the fit, of usual sensors where it is not known; infinite for positions that no trial
+    has."""
     from dataclasses import astuple
 
     usual = astuple(SensorNoise.for_length(ship.particulars["L"]))
-    scaled = result.scaling is not None
-    sigma = [usual[i] if scaled or not (value := result.sigma.get(s)) else value for i, s in enumerate(STATES)]
-    if not scaled and not any(row.has_position for row in result.data):
+    scaled = known.get("scaling") is not None
+    sigma = [usual[i] if scaled or not (value := known["sigma"].get(s)) else value for i, s in enumerate(STATES)]
+    if not scaled and not any(row["has_position"] for row in known["data"]):
         sigma[:2] = [math.inf, math.inf]
     return np.array(sigma, dtype=float)

@@ -263,10 +263,9 @@ class Selector:
 
 
 def weighted_mean(values: np.ndarray, weights: np.ndarray) -> float:
-    """Mean of ``values`` (R,) with ``weights`` (R,), over the runs that count; inf where the model diverges on one."""
-    counts = weights > 0
-    if not np.isfinite(values[counts]).all():
-        return float("inf")
+    """Mean of ``values`` (R,) with ``weights`` (R,), over the runs that count, those with nothing to score (NaN) left
+    out; inf where the model diverges on one."""
+    counts = (weights > 0) & ~np.isnan(values)
     return float(np.average(values[counts], weights=weights[counts])) if counts.any() else float("nan")
 
 

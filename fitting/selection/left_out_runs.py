@@ -57,7 +57,8 @@ class RunScores:
     """Scores of runs that had no part in the estimate that predicts them.
 
     names, kinds: of the runs; window, paper: (R,) mean squared error of their 30 s windows and 100 s restarts over six
-    states in units of ``sigma`` (6,); windows: (R,) number of 30 s windows. A run without a whole window has NaN.
+    states in units of ``sigma`` (6,); windows: (R,) number of 30 s windows. A run without a whole window has NaN, one
+    on which the estimate diverges inf.
     """
 
     names: tuple[str, ...]

@@ -197,7 +197,7 @@ def choose_weighting(
         choice.begin(loss or LOSSES[0], 1.0 if weight is None else weight)
     except UserError as error:
         return kept(why=str(error))
-    if len(choice.folds) < FEWEST or not np.isfinite(choice.first.mean("window").value):
+    if len(choice.folds) < FEWEST or np.isnan(choice.first.mean("window").value):
         return kept(why="runs left out are not predicted, or too few of them are different")
     if loss is None:
         choice.offer([(name, choice.weight) for name in LOSSES[1:]])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from cases.checks import inputs_are_constant
-from cases.inputs import model_inputs
+from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.identifiability.data_checks import against_captive, contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.captive import Captive
@@ -97,10 +97,8 @@ def holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem:
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
     """What was left out, assumed or done more slowly."""
     found = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
-    if names := ", ".join(t.name for t in trials if not t.has_wind):
-        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
     if names := ", ".join(t.name for t in trials if not t.has_position):
         found.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
-    found += [note for trial in trials for note in model_inputs(trial, ship.inputs).notices]
+    found += assumed(trials, ship.inputs)
     slow = f"running without compiled code, several times slower: {interpreted_because}"
     return found + ([Message(slow, "interpreted")] if interpreted_because else [])

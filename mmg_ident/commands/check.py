@@ -13,6 +13,8 @@ from mmg_ident.commands.output import each, print_json, working
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
+    from cases.trial import Trial
+    from mmg.ship import Ship
 
 
 def check(
@@ -53,7 +55,7 @@ def check(
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
-        doubts = doubtful_revolutions(model, found) if model else []
+        doubts = [*doubtful_revolutions(model, found), *_taken(model, found)] if model else []
         sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
         print_json(_document(reports, unreadable, seconds, sentences))
@@ -64,6 +66,19 @@ def check(
         raise UserError(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
         raise UserError(_of_all(unreadable))
+
+
+def _taken(ship: Ship, trials: list[Trial]) -> list[str]:
+    """What the ``ship`` assumes of the ``trials`` or ignores, and of which trials she cannot be."""
+    from cases.inputs import model_inputs
+
+    said: list[str] = []
+    for trial in trials:
+        try:
+            said += model_inputs(trial, ship.inputs).notices
+        except UserError as error:
+            said.append(str(error))
+    return said
 
 
 def _of_all(unreadable: list[tuple[Path, UserError]]) -> str:

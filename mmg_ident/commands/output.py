@@ -60,7 +60,7 @@ def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
 
 def scores_in_words(before: Score, after: Score) -> str:
     """Both metrics of two models on the same trials. before, after: their scores."""
-    from fitting.prediction.score import in_words
+    from fitting.prediction.score_words import in_words
 
     windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
     return f"{windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def plan(
-    run: Annotated[Path, Argument(help="Run folder of mmg fit.")],
+    run: Annotated[Path, Argument(help="Run folder of mmg fit, or of mmg train on one.")],
     area: Annotated[str, Option(help="Basin or sea area, length x width [m], such as 60x25.")],
     time: Annotated[float, Option(help="Length of the trial [s].")],
     out: Annotated[Path, Option(help="CSV file for the autopilot; the map is written beside it.")],
@@ -56,7 +56,8 @@ def plan(
     """
     from fitting.report.plan_section import in_words
     from fitting.report.planned_trial import Wish, plan_trial
-    from fitting.result import read_fit
+    from fitting.report.run_folder import read_result
+    from mmg_ident.api import load_run
 
     if out.suffix.lower() != ".csv":
         raise UserError(f"--out {out}: the file for the autopilot ends in .csv")
@@ -68,9 +69,12 @@ def plan(
         area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort,
         math.radians(rudder_limit), time_limit, workers,
     )  # fmt: skip
-    result = read_fit(run)
+    kind = read_result(run)["kind"]
+    if kind not in ("calibration", "training"):
+        raise UserError(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
+    result = load_run(run)
     with working("planning"):
-        planned = plan_trial(result, wish, progress())
+        planned = plan_trial(result.ship, result.to_dict(), wish, progress())
     _write(planned, out, run)
     content = planned.to_dict()
     if json:

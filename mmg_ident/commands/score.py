@@ -161,8 +161,8 @@ def _worth(
 ) -> list[Message]:
     """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
     from cases.checks.trusted import as_they_are
-    from fitting.prediction.score import in_words
     from fitting.prediction.score import score as scored
+    from fitting.prediction.score_words import in_words
     from mmg.messages import Message
 
     name, simulator = next(iter(models.items()))
@@ -174,12 +174,12 @@ def _worth(
 
 
 def _refuse_nan(scores: dict[str, Score]) -> None:
-    """Raises UserError for a score that is no number: it is a failure, not a result."""
+    """Raises UserError where a prediction diverges, and where no 30 s are scored: that is a failure, not a result."""
     for name, found in scores.items():
         if found.diverged:
             names = ", ".join(found.diverged)
             raise UserError(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
-        if not (math.isfinite(found.paper) and math.isfinite(found.window)):
+        if math.isnan(found.window):
             raise UserError(
                 f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
                 "give longer ones, or mend them (mmg check)"

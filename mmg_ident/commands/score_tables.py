@@ -32,19 +32,21 @@ def print_scores(scores: Mapping[str, Score]) -> None:
         table.add_column(Path(name).name, justify="right")
     table.add_column("windows", justify="right")
     for i, row in enumerate(first.trials):
-        cells = [_cell(s.trials[i], s.trials[i].windows) for s in scores.values()]
+        cells = [_cell(s.trials[i]) for s in scores.values()]
         table.add_row(row.name, *cells, str(row.windows))
     table.add_section()
-    table.add_row("all rows pooled", *[_cell(s, sum(t.windows for t in s.trials)) for s in scores.values()], "")
+    table.add_row("all rows pooled", *[_cell(s) for s in scores.values()], "")
     console.print(table)
     _print_units(console, scores)
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     console.print(f"sigma from {first.sigma_from}: {words}", highlight=False, soft_wrap=True)
     console.print(past_in_words(scores), highlight=False, soft_wrap=True)
-    for note in first.notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True)
+    for note in dict.fromkeys(note for s in scores.values() for note in s.notes):
+        of = [Path(name).name for name, s in scores.items() if note in s.notes]
+        model = f" ({', '.join(of)})" if len(of) < len(scores) else ""
+        console.print(f"note: {note}{model}", highlight=False, soft_wrap=True, markup=False)
     for line in worse_than_first(scores):
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 def past_in_words(scores: Mapping[str, Score]) -> str:
@@ -55,12 +57,11 @@ def past_in_words(scores: Mapping[str, Score]) -> str:
     return f"past of a window: up to {max(with_past.values()):g} s by {', '.join(with_past)}; none by the others"
 
 
-def _cell(found: Score | TrialScore, windows: int) -> str:
-    """Both metrics of one trial or of all, of which so many ``windows`` were predicted."""
-    from fitting.prediction.score import in_words
+def _cell(found: Score | TrialScore) -> str:
+    """Both metrics of one trial or of all."""
+    from fitting.prediction.score_words import in_words
 
-    whole = in_words(found.window) if windows else "-"
-    return f"{in_words(found.paper) if windows or found.paper == found.paper else '-'} | {whole}"
+    return f"{in_words(found.paper)} | {in_words(found.window)}"
 
 
 def _print_units(console: Console, scores: Mapping[str, Score]) -> None:

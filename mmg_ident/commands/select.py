@@ -253,7 +253,7 @@ def _beside(choice: StructureChoice, folder: Path) -> None:
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
-    from fitting.prediction.score import in_words
+    from fitting.prediction.score_words import in_words
 
     width = max(len(row.name) for row in choice.table)
     print(f"{'candidate':<{width}}  unknowns  validation  training  diverged")

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from cases.checks.trusted import remarks
+from cases.inputs import assumed
 from fitting.report.run_folder import data_rows
-from mmg.messages import message_rows
+from mmg.messages import Message, message_rows
 from residual.comparison.study import HORIZONS, Comparison
 
 TABLE_9 = {
@@ -113,7 +114,7 @@ def tables_text(found: Comparison) -> str:
     if len(study.subsets) > 1:
         lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(found)]
     lines += ["", "### Published", "", *published(), "", TABLE_9_NOTE]
-    if notes := remarks([*study.train, *study.test]):
+    if notes := _noted(found):
         lines += ["", "### What mmg check says of the trials", "", *[f"* {note}" for note in notes]]
     troubles: dict[tuple[str, str], list[str]] = {}
     for e in found.entries:
@@ -124,9 +125,14 @@ def tables_text(found: Comparison) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _noted(found: Comparison) -> list[Message]:
+    """What mmg check says of the trials of the comparison ``found``, and what her ship assumes of them."""
+    trials = [*found.study.train, *found.study.test]
+    return [*remarks(trials), *assumed(trials, found.study.ship.inputs)]
+
+
 def comparison_dict(found: Comparison, command: str) -> dict:
     """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
-    trials = [*found.study.train, *found.study.test]
     return {
         "kind": "comparison",
         "command": command,
@@ -135,7 +141,7 @@ def comparison_dict(found: Comparison, command: str) -> dict:
         "epochs": found.study.epochs,
         "train": data_rows(found.study.train),
         "test": data_rows(found.study.test),
-        "messages": [{"level": "warning", **row} for row in message_rows(remarks(trials))],
+        "messages": [{"level": "warning", **row} for row in message_rows(_noted(found))],
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "horizons_s": list(HORIZONS),

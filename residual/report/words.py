@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from math import degrees, isfinite, nan, sqrt
 from typing import Any
 
+from fitting.prediction.score_words import in_words
 from residual.training.decision import MINIMUM_GAIN
 
 
@@ -66,9 +67,12 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
         return f"{model} was trained; the trials hold no positions, so its predictions could not be scored."
     before, after = scores[name]["before"], scores[name]["after"]
     where = "on held-out trials" if name == "validation" else "on the trials it was trained on"
+    restarts = any(t.get("restarts", True) for t in after["trials"])
+    own, beside = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
+    over = f"over 100 s {own[1]} and {beside[1]}" if restarts else "there is nothing to score over 100 s"
     return (
-        f"{model} has an error of {after['window']:.3g} in 30 s predictions {where}, the ship model beside it "
-        f"({result['beside']}) {before['window']:.3g}; over 100 s {after['paper']:.3g} and {before['paper']:.3g}."
+        f"{model} has an error of {own[0]} in 30 s predictions {where}, the ship model beside it "
+        f"({result['beside']}) {beside[0]}; {over}."
     )
 
 

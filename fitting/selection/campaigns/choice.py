@@ -161,4 +161,5 @@ def better(before: np.ndarray, after: np.ndarray) -> bool:
 
 
 def _mean(scores: np.ndarray) -> float:
-    return float(np.nanmean(scores)) if np.isfinite(scores).any() else float("nan")
+    good = scores[np.isfinite(scores)]
+    return float(good.mean()) if len(good) else float("nan")

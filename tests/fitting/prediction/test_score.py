@@ -12,8 +12,10 @@ from cases.io.leave_out import left_out
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
+from fitting.prediction.score import Score, check_scorable, pooled_sigma, score, score_pairs, scores_by_set
+from fitting.prediction.score_words import in_words
 from fitting.prediction.stretches import Stretch, wrapped_error
+from fitting.report.run_folder import plain
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import runs
@@ -60,13 +62,32 @@ class Diverging:
 def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
     trials = runs()[0][:2]
     found = score(Diverging(), trials)
-    assert np.isnan([found.paper, found.window]).all() and found.diverged == tuple(t.name for t in trials)
+    assert np.isinf([found.paper, found.window]).all() and found.diverged == tuple(t.name for t in trials)
+    again = Score.from_dict(plain(found.to_dict()))  # null in the file
+    assert np.isinf([again.paper, again.window]).all() and again.diverged == found.diverged
     ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
     kept, lost = (scores_by_set(model, {"a": trials}) for model in (ship, Diverging()))
     worse, better = score_pairs(kept, lost)["a"], score_pairs(lost, kept)
     (message,) = worse.failed("a")
     assert message.code == "no_score" and trials[0].name in message and better["a"].failed("a") == []
     assert in_words(found.window) == in_words(None) == "diverges" and in_words(0.25) == "0.2500"
+
+
+def test_a_trial_without_a_whole_restart_beside_broken_rows_has_nothing_to_score_there_and_the_rest_is() -> None:
+    """A rudder that is unknown for a second in each 45 s: no restart is whole, 30 s windows are."""
+    trial, whole = runs()[0][:2]
+    delta = np.where((trial.t % 45.0 > 44.0) | (trial.t > trial.t[-1] - 2.0), np.nan, trial["delta"])
+    ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
+    for trials in ([trial.with_columns(delta=delta)], [trial.with_columns(delta=delta), whole]):
+        found = score(ship, trials, np.ones(6), units=0.0)
+        first = found.trials[0]
+        assert (first.restarts, first.windows > 0, found.diverged) == (0, True, ())
+        assert np.isnan(first.paper) and np.isfinite(first.window) and np.isfinite(found.window)
+        assert np.isnan(found.paper) == (len(trials) == 1)
+        assert [note.code for note in found.notes].count("nothing_scored") == 1
+        again = Score.from_dict(plain(found.to_dict()))
+        assert np.isnan(again.trials[0].paper) and again.diverged == ()
+    assert in_words(first.paper) == "-"
 
 
 def test_a_set_without_a_whole_window_is_not_scored() -> None:

@@ -59,7 +59,8 @@ def test_the_standard_error_of_a_difference_is_that_of_its_mean() -> None:
     d = np.random.default_rng(0).normal(size=(2000, 3))
     assert standard_error(d, np.ones(2000)) == pytest.approx(1 / np.sqrt(2000), rel=0.1)
     assert weighted_mean(np.array([1.0, np.nan, 3.0]), np.array([1.0, 0.0, 3.0])) == pytest.approx(2.5)
-    assert weighted_mean(np.array([1.0, np.nan, 3.0]), np.array([1.0, 5.0, 3.0])) == np.inf  # it diverges on one
+    assert weighted_mean(np.array([1.0, np.inf, 3.0]), np.array([1.0, 5.0, 3.0])) == np.inf  # it diverges on one
+    assert weighted_mean(np.array([1.0, np.nan, 3.0]), np.array([1.0, 5.0, 3.0])) == 2.5  # nothing to score in one
 
 
 def test_a_choice_is_put_on_the_ship() -> None:

@@ -102,6 +102,18 @@ def test_doubts_and_what_is_left_out_are_in_the_pages(tmp_path: Path) -> None:
     assert "left out" in page and f"to keep all, add to {where}, [files.&#34;run.csv&#34;]: exclude = []" in page
 
 
+def test_a_record_without_a_whole_restart_is_scored_over_30_s(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = demo_trials(3, dt=0.5)[0][0]
+    lost = (trial.t % 45.0 > 44.0) | (trial.t > trial.t[-1] - 2.0)
+    write_trial(trial.with_columns(delta=np.where(lost, np.nan, trial["delta"])), tmp_path / "run.csv")
+    assert main(["score", "esso_osaka_3m", str(tmp_path / "run.csv")]) == 0
+    said = capsys.readouterr()
+    assert "diverges" not in said.out + said.err and "nan" not in said.out
+    assert "nothing to score over 100 s" in said.out
+
+
 def test_a_score_that_is_no_number_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trial = demo_trials(3, dt=0.5)[0][0]
     short = {name: column[:40] for name, column in trial.columns.items()}

@@ -127,7 +127,7 @@ def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(dec
     assert content["kept"] and not content["decision"]["kept"]
     assert (content["recommended"], content["other"]) == ("hybrid", "calibrated")
     assert load_ship(run).network is not None and load_ship(run / "calibrated").network is None
-    assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always"]
+    assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always", "no_wind"]
     assert "declined by the decision, but recommended" in (run / "report.html").read_text()
 
 
