@@ -21,7 +21,7 @@ UNITS = {
     "time": "s", "latitude": "deg", "longitude": "deg", "sog": "kn", "cog": "deg", "heading": "deg", "rot": "deg/min",
     "rudder": "deg", "rudder_starboard": "deg", "rudder_port": "deg", "rpm": "rpm", "rpm_starboard": "rpm",
     "rpm_port": "rpm", "apparent_wind_speed": "m/s", "apparent_wind_direction": "deg", "true_wind_speed": "m/s",
-    "true_wind_angle": "deg", "HDG-magnetic": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm", "RPM-E_port": "rpm",
+    "twa": "deg", "HDG-magnetic": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm", "RPM-E_port": "rpm",
 }  # fmt: skip
 """Columns of the table and their units; all that other sentences say is left out."""
 INSTEAD = (
@@ -191,7 +191,7 @@ def _values(sentence: Any, kind: str) -> dict[str, Any]:
     elif kind == "MWV" and sentence.wind_speed_units in WIND:
         speed = float(sentence.wind_speed) * WIND[sentence.wind_speed_units]
         frame = ("apparent_wind_speed", "apparent_wind_direction")
-        frame = frame if sentence.reference == "R" else ("true_wind_speed", "true_wind_angle")  # both from the bow
+        frame = frame if sentence.reference == "R" else ("true_wind_speed", "twa")  # both from the bow
         out = dict(zip(frame, (speed, sentence.wind_angle), strict=True))
     return out
 
