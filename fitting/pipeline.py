@@ -23,7 +23,8 @@ from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import NO_SCORES, ScorePair, score_pairs, scores_by_set
+from fitting.prediction.score import scores_by_set
+from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
 from fitting.report.beside import FigureProcess, prepare_figures

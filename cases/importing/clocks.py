@@ -109,7 +109,7 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
         return t, [Message(f"{repeated} rows with the time of the row before are averaged with it", "time_repeated")]
     step = np.diff(stamps)
     wide = np.append(step, np.inf)
-    tick = float(np.median(step))
+    tick = float(np.quantile(step, 0.1, method="lower"))  # others are longer where rows are missing
     gap_before, gap_after = np.append(True, step > 1.5 * tick), wide > 1.5 * tick
     places = np.where(gap_before | gap_after, np.maximum(count, int(np.median(count))), count)
     skipped = np.where(gap_before & ~gap_after, places - count, 0)

@@ -99,13 +99,16 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     chosen: the map, which says the side of positive rudder angles. Raises UserError for a word that is no sign.
     """
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
-    reads = {"": 1, **_reads(kind, plain_words(header))}
-    words = [_word(cell) for cell in table.cells(header).ffill()]  # some are logged where they change
-    unknown = [i for i, word in enumerate(words) if word not in reads]
-    if unknown:
-        row = table.before + unknown[0] + 1
-        raise UserError(f"{table.name}: row {row}, column '{header}': '{words[unknown[0]]}' is no sign of {quantity}")
-    sign = np.array([reads[word] for word in words])
+    reads = {"": 0 if table.before else 1, **_reads(kind, plain_words(header))}
+    cells = table.cells(header).ffill()  # some are logged where they change
+    words = {cell: _word(cell) for cell in cells.unique()}
+    sign = cells.map(lambda cell: reads.get(words.get(cell, ""), 0)).to_numpy()
+    if not sign.all():
+        row = int(np.argmin(np.abs(sign)))
+        said = words.get(cells.iloc[row], "")
+        raise UserError(
+            f"{table.name}: row {table.before + row + 1}, column '{header}': '{said}' is no sign of {quantity}"
+        )
     out = np.where(sign < 0, -np.abs(values), values)
     return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
 

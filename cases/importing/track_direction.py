@@ -31,7 +31,8 @@ def positions_problem(columns: Mapping[str, np.ndarray], logs: Sequence[Log], ch
     """
     unitless = {quantity for log in logs for quantity in log.unitless}
     directions = {name: columns[name] for name in ("cog", "psi") if name in columns and name not in unitless}
-    for a, b in PAIRS if directions else ():
+    derived = not {"u", "v"} <= set(columns)  # logged ones tell mmg check more
+    for a, b in PAIRS if directions and derived else ():
         log = next((log for log in logs if {a, b} <= set(log.of)), None)
         if log is None or not {a, b} <= set(columns) or {a, b} & set(chosen.columns_of(log.table.path)):
             continue
@@ -49,7 +50,7 @@ def positions_problem(columns: Mapping[str, np.ndarray], logs: Sequence[Log], ch
             f"{where}: the ship goes along her {ways} where '{first}' and '{second}' are read "
             f"{meant.format(a=a, b=b)}; correct the file, or say in the map: [columns] "
             + (line or f'{a} = "{second}" and {b} = "{first}"')
-            + f' (or {a} = "{first}" where they are right)'
+            + f' (or {a} = "{first}" where they are right, and the {ways} not)'
         )
     return ""
 

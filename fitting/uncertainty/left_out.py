@@ -14,7 +14,8 @@ from fitting.calibration import Calibration
 from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import information
 from fitting.nlp.run_constants import Own
-from fitting.prediction.score import ScorePair, score
+from fitting.prediction.score import score
+from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.score_words import in_words
 from fitting.solvers.preparation import prepared
 from mmg.errors import UserError

@@ -116,7 +116,7 @@ def _units(run: RunErrors) -> str:
 def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
     compared with the first of all."""
-    from fitting.prediction.score import ScorePair
+    from fitting.prediction.score_pairs import ScorePair
 
     first, *others = scores
     lines = []

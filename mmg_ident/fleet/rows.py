@@ -14,7 +14,7 @@ from mmg.effects import EFFECTS
 if TYPE_CHECKING:
     from diagnosis.hypotheses.group_findings import Between
     from diagnosis.result import Diagnosis
-    from fitting.prediction.score import ScorePair
+    from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult
     from mmg_ident.fleet.plan import PlannedShip
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases.checks import check
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.io.toml_file import validated
@@ -85,3 +86,13 @@ def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...
         log[name] = np.asarray(log[name], dtype=float) + rng.normal(0, size, len(truth))
     found = import_logs([table(tmp_path / "a.csv", without(log, *left_out))])
     assert not found.problems, found.problems
+
+
+def test_logged_velocities_leave_the_frame_to_the_check(tmp_path: Path) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    log = without(log, "Latitude", "Longitude") | {"x [m]": truth["y"], "y [m]": truth["x"]}
+    log |= {"surge [m/s]": truth["u"], "sway [m/s]": truth["v"]}
+    found = import_logs([table(tmp_path / "a.csv", log)])
+    assert not found.problems and "swapped_positions" in [
+        f.code for f in check([Trial("a", found.runs[0].columns)])[0].findings
+    ]

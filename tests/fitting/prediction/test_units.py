@@ -18,7 +18,8 @@ from cases.simulation.sensors import wrap
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.prediction.score import Score, ScorePair, pooled_sigma, score
+from fitting.prediction.score import Score, pooled_sigma, score
+from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.units import UnitErrors, errors_in_units, ship_time, window_for
 from fitting.report.unit_section import unit_section
 from mmg.rollout import Simulator
