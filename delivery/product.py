@@ -101,8 +101,7 @@ RESERVED = frozenset(
 )
 """Words of C99 and C++11 that no name can be."""
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
-PLACE, LEFT_OUT, NO_RANGE = "belongs_to_the_place", "left_out", "range_unknown"
-UNEXCITED = "not_excited"
+PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
 """Codes of what is said of a product."""
 SHOWN = 12
 """Digits of a hash that a sentence shows."""
@@ -271,10 +270,8 @@ def _unexcited(content: Mapping[str, Any]) -> list[Message]:
     """The coefficients of a run's record of which its trials say nothing, in one caveat."""
     found = (content.get("identifiability") or {}).get("coefficients") or {}
     silent = [symbol for symbol, row in found.items() if row["kind"] == "silent"]
-    if not silent:
-        return []
     words = f"{len(silent)} of {len(found)} free coefficients are not excited by the trials and stand at their prior"
-    return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)]
+    return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)] if silent else []
 
 
 def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:

@@ -222,12 +222,11 @@ def predict(
             progress(Progress("predicting", number, len(runs)))
         own = bands_in(bands, ship, content, run) if ship else None
         found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
-        remarks = [*remarks, *remarks_on(run, found, simulator.inputs)]
-        remarks += campaigns_taken(ship, [run]) if ship else []
+        remarks = [*remarks, *remarks_on(run, found, simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         if outside:
-            words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
-            remarks.append(Message(words, "outside_training"))
+            words = f"{outside:.1%} of the rows lie outside the network's training range"
+            remarks.append(Message(f"{run.name}: {words}", "outside_training"))
         results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
     if not any(p.windows for p in results):
         notes = "; ".join(note for p in results for note in p.notes)
