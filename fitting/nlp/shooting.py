@@ -85,7 +85,7 @@ class Kernels:
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
-        wrong = differences(*found, close=CLOSE)
+        wrong = differences(found[0], found[1], CLOSE)
         return f"its numbers differ from those without compiled code {wrong}" if wrong else ""
 
 

@@ -55,7 +55,7 @@ def _signature(function: ca.Function) -> str:
 
 def _statements(function: ca.Function) -> list[tuple[str, list[int], list[int]]]:
     """C of each instruction, and the elements of the work array w that it reads and writes."""
-    found = []
+    found: list[tuple[str, list[int], list[int]]] = []
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         inputs, outputs = function.instruction_input(k), function.instruction_output(k)
@@ -77,7 +77,9 @@ def _divided_kernel(function: ca.Function) -> tuple[str, list[str]]:
     need."""
     statements, name = _statements(function), function.name()
     size = -(-len(statements) // -(-len(statements) // UNIT_SIZE))
-    parts, heads, needed = [], [], set[int]()
+    parts: list[str] = []
+    heads: list[str] = []
+    needed: set[int] = set()
     for begin in reversed(range(0, len(statements), size)):
         mine = statements[begin : begin + size]
         last = {i: k for k, (_, _, writes) in enumerate(mine) for i in writes}
