@@ -157,7 +157,7 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
 
 def _moral(declined: TrainResult | None, kept: TrainResult | None) -> str:
     """What the two residuals of the demo show."""
-    if not declined or not kept or declined.recommended == kept.recommended:
+    if not declined or not kept or (declined.recommended, kept.recommended) != ("calibrated", "hybrid"):
         return "a residual is recommended only where trials that took no part in its training become better predicted."
     return (
         "on the trials of the calibration the network found nothing beyond noise, so the calibrated ship stays the "
