@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis.diagnose import diagnose
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
@@ -18,7 +19,7 @@ from diagnosis.judgement.possible_size import impossible_size
 from mmg.effects import EFFECTS
 from tests.diagnosis.judgement.test_believable import judged, off
 from tests.diagnosis.judgement.test_verdict import ready
-from tests.support.diagnosis_cases import candidate, full_model
+from tests.support.diagnosis_cases import FEW, candidate, full_model, pushed_trials
 
 SIZES = [
     ("rudder_stall", (-0.144,), 0.02, True),
@@ -86,3 +87,16 @@ def test_a_second_effect_of_a_size_that_it_cannot_have_is_left_out(monkeypatch: 
     result = judged_search.judged_search(ready(), None, DiagnosisOptions(), None)
     assert result.found is one
     assert [m.code for m in result.beside] == ["impossible_size"] and "acts like rudder_stall (" in result.beside[0]
+
+
+@pytest.mark.slow
+def test_a_rudder_that_gains_at_large_angles_is_no_stall() -> None:
+    """As in nine zigzags of a KVLCC2 in a basin, where a stall of -0.14 was named."""
+    runs = (("zigzag:20/20", 100.0), ("zigzag:-30/20", 100.0), ("turning:35", 100.0), ("zigzag:35/35", 100.0))
+    others = (("zigzag:-20/20", 100.0), ("turning:-35", 100.0), ("zigzag:30/30", 100.0))
+    gains = ["rudder_stall:loss=-0.4"]
+    trials, tests = pushed_trials(1, gains, runs), pushed_trials(9, gains, others)
+    d = diagnose(FEW, trials, tests, options=DiagnosisOptions(step=1.0, learn=False))
+    assert d.verdict == "unknown" and d.effects == () and d.candidates[0].name == "rudder_stall"
+    assert "acts like rudder_stall (loss = -0.4" in d.sentence
+    assert "impossible_size" in [row["code"] for row in d.to_dict()["messages"]]
