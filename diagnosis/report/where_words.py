@@ -41,7 +41,7 @@ def percent(share: float | None) -> str:
 
 def places(share: float) -> int:
     """Decimals with which a ``share`` is written in percent: what is nearly all is not all."""
-    return int(0.995 <= abs(share) < 1)
+    return next((k for k in range(4) if round(100 * abs(share), k) != 100), 0)
 
 
 def region_words(row: Mapping[str, Any]) -> str:
