@@ -39,9 +39,9 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.between import compare_groups
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.group_findings import Between
-from diagnosis.hypotheses.left_findings import Pattern, UnexplainedForce
+from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.pattern import LEVEL_OF_PATTERN, pattern
+from diagnosis.hypotheses.pattern import pattern
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
@@ -57,10 +57,10 @@ from diagnosis.inputs import (
 )
 from diagnosis.judgement.believable import believed, beyond_reported
 from diagnosis.judgement.judged_search import JudgedSearch, judged_search
+from diagnosis.judgement.left_over import left_over
 from diagnosis.judgement.no_answer import no_answer
-from diagnosis.judgement.not_random import not_random
 from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
-from diagnosis.judgement.verdict import has_remainder, limits
+from diagnosis.judgement.verdict import limits
 from diagnosis.learned_rest import start_learning, with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
@@ -161,7 +161,6 @@ def _diagnosed(
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named, late = verdict == "named", ready.reading.time_error
-    remainder = is_named and has_remainder(found, before, after, p.expected_unnamed)
     wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
     found = replace(found, final=wide) if is_named else found
     final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
@@ -169,15 +168,15 @@ def _diagnosed(
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     learning = start_learning(ship_before, p.data, trials, tests, options) if verdict == "unknown" else None
-    ordered = not_random(ready, wide)
-    if ordered and verdict == "none":
-        verdict, doubt = "unknown", f"Something is missing in the model: {ordered[0]}."
-    reasons += [*ordered, *limits(ready, found, trials, tests, result.held), *of_width]
     fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
+    remainder, left = left_over(ready, result, wide, gridded, fits)
+    if left and verdict == "none":
+        verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
+    reasons += [*left, *limits(ready, found, trials, tests, result.held, wide if is_named else None), *of_width]
     named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
-    reasons += (doubts := [*_doubts(fits), *beyond_reported(effects, ship)])
-    remainder = remainder or (is_named and bool(ordered)) or bool(doubts)
+    reasons += (doubts := beyond_reported(effects, ship))
+    remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
@@ -295,14 +294,6 @@ def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | N
     except UserError:
         return None
     return data.thinned(ready.gap) if data is not None else None
-
-
-def _doubts(fits: Pattern | None) -> list[Message]:
-    """What the pattern says against a name."""
-    if fits is None or fits.p_value >= LEVEL_OF_PATTERN:
-        return []
-    words = f"what was named would need another size by {fits.parted_by} (p = {fits.p_value:.1g})"
-    return [Message(f"{words}: another cause may lie behind it", "pattern")]
 
 
 def _unexplained(p: SearchProblem, fit: Estimate, left: UnnamedForms, ship: Ship) -> UnexplainedForce:

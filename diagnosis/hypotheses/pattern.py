@@ -19,7 +19,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import other_trials
 from diagnosis.hypotheses.left_findings import Pattern
-from diagnosis.location.partings import partings
+from diagnosis.location.partings import RUN, partings
 from mmg.errors import UserError
 
 TESTS = "training and test trials"
@@ -52,6 +52,8 @@ def pattern(
     A = flat.T @ flat + np.eye(flat.shape[1])
     chances: dict[str, float] = {}
     for name, part in partings(steps, data, found).items():
+        if name == RUN and found.free.by_run:  # each has its own size already
+            continue
         groups = [g for g in range(int(part.max()) + 1) if (there & (part == g)).sum() >= LEAST]
         if len(groups) < 2:
             continue

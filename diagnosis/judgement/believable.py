@@ -1,5 +1,6 @@
-"""Whether an answer is believed: not where the coefficients are those of another ship, no delay that may be the way in
-which the inputs were sampled, and not that nothing is missing where outliers hide it."""
+"""Whether an answer is believed: no effect of a size that it cannot have, not where the coefficients are those of
+another ship, no delay that may be the way in which the inputs were sampled, and not that nothing is missing where
+outliers hide it."""
 
 from __future__ import annotations
 
@@ -17,6 +18,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
+from diagnosis.judgement.possible_size import impossible_size
 from diagnosis.judgement.verdict import confirms, surely_confirms
 from diagnosis.prepare import Prepared
 from mmg.effects import EFFECTS
@@ -57,6 +59,12 @@ def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()
     named = result.verdict == "named"
     if named and (words := _within_the_clock(result, ready)):
         return "none", [*reasons, Message(f"{words}: the name is withdrawn", "name_withdrawn")], ""
+    found = result.found
+    sizes = [impossible_size(ready.full, found.final, c) for c in found.effects]
+    if named and any(sizes):
+        acts = f"it acts like {' and '.join(filter(None, sizes))}"
+        sentence = f"Something is missing in the model, but no known effect of a possible size explains it: {acts}."
+        return "unknown", [*reasons, Message(f"{acts}: the name is withdrawn", "impossible_size")], sentence
     doubt, code = _another_ship(result, ready), "not_described"
     outliers = _outliers(trials)
     if outliers and not doubt and not named:
@@ -81,21 +89,16 @@ def _outliers(trials: Sequence[Trial]) -> str:
 
 
 def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
-    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger, or less, than any known of."""
-    rows, calibrated = [], any(c.prior_std is not None for c in ship.coefficients.values())
+    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any known of."""
+    rows = []
     for e in effects:
         for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
             found = e.parameters.get(p.symbol)
-            if found is None:
+            if found is None or abs(found.value - p.neutral) - 2 * found.std <= p.reported:
                 continue
             size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
-            if found.value + 2 * found.std < p.least(calibrated):
-                had = "a calibrated ship can have lost" if calibrated else "there is on a ship that has none"
-                words = f"{e.name} of {p.symbol} {size} is less than {had} ({p.least(calibrated):.2g})"
-                rows.append(Message(f"{words}: something else stands behind it", "beyond_reported"))
-            elif abs(found.value - p.neutral) - 2 * found.std > p.reported:
-                words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
-                rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
+            words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
+            rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
     return rows
 
 

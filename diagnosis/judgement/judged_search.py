@@ -17,7 +17,9 @@ from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_cha
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
+from diagnosis.judgement.matters import runs_differ
 from diagnosis.judgement.on_test_trials import OnTestTrials
+from diagnosis.judgement.possible_size import impossible_size
 from diagnosis.judgement.verdict import confirms, contradicts, decide, supports
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
@@ -30,7 +32,8 @@ OTHERS = 2
 @dataclass(frozen=True)
 class JudgedSearch:
     """Of a search: the selection, tests of unnamed forces without and with it, the check on test trials, the verdict,
-    and why a name was withdrawn. withdrawn: the search before, whose names were withdrawn, where another came of it."""
+    and why a name was withdrawn. withdrawn: the search before, whose names were withdrawn, where another came of it;
+    beside: sentences on effects that were left out beside others, for a size that they cannot have."""
 
     found: Selection
     before: UnnamedForms
@@ -40,6 +43,7 @@ class JudgedSearch:
     reasons: tuple[Message, ...]
     simulated: SimulatedChance | None
     withdrawn: Selection | None = None
+    beside: tuple[Message, ...] = ()
 
     @property
     def chance(self) -> Chance:
@@ -57,8 +61,8 @@ class JudgedSearch:
 def judged_search(
     ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
 ) -> JudgedSearch:
-    """Select effects and judge them. Where values by run are withdrawn, search again with the same in all runs; where a
-    name is withdrawn and something is left, search without it for one that test trials confirm.
+    """Select effects and judge them. Where values by run are withdrawn, or do not matter, search again with the same in
+    all runs; where a name is withdrawn and something is left, search without it for one that test trials confirm.
 
     ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
     called as the work goes on. Returns the selection with its verdict.
@@ -73,12 +77,15 @@ def judged_search(
         store = options.store.part("campaigns") if options.store is not None else None
         simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress, store)
         before = replace(before, chance=simulated.unnamed)
-    result = _judged(p, ready.null, before, simulated, on_tests, options, progress)
-    if result.verdict != "named" and any(c.by_run for c in result.found.effects):
+    result = _judged(ready, p, before, simulated, on_tests, options, progress)
+    if result.found.final.free.by_run and not (
+        result.verdict == "named" and runs_differ(p, result.found, tests, result.held)
+    ):
         LOGGER.info("searching again with the same surroundings in all runs")
         p = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(p, ready.null, before, simulated, on_tests, options, progress)
-        result = replace(again, reasons=(*result.reasons, *again.reasons))
+        again = _judged(ready, p, before, simulated, on_tests, options, progress)
+        if again.verdict == "named" or result.verdict != "named":
+            result = replace(again, reasons=(*result.reasons, *again.reasons))
     other = result
     for _ in range(OTHERS):
         withdrawn = {c.effect for c in other.found.effects}
@@ -86,15 +93,15 @@ def judged_search(
             break
         LOGGER.info(f"searching without {' and '.join(sorted(withdrawn))}")
         p = replace(p, candidates=tuple(c for c in p.candidates if c.effect not in withdrawn))
-        other = _judged(p, ready.null, before, simulated, on_tests, options, progress)
+        other = _judged(ready, p, before, simulated, on_tests, options, progress)
         if other.verdict == "named" and other.held is not None and confirms(other.held):
             return replace(other, reasons=(*result.reasons, *other.reasons), withdrawn=result.found)
     return result
 
 
 def _judged(
+    ready: Prepared,
     p: SearchProblem,
-    null: Estimate,
     before: UnnamedForms,
     simulated: SimulatedChance | None,
     tests: OnTestTrials | None,
@@ -102,18 +109,25 @@ def _judged(
     progress: OnProgress | None,
 ) -> JudgedSearch:
     """One search and its verdict. Beside a name that the ``tests`` contradict it does not matter what else is left."""
-    found = select_effects(p, null, options.seed, options.workers, progress)
-    while tests is not None and len(found.effects) > 1:
-        fewer = found.without_last(p)
-        with_it = tests.compare(fewer.final, found.final)
-        if with_it is None or supports(with_it, found):
+    found, beside = select_effects(p, ready.null, options.seed, options.workers, progress), list[Message]()
+    while len(found.effects) > 1:
+        impossible = impossible_size(ready.full, found.final, found.effects[-1])
+        if not impossible and tests is None:
             break
-        LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
+        fewer = found.without_last(p)
+        if impossible:
+            beside.append(Message(f"what is left beside the name acts like {impossible}", "impossible_size"))
+        elif tests is not None:
+            with_it = tests.compare(fewer.final, found.final)
+            if with_it is None or supports(with_it, found):
+                break
+            LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
         found = fewer
     held = tests.compare(found.null, found.final) if tests is not None else None
     stands = bool(found.effects) and not (held is not None and contradicts(found, held))
     after = _left(p, found.final) if stands else before
-    return _answer(found, (before, after), held, p, simulated)
+    result = _answer(found, (before, after), held, p, simulated)
+    return replace(result, beside=tuple(beside))
 
 
 def _answer(

@@ -8,6 +8,7 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Selection
@@ -201,10 +202,16 @@ def contradicts(found: Selection, held: HeldOut) -> bool:
 
 
 def limits(
-    ready: Prepared, found: Selection, trials: Sequence[Trial], tests: Sequence[Trial], held: HeldOut | None
+    ready: Prepared,
+    found: Selection,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    held: HeldOut | None,
+    named: Estimate | None = None,
 ) -> list[Message]:
     """What cannot be concluded from this input; ready: its fit without effects, found: the selection, trials: for
-    training, tests: to check on, held: that check. Returns one sentence for each reason."""
+    training, tests: to check on, held: that check, named: the fit with what was named, None: nothing was. Returns one
+    sentence for each reason."""
     rows: list[tuple[str, str]] = []
     every = [s for s in found.searches[0].scores if not s.candidate.form and not s.candidate.by_run]
     quiet = [s.candidate.effect for s in every if not s.excited]
@@ -228,7 +235,7 @@ def limits(
         rows.append(("one_trial", words))
     elif len(kinds) == 1 and "" not in kinds:
         rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
-    rows += _doubts(ready)
+    rows += _doubts(ready, named)
     if not tests:
         words = "no --test trials: how far the gap closes was not checked on trials that took no part"
         rows.append(("no_tests", words))
@@ -244,13 +251,15 @@ FAR, LONG = 3.0, 3.0
 """Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
 
 
-def _doubts(ready: Prepared) -> list[tuple[str, str]]:
-    """Code and sentence of each way in which the fit without effects is not what the tests take it for."""
+def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:
+    """Code and sentence of each way in which the fit without effects is not what the tests take it for. Coefficients
+    that are off are those of the fit with what was ``named``: that it brings back the others speaks for it."""
     null, data, steps = ready.null, ready.problem.data, ready.problem.steps
     rows: list[tuple[str, str]] = []
-    far = [f"{s} ({p:+.1f})" for s, p in zip(null.free.symbols, null.p, strict=True) if abs(p) > FAR and "." not in s]
+    fit, beside = (null, "without any effect") if named is None else (named, "with what was named")
+    far = [f"{s} ({p:+.1f})" for s, p in zip(fit.free.symbols, fit.p, strict=True) if abs(p) > FAR and "." not in s]
     if far:
-        words = f"more than {FAR:g} prior standard deviations off without any effect: {', '.join(far)}"
+        words = f"more than {FAR:g} prior standard deviations off {beside}: {', '.join(far)}"
         advice = "is it this ship, and are units and frames right (mmg check)? An effect may make up for what is not"
         rows.append(("far_from_prior", f"{words}: {advice}"))
     seen = np.asarray(data.good.any(axis=(0, 1)))

@@ -12,7 +12,8 @@ from mmg.motion.flow import INPUTS
 
 PARTS = 3
 """Parts, of about equal time, by the size of a variable."""
-OUTSIDE = ("run", "heading", "time since the start")
+RUN = "run"
+OUTSIDE = (RUN, "heading", "time since the start")
 """Partings that are none of what the ship does: weather differs by them."""
 
 
@@ -36,7 +37,7 @@ def partings(steps: TransitionModel, data: GriddedTrials, found: Point) -> dict[
             variables[f"rate of {name}"] = np.abs(change)
     variables["time since the start"] = data.t
     quadrant = np.floor(z[..., 2] / (np.pi / 2)).astype(int) % 4
-    found_parts = {"run": runs, "phase": phase, "heading": quadrant}
+    found_parts = {RUN: runs, "phase": phase, "heading": quadrant}
     for name, x in variables.items():
         edges = np.unique(np.quantile(x[:-1][inside], np.linspace(0, 1, PARTS + 1)[1:-1]))
         found_parts[name] = np.digitize(x, edges)

@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from diagnosis.findings import Findings, HeldOut, RankedCandidate
 from diagnosis.report.where_figures import state_figure, track_figure, unexplained_figure
+from diagnosis.report.where_words import places
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, HATCH, MEASURED, dress, new_figure
 
 COLOURS = {"named": AFTER, "class": "#7FB8D8", "": "#C4C9CE"}
@@ -134,8 +135,8 @@ def plot_test_trials(held: HeldOut, ax: Axes) -> None:
     ax.get_yticklabels()[0].set_fontweight("bold")
     ax.set_ylim(-0.7, len(rows) - 0.3)
     ax.axhline(0.5, color=GREY, lw=0.8)
-    low, high = (-100 * x for x in held.interval_90[::-1])
-    words = f"all: {-100 * held.reduction:+.0f} % [{low:+.0f}, {high:+.0f}]".replace("-", "−")
+    change, high, low = (f"{-100 * x:+.{places(x)}f}" for x in (held.reduction, *held.interval_90))
+    words = f"all: {change} % [{low}, {high}]".replace("-", "−")
     ax.text(0.99, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, fontweight="bold")
 
 

@@ -135,10 +135,18 @@ def held_rows(d: Findings) -> list[dict[str, Any]]:
             "before": before,
             "after": after,
             "worse": after > before,
-            "change": f"{words.signed(100 * (after / before - 1))} %" if before > 0 else "–",
+            "change": _change(before, after),
         }
         for name, (before, after) in d.held_out.all_runs
     ]
+
+
+def _change(before: float, after: float) -> str:
+    """By how much an error grows, in percent."""
+    if before <= 0:
+        return "–"
+    share = after / before - 1
+    return f"{words.signed(100 * share, f'.{report_where.places(share)}f')} %"
 
 
 def _likelihood(d: Findings) -> str:

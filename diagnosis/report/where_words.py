@@ -34,7 +34,14 @@ def shown_unit(unit: str) -> tuple[float, str]:
 
 def percent(share: float | None) -> str:
     """A share in percent, true minus sign."""
-    return "–" if share is None or not math.isfinite(share) else f"{100 * share:.0f}\u00a0%".replace("-", "−")
+    if share is None or not math.isfinite(share):
+        return "–"
+    return f"{100 * share:.{places(share)}f}\u00a0%".replace("-", "−")
+
+
+def places(share: float) -> int:
+    """Decimals with which a ``share`` is written in percent: what is nearly all is not all."""
+    return next((k for k in range(4) if round(100 * abs(share), k) != 100), 0)
 
 
 def region_words(row: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
-from diagnosis.report.where_words import PLAIN, first_channel, percent, shown_unit, unexplained_hint
+from diagnosis.report.where_words import PLAIN, first_channel, percent, places, shown_unit, unexplained_hint
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
@@ -287,8 +287,7 @@ def sentence_of(
     if same:
         words += f", which these trials cannot tell from {' or '.join(same)}"
     if held is not None:
-        words += (
-            f"; with it the error of 30 s predictions of the test trials changes by {-held.reduction:+.0%} "
-            f"(90 % interval {-held.interval_90[1]:+.0%} to {-held.interval_90[0]:+.0%})"
-        )
+        change, high, low = (f"{-x:+.{places(x)}%}" for x in (held.reduction, *held.interval_90))
+        words += f"; with it the error of 30 s predictions of the test trials changes by {change} "
+        words += f"(90 % interval {low} to {high})"
     return words + (f". A part of the gap remains unexplained.{unexplained_hint(missing)}" if remainder else ".")

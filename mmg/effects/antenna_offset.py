@@ -20,12 +20,13 @@ class AntennaOffset(Effect):
     name, enters = "antenna_offset", "measurement"
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        size, most = 0.07 * p.L, p.L
+        size, most, alone = 0.07 * p.L, p.L, "the same while u and v are midship's"
+        aboard = {"least": -0.5 * p.L, "most": 0.5 * p.L}
         return (
-            Parameter("x", 0.0, size, -most, most, "m", "antenna ahead of midship"),
-            Parameter("y", 0.0, size, -most, most, "m", "antenna to starboard of midship"),
-            Parameter("alone_x", 0.0, size, -most, most, "m", "the same while u and v are midship's", True, "alone"),
-            Parameter("alone_y", 0.0, size, -most, most, "m", "the same while u and v are midship's", True, "alone"),
+            Parameter("x", 0.0, size, -most, most, "m", "antenna ahead of midship", **aboard),
+            Parameter("y", 0.0, size, -most, most, "m", "antenna to starboard of midship", **aboard),
+            Parameter("alone_x", 0.0, size, -most, most, "m", alone, held=True, form="alone", **aboard),
+            Parameter("alone_y", 0.0, size, -most, most, "m", alone, held=True, form="alone", **aboard),
         )
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:

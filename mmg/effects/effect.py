@@ -32,7 +32,8 @@ class Parameter:
     neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
     lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
     the effect, which a diagnosis asks about in place of the usual one; reported: largest size that is known of [unit];
-    added: a share that is only ever added, so that less can only be what a calibrated ship had and lost.
+    least, most: what it can be in nature [unit], where a fit may go further: a diagnosis names nothing that is surely
+    less or more; lost: by how much less than ``least`` it can be of a calibrated ship, which may have had and lost it.
     """
 
     symbol: str
@@ -45,13 +46,9 @@ class Parameter:
     held: bool = False
     form: str = ""
     reported: float = math.inf
-    added: bool = False
-
-    def least(self, calibrated: bool) -> float:
-        """Least value [unit] that the effect can have of a ship as new, or of a ``calibrated`` one."""
-        if not self.added:
-            return -math.inf
-        return self.neutral - (self.reported / (1 + self.reported) if calibrated else 0.0)
+    least: float = -math.inf
+    most: float = math.inf
+    lost: float = 0.0
 
     def coefficient(self, effect: str) -> Coefficient:
         """The coefficient ``effect.symbol`` of a ship, at its neutral value, with a wide prior."""

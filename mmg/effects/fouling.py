@@ -20,7 +20,8 @@ class Fouling(Effect):
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         words = "resistance larger by this share"
-        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, reported=REPORTED, added=True),)
+        lost = REPORTED / (1 + REPORTED)  # by a ship that was calibrated as foul as any and is clean now
+        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, reported=REPORTED, least=0.0, lost=lost),)
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         hull = module("hull", at.components["hull"])

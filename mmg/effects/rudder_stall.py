@@ -22,8 +22,9 @@ class RudderStall(Effect):
     form_error = 0.03
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
+        words = "share of the normal force that is lost beyond stall"
         return (
-            Parameter("loss", 0.0, 0.4, -0.5, 1.2, "", "share of the normal force that is lost beyond stall"),
+            Parameter("loss", 0.0, 0.4, -0.5, 1.2, "", words, least=0.0, most=1.0),
             Parameter("alpha_s", math.radians(20), 0.1, 0.1, 1.2, "rad", "inflow angle of stall", held=True),
             Parameter("width", 0.06, 0.02, 0.01, 0.5, "", "width of the change in sin^2 alpha", held=True),
         )

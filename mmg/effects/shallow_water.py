@@ -41,7 +41,7 @@ class ShallowWater(Effect):
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         return (
-            Parameter("d_h", 0.0, 0.3, -0.5, 0.9, "", "draught over depth of the water"),
+            Parameter("d_h", 0.0, 0.3, -0.5, 0.9, "", "draught over depth of the water", least=0.0),
             Parameter("line", EVERYWHERE, p.L, -2e6, 2e6, "m", "shelf line from the origin along bearing", held=True),
             Parameter("bearing", 0.0, 0.1, -7.0, 7.0, "rad", "direction from deep to shallow water", held=True),
             Parameter("width", 0.5 * p.L, 0.2 * p.L, 0.01 * p.L, 100 * p.L, "m", "width of the shelf", held=True),

@@ -7,6 +7,7 @@ neutral factors are 0.
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 from mmg.components.wind import fujiwara
@@ -35,8 +36,8 @@ class WindForce(Effect):
         neutral = 1.0 if "wind" in components else 0.0
         model = "the ship's wind model" if neutral else "Fujiwara's wind force"
         return tuple(
-            Parameter(axis, neutral, 0.25, -2.0, 6.0, "", f"factor on {model}, {words}")
-            for axis, words in (("X", "surge"), ("Y", "sway"), ("N", "yaw"))
+            Parameter(axis, neutral, 0.25, -2.0, 6.0, "", f"factor on {model}, {words}", least=least)
+            for axis, words, least in (("X", "surge", 0.0), ("Y", "sway", 0.0), ("N", "yaw", -math.inf))
         )
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:

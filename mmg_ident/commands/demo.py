@@ -40,7 +40,7 @@ def demo(
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
-    train, held_out = _campaign(folder / "trials", seed)
+    train, held_out = campaign(folder / "trials", seed)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
     say("2. Checking the trial files")
     for item in check([*train, *held_out]):
@@ -48,10 +48,10 @@ def demo(
     fit, truth = _calibrate(folder, train, held_out, seed)
     declined = _residual(folder, "6. Learning a residual on the calibrated ship", "residual", train, held_out)
     diagnosis = _diagnosis(folder, seed, CURRENT)
-    fouled = _campaign(folder / "third", seed + 2000, FOULING)
+    fouled = campaign(folder / "third", seed + 2000, FOULING)
     step = f"8. A third campaign, with a hull that nobody knows is fouled ({FOULING}): learning a residual"
     kept = _residual(folder, step, "third_residual", *fouled)
-    say(f"In a sentence: {_moral(declined, kept)}")
+    say(f"In a sentence: {moral(declined, kept)}")
     if json:
         content = fit.to_dict()
         print_json(
@@ -63,14 +63,18 @@ def demo(
     return 0 if fit.converged else 1
 
 
-def _campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[list[Trial], list[Trial]]:
-    """Training and held-out trials of the hidden ship, written to ``folder`` and read again as a user's would be."""
+def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[list[Trial], list[Trial]]:
+    """Training and held-out trials of the hidden ship, written to ``folder`` and read again as a user's would be.
+
+    seed, effects, every: as of ``demo_trials``. Returns (train, held out).
+    """
     from cases.io.read import read_trials
     from cases.simulation.demo_trials import demo_trials
     from cases.simulation.simulate import write_trial
 
     for role, made in zip(("train", "held_out"), demo_trials(seed, effects=effects, every=every), strict=True):
         (folder / role).mkdir(parents=True)
+        (folder / role / "trials.toml").write_text('[default]\ninputs = "held"  # as simulations log them\n')
         for trial in made:
             write_trial(trial, folder / role / f"{trial.name}.csv")
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
@@ -142,7 +146,7 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     from diagnosis.diagnose import DiagnosisOptions, diagnose
 
     say("7. A second campaign, a year later: what is different?")
-    train, test = _campaign(folder / "second", seed + 1000, effect, every=2)
+    train, test = campaign(folder / "second", seed + 1000, effect, every=2)
     second = folder / "second"
     command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --workers 2 --seed {seed}"
     options, ship = DiagnosisOptions(seed=seed, workers=2, command=command), load_ship(folder / "run")
@@ -155,9 +159,10 @@ def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
     return {k: content[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")}
 
 
-def _moral(declined: TrainResult | None, kept: TrainResult | None) -> str:
-    """What the two residuals of the demo show."""
-    if not declined or not kept or declined.recommended == kept.recommended:
+def moral(declined: TrainResult | None, kept: TrainResult | None) -> str:
+    """What the two residuals of the demo show, in a sentence; declined, kept: those on the calibrated and on the fouled
+    ship, None where nothing was learned. Returns it."""
+    if not declined or not kept or (declined.recommended, kept.recommended) != ("calibrated", "hybrid"):
         return "a residual is recommended only where trials that took no part in its training become better predicted."
     return (
         "on the trials of the calibration the network found nothing beyond noise, so the calibrated ship stays the "

@@ -53,3 +53,13 @@ def test_the_right_effect_acts_with_one_size(calm: SearchProblem) -> None:
 
 def test_a_neighbour_that_fits_in_the_mean_does_not(calm: SearchProblem) -> None:
     assert slow_rudder(calm, 0.0, 0.08) < LEVEL_OF_PATTERN
+
+
+def test_values_by_run_are_not_asked_whether_the_runs_need_others(calm: SearchProblem) -> None:
+    """Their slopes in a run vanish but for the prior, so that the last digits of a fit were a proof."""
+    start = initial_point(calm.steps, calm.data, calm.steps.ship.values, calm.base, initial_noise(calm.steps.ship))
+    null = estimate(calm.steps, calm.data, start, iterations=4)
+    current = candidate("current").in_each(np.unique(calm.data.run).tolist())
+    fit = refit(calm.steps, calm.data, calm.base, null, [current], dict.fromkeys(current.columns, 0.0))
+    away = replace(fit, p=fit.p + 1e-2)  # a hundredth of the prior, as where a fit has not fully converged
+    assert pattern(calm.steps, calm.data, away, [current]).parted_by != "run"

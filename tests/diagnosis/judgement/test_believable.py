@@ -180,19 +180,3 @@ def test_more_fouling_than_any_ship_had_is_not_all_fouling(share: float, std: fl
     rows = beyond_reported([other, NamedEffect("fouling", {"share": size}, 0.0, 10.0, 0.1)], ready().full.ship)
     assert [row.code for row in rows] == ["beyond_reported"] * said
     assert all("fouling of share 1.5 +- 0.2 is more" in row and "(1)" in row for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("share", "calibrated", "said"),
-    [(-0.3, False, True), (-0.15, False, False), (-0.45, True, False), (-0.75, True, True)],
-)
-def test_less_fouling_than_none_is_another_cause(share: float, calibrated: bool, said: bool) -> None:
-    """Of a ship as new it cannot be negative; a calibrated one may have been foul, and cleaned since."""
-    ship = ready().full.ship
-    if calibrated:
-        symbol = ship.free[0]
-        ship = ship.with_coefficients({symbol: ship.coefficients[symbol].with_(prior_std=1.0, prior_value=0.0)})
-    size = EstimatedParameter(share, 0.1, "")
-    rows = beyond_reported([NamedEffect("fouling", {"share": size}, 0.0, 10.0, 0.1)], ship)
-    assert [row.code for row in rows] == ["beyond_reported"] * said
-    assert all(("lost (-0.5)" if calibrated else "has none (0)") in row for row in rows)

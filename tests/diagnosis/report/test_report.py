@@ -25,6 +25,7 @@ from diagnosis.report.form_words import VARIABLES, kind_words, likeness
 from diagnosis.report.page import build_report, held_rows, write_report
 from diagnosis.report.where_words import first_channel, region_words, where_words
 from diagnosis.report.words import (
+    held_words,
     meaning,
     next_words,
     probability,
@@ -267,3 +268,14 @@ def test_what_is_left_acts_like_the_strongest_kind() -> None:
         " Among the unnamed forms it acts most like a share of the logged wind that differs by place."
     )
     assert likeness({"all": 0.1, "yaw force": -0.5}) == "" == likeness({"all": 0.0})
+
+
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.994, "99 %"), (0.9958, "99.6 %"), (0.99961, "99.96 %"), (1.0, "100 %")]
+)
+def test_an_error_that_is_nearly_gone_is_not_all_gone(share: float, words: str) -> None:
+    d = case("named")
+    assert d.held_out is not None
+    held = replace(d.held_out, mse_before=2.23, mse_after=2.23 * (1 - share), reduction=share, interval_90=(0.9, share))
+    found = held_words(held, "named").replace("\u00a0", " ")
+    assert f"shrinks by {words} (90 % interval of the reduction 90 % to {words})" in found
