@@ -161,7 +161,7 @@ def _diagnosed(
     wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
     found = replace(found, final=wide) if is_named else found
     final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
-    instruments = summary.instrument_faults(given, ready.full, final)
+    instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     learning = start_learning(ship_before, p.data, trials, tests, options) if verdict == "unknown" else None

@@ -264,7 +264,8 @@ def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Mess
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
     faults = [name for name in sensors.effects() if name in FITTED_ALONG and name not in ship.effects]
-    ship = freeing_effects(ship, [name for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects])
+    free = [name for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects]
+    ship = freeing_effects(ship, [sensors.form_of(name) for name in free])
     if not faults:
         return ship, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"

@@ -110,14 +110,14 @@ def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() 
 
 
 def test_late_velocities_are_found_by_the_positions_and_put_right() -> None:
-    late = EMPTY.with_effect("velocity_lag")
-    late = late.with_coefficients({"velocity_lag.tau": late.coefficients["velocity_lag.tau"].with_(fixed=False)})
+    late = EMPTY.with_effect("velocity_filter")
+    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
     here = increments(late, runs())
     assert here.lag <= 0.15
     moved = [replace(run, columns={**run.columns, **_late(run, 1.5)}) for run in runs()]
     there = increments(late, moved)
     assert there.lag == pytest.approx(1.5, abs=0.15)
-    assert regress(late, there).values["velocity_lag.tau"] == there.lag
+    assert regress(late, there).values["velocity_filter.tau"] == there.lag
     value = regress(late, there).values["X_n_absn_1"]
     assert value == pytest.approx(TRUE["X_n_absn_1"], rel=0.25)
 

@@ -243,7 +243,7 @@ def turning(t: np.ndarray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize(
     ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_lag", "tau")],
+    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
 )
 def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> None:
     """In a steady turn, of 0.8 s ago: position and velocity over ground; the heading is of now. ``alone`` is of the
@@ -252,7 +252,7 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
     now, before = turning(t), turning(t - late)
     got = EFFECTS[name].samples(t, now, MOVING, values(name, **{symbol: late}), P)
     inside = t > late
-    place = now if name == "velocity_lag" else before
+    place = now if name == "velocity_filter" else before
     for i in (0, 1):
         assert got[i][inside] == pytest.approx(place[i][inside], abs=1e-4)
     if symbol == "tau":  # the velocity of before, in the axes of now
@@ -269,7 +269,7 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
 
 @pytest.mark.parametrize(
     ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_lag", "tau")],
+    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
 )
 def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: str) -> None:
     """On a straight course the position lags by speed times delay, at any size of the delay, and the velocity by none;
@@ -286,7 +286,7 @@ def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: st
             logged_now, rate = (np.array(a).ravel() for a in f(now, states))
             missing += 0.02 * (now[3:5] - logged_now[3:5])
             states += 0.02 * rate
-        shift = 0.0 if name == "velocity_lag" else late
+        shift = 0.0 if name == "velocity_filter" else late
         over_ground = complex(0.5, -0.1) * complex(math.cos(0.3), math.sin(0.3))
         assert logged_now[:2] == pytest.approx([-shift * over_ground.real, -shift * over_ground.imag], abs=1e-6)
         assert logged_now[2:] == pytest.approx(now[2:], abs=1e-6)
