@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics
+from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
@@ -30,6 +30,7 @@ from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
 from fitting.parallel import evaluated_beside
 from mmg.errors import UserError
@@ -203,6 +204,20 @@ def prepare(
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, factor=factor)
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
+
+
+def prepare_with_sensors(
+    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, known: CalibrationTrials
+) -> tuple[Kinematics, Ship, list[Message], Prepared]:
+    """``prepare`` with the faults of instruments that the logs show in the model of the ship.
+
+    given: the ship, with her priors; trials: to diagnose; site: what is known of the place; step: of the grid [s],
+    None: by the trials; known: what she was calibrated on. Returns what the logs say of one another, the ship with
+    those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
+    """
+    sensors = consistency(trials, given)
+    ship, repairs = with_sensor_faults(given, sensors)
+    return sensors, ship, repairs, prepare(ship, trials, site, step, known.other, known.reference)
 
 
 def fit_as_read(

@@ -32,7 +32,8 @@ class Parameter:
     neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
     lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
     the effect, which a diagnosis asks about in place of the usual one; reported: largest size that is known of [unit];
-    added: a share that is only ever added, so that less can only be what a calibrated ship had and lost.
+    added: a share that is only ever added, so that less can only be what a calibrated ship had and lost; choice: which
+    of two models holds (0 or 1), of which no data tell a size.
     """
 
     symbol: str
@@ -46,6 +47,7 @@ class Parameter:
     form: str = ""
     reported: float = math.inf
     added: bool = False
+    choice: bool = False
 
     def least(self, calibrated: bool) -> float:
         """Least value [unit] that the effect can have of a ship as new, or of a ``calibrated`` one."""

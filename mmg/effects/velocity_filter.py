@@ -32,7 +32,7 @@ class VelocityFilter(Effect):
         k, axes = time_scale(p.L), "0: the velocity over ground is late, 1: u and v are low-passed in body axes"
         return (
             Parameter("tau", 0.0, 0.5 * k, 0.0, 5.0 * k, "s", "time by which logged u and v are late"),
-            Parameter("body_axes", 0.0, 1.0, 0.0, 1.0, "", axes, held=True),
+            Parameter("body_axes", 0.0, 1.0, 0.0, 1.0, "", axes, held=True, choice=True),
         )
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
