@@ -10,10 +10,12 @@ import pytest
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
+from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.sensors import logged
 from cases.trial import Trial
+from mmg.effects.gyro import low_passed_samples
 from mmg.states import STATES
 from tests.support.trial_files import make_trial, motion_columns, shifted
 
@@ -144,6 +146,28 @@ def test_late_columns_are_told_from_a_late_velocity_over_ground():
     assert (body.pooled.frame, earth.pooled.frame) == ("body", "earth")
     for found in (body, earth):
         assert found.pooled["lag"].value == pytest.approx(0.8, abs=0.05)
+
+
+@pytest.mark.parametrize("axes", ["body", "earth"])
+def test_the_axes_of_a_short_filter_are_told_in_the_noise_of_usual_sensors(axes):
+    """A low pass of 0.35 s in body axes leaves a steady turn as it is: in the earth frame no lag is seen then, and the
+    rows that show it would count as outliers."""
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, noise_tau=0.01, defects=())
+    trials = []
+    for trial in disturbed_trials(SHIP, TRAIN, 4, how):
+        turn = np.exp(1j * np.where(axes == "body", 0.0, trial["psi"]))
+        w = (trial["u"] + 1j * trial["v"]) * turn
+        late = low_passed_samples(trial.t, w.real, 0.35) + 1j * low_passed_samples(trial.t, w.imag, 0.35)
+        trials.append(trial.with_columns(u=(late / turn).real, v=(late / turn).imag))
+    found = consistency(trials, SHIP)
+    lag = found.pooled["lag"]
+    assert symbols(found) == ["lag"] and found.pooled.frame == axes
+    assert abs(lag.value - 0.35) < 3 * lag.std < 0.3
+    assert found.form_of("velocity_filter") == ("velocity_filter" + (":body_axes=1" if axes == "body" else ""))
+    assert found.form_of("gyro") == "gyro"
+    ship = with_instruments(SHIP, ("velocity_filter",), trials)
+    assert ship.coefficients["velocity_filter.body_axes"].value == (axes == "body")
+    assert "velocity_filter.tau" in ship.free and "velocity_filter.body_axes" not in ship.free
 
 
 def test_a_fault_of_some_runs_is_told_from_one_of_all():

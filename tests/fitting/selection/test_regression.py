@@ -122,6 +122,16 @@ def test_late_velocities_are_found_by_the_positions_and_put_right() -> None:
     assert value == pytest.approx(TRUE["X_n_absn_1"], rel=0.25)
 
 
+def test_velocities_that_are_late_in_body_axes_are_put_right_in_them() -> None:
+    late = EMPTY.with_effect("velocity_filter", {"body_axes": 1.0})
+    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
+    moved = [
+        replace(run, columns={**run.columns, **{x: np.interp(run.t - 1.5, run.t, run[x]) for x in "uv"}})
+        for run in runs()
+    ]
+    assert increments(late, moved).lag == pytest.approx(1.5, abs=0.3)
+
+
 def _late(run: Trial, lag: float) -> dict[str, np.ndarray]:
     """Columns u and v whose earth-fixed vector is late."""
     psi = np.unwrap(run["psi"])

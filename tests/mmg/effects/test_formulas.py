@@ -294,6 +294,29 @@ def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: st
         assert missing == pytest.approx([0.5 * slow, -0.1 * slow], abs=0.02 * abs(slow) + 1e-6)
 
 
+@pytest.mark.parametrize("tau", [0.02, 0.4, 3.0])
+def test_a_filter_in_body_axes_leaves_a_steady_turn_and_is_late_after_a_change(tau: float) -> None:
+    """There u and v do not change, though the velocity over ground turns; a change arrives late by tau in the mean, in
+    the model as in the columns of the generator, which are an exact low pass."""
+    e = values("velocity_filter", tau=tau, body_axes=1.0)
+    t = np.arange(0.0, 40.0, 0.02)
+    steady = turning(t)
+    assert np.allclose(EFFECTS["velocity_filter"].samples(t, steady, MOVING, e, P)[3:5], steady[3:5])
+    changed = [*steady[:3], 0.5 + np.where(t < 1.0, 0.0, 0.1), steady[4], steady[5]]
+    exact = EFFECTS["velocity_filter"].samples(t, changed, MOVING, e, P)[3]
+    assert exact[t > 1.1] == pytest.approx(0.6 - 0.1 * np.exp(-(t[t > 1.1] - 0.99) / tau), abs=1e-3)
+    memory, y = Memory(), ca.SX.sym("y", 6)
+    rows = EFFECTS["velocity_filter"].columns([y[i] for i in range(6)], MOVING, memory, e, P)
+    f = ca.Function("f", [y, ca.vertcat(*memory.symbols)], [ca.vertcat(*rows), ca.vertcat(*memory.rates)])
+    states, missing = np.array([0.5, -0.1]), 0.0
+    for psi in steady[2]:
+        logged, rate = (np.array(a).ravel() for a in f([0.0, 0.0, psi, 0.6, -0.1, 0.04], states))
+        missing += 0.02 * (0.6 - logged[3])
+        states += 0.02 * rate
+        assert logged[4] == pytest.approx(-0.1)
+    assert missing == pytest.approx(0.1 * tau, rel=0.02)
+
+
 # What remembers
 
 
