@@ -4,6 +4,8 @@ An effect is switched on by the synthetic generator, freed by a fit and screened
 in the order in which they enter the model; adding one is adding its file and its line here.
 """
 
+from typing import Any
+
 from mmg.effects.antenna_offset import AntennaOffset
 from mmg.effects.bank import Bank
 from mmg.effects.control_delay import ControlDelay
@@ -49,6 +51,15 @@ def present_name(name: str) -> str:
     return FORMER.get(known, known) + dot + parameter
 
 
+def with_present_names(content: Any) -> Any:
+    """The ``content`` of a JSON file with effects and their coefficients as they are called now, in keys and texts."""
+    if isinstance(content, dict):
+        return {present_name(key): with_present_names(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [with_present_names(value) for value in content]
+    return present_name(content) if isinstance(content, str) else content
+
+
 def effect(name: str) -> Effect:
     """The effect of this name; KeyError with the choices if there is none."""
     if name not in EFFECTS:
@@ -56,4 +67,4 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
-__all__ = ["EFFECTS", "Effect", "Parameter", "effect", "present_name"]
+__all__ = ["EFFECTS", "Effect", "Parameter", "effect", "present_name", "with_present_names"]
