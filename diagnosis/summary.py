@@ -119,6 +119,8 @@ def instrument_faults(full: FullModel, fit: Estimate) -> tuple[InstrumentFault, 
         sizes = {p.symbol: estimated(fit, f"{name}.{p.symbol}", p.unit) for p in rows}
         off = [(sizes[p.symbol].value - p.neutral) / sizes[p.symbol].std for p in rows]
         chance = chi2_tail(float(np.sum(np.square(off))), len(rows)) if rows else 1.0
+        for p in (p for p in parameters(full.ship, name) if p.choice):
+            sizes[p.symbol] = EstimatedParameter(full.ship.coefficients[f"{name}.{p.symbol}"].value, 0.0, p.unit)
         if chance < SHOWN:
             faults.append(InstrumentFault(name, sizes, chance))
     return tuple(faults)

@@ -32,6 +32,7 @@ def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_a
     faults = {fault.name: fault for fault in found.instruments}
     tau = faults["velocity_filter"].parameters["tau"]
     assert abs(tau.value - TAU) < 4 * tau.std < 0.7 * TAU
+    assert faults["velocity_filter"].parameters["body_axes"].value == in_body_axes
     assert found.ship.coefficients["velocity_filter.body_axes"].value == in_body_axes
 
 
