@@ -51,7 +51,7 @@ def inside(
 
 def main() -> None:
     start = load_ship("esso_osaka_3m")
-    late = freeing_effects(start, ["velocity_lag"])
+    late = freeing_effects(start, ["velocity_filter"])
     held_out = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))
     sigma = pooled_sigma(held_out)
     small = read_trials(splits.find(splits.TRAIN_TZRB))

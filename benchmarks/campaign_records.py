@@ -45,7 +45,10 @@ def row_of(name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.nd
     """Scores of the trials ``out`` by both variants of a calibration on ``train``, without and with a past; sigma (6,)
     is their unit."""
     began = time.perf_counter()
-    ship, settings = with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",)), Settings(loss=None, weight=None)
+    ship, settings = (
+        with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",)),
+        Settings(loss=None, weight=None),
+    )
     found = estimate_coefficients(ship, train, settings)
     fit = by_campaign(found, CampaignQuestion(ship, train, settings))
     files: dict[str, dict[str, list[float]]] = {}
@@ -89,7 +92,7 @@ def fast_lines(path: Path) -> list[str]:
     if not known.exists():
         trials = trials_of(splits.TRAIN_TZRB_PLUS)
         ship, settings = (
-            with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",)),
+            with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",)),
             Settings(loss=None, weight=None),
         )
         found = estimate_coefficients(ship, trials, settings)

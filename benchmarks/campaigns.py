@@ -87,7 +87,7 @@ def _own(seed: int, constants: np.ndarray, rng: np.random.Generator) -> Fleet:
         try:
             found = []
             for day, row in zip(DAYS, constants, strict=True):
-                defects = (f"gyro:T={row[0]},share={row[1]}", f"log_scale:share={row[2]}", "velocity_lag:tau=0.7")
+                defects = (f"gyro:T={row[0]},share={row[1]}", f"log_scale:share={row[2]}", "velocity_filter:tau=0.7")
                 runs = [(text, SECONDS) for text in (*RUNS, f"random:{rng.integers(1000)}")]
                 made = disturbed_trials(ship, runs, int(rng.integers(2**31)), Disturbed(defects=defects), dt=0.2)
                 found += [_of_day(t, day) for t in made]
@@ -133,7 +133,7 @@ def _of_day(trial: Trial, day: str) -> Trial:
 def outcome(world: str, seed: int, alike: bool) -> Outcome:
     """What becomes of one fleet, calibrated as ``mmg fit`` does by default."""
     made = fleet(world, seed, alike)
-    ship = with_instruments(load_ship("esso_osaka_3m"), ("velocity_lag",))
+    ship = with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",))
     settings = Settings(loss=None, weight=None, step=1.0, window=40.0)
     began = time.perf_counter()
     found = estimate_coefficients(ship, made.trials, settings)

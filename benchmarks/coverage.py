@@ -29,7 +29,7 @@ from fitting.solvers.ipopt import solve
 from mmg.errors import UserError
 
 SEEDS = range(100, 120)
-EFFECTS = ("velocity_lag", "gyro", "antenna_offset")
+EFFECTS = ("velocity_filter", "gyro", "antenna_offset")
 SETTINGS = Settings(step=1.0, window=50.0)
 KINDS = ("white noise", "effective noise", "cluster-robust (reported)")
 

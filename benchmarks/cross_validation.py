@@ -11,9 +11,9 @@ altogether, which choices of method must do; ``--hold-outs`` scores them once by
 rest of Train-TZRB+, with the sigma of Train-TZRB.
 
 Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...], VARIANT being "default" or options as
-"loss=student,window=50,estimator=windows,measurement=velocity_lag+gyro,campaigns=none". rows=all fits broken stretches
-too, but scores as the others do; runs=train-tzrb fits those of Train-TZRB alone. Finished folds are kept in --rows and
-not made again.
+"loss=student,window=50,estimator=windows,measurement=velocity_filter+gyro,campaigns=none". rows=all fits broken
+stretches too, but scores as the others do; runs=train-tzrb fits those of Train-TZRB alone. Finished folds are kept in
+--rows and not made again.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 from mmg.states import STATES
 
-DEFECTS = ("velocity_lag:tau=0.7", "gyro:share=-0.013", "antenna_offset:x=0.1")
+DEFECTS = ("velocity_filter:tau=0.7", "gyro:share=-0.013", "antenna_offset:x=0.1")
 """Measurement effects of the real records of the 3 m model."""
 
 

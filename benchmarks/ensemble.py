@@ -174,7 +174,7 @@ def main() -> None:
     torch.set_num_threads(1)
     train = read_trials(splits.find(splits.TRAIN_TZRB))
     others = read_trials(splits.find(unseen()))
-    ship = estimate_coefficients(freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag"]), train).ship
+    ship = estimate_coefficients(freeing_effects(load_ship("esso_osaka_3m"), ["velocity_filter"]), train).ship
     h = default_step(train, ship.particulars["L"])
     pieces = pieces_of(train, h, ship.inputs)
     of_hybrid: Scales = hybrid_scales(ship, pieces, train, h)

@@ -47,7 +47,8 @@ def one(name: str, seed: int) -> dict[str, Any]:
     rate = math.sqrt(size)
     plain = Disturbed()
     how = replace(plain, X=plain.X * size**3, Y=plain.Y * size**3, N=plain.N * size**4, tau=plain.tau * rate,
-                  noise=SensorNoise.for_length(SHIPS[name]), defects=(f"velocity_lag:tau={0.7 * rate}",))  # fmt: skip
+                  noise=SensorNoise.for_length(SHIPS[name]),
+                  defects=(f"velocity_filter:tau={0.7 * rate}",))  # fmt: skip
     runs = [(text, duration * rate) for text, duration in RUNS]
     for attempt in range(10):
         true = drawn_ship(base, seed + 1000 * attempt)

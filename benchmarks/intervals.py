@@ -21,7 +21,7 @@ from fitting.nlp.windows import cut
 from fitting.solvers.condensing.quadratic import gauss_newton, newton, solved
 
 SIGMA = np.array([0.45, 0.45, 0.2, 0.026, 0.058, 0.0136])
-EFFECTS: tuple[tuple[str, ...], ...] = ((), ("velocity_lag",), ("velocity_lag", "gyro"))
+EFFECTS: tuple[tuple[str, ...], ...] = ((), ("velocity_filter",), ("velocity_filter", "gyro"))
 
 
 def milliseconds(problem: Problem, x: np.ndarray, work: Callable[[], object], runs: int = 7) -> float:

@@ -50,7 +50,7 @@ OTHERS = (
 
 def whole_ship() -> Ship:
     """The tanker with the faults of its instruments free that the kinematics show."""
-    return freeing_effects(load_ship("esso_osaka_3m"), ["velocity_lag", "gyro"])
+    return freeing_effects(load_ship("esso_osaka_3m"), ["velocity_filter", "gyro"])
 
 
 def without_wind() -> Ship:

@@ -30,9 +30,9 @@ LASTING = 1e6
 """Seconds: a current or force that does not change within a window."""
 DUPLICATE = "turn_14-Sep-2020_15_58_08"
 """Its first part is in Train-TZRB under another name."""
-STRUCTURE = ((), ("velocity_lag",), ("velocity_lag", "gyro"), ("velocity_lag", "antenna_offset"),
-             ("velocity_lag", "hull_memory"), ("velocity_lag", "rudder_lag"), ("velocity_lag", "rudder_offset"),
-             ("velocity_lag", "propeller_side_force"))  # fmt: skip
+STRUCTURE = ((), ("velocity_filter",), ("velocity_filter", "gyro"), ("velocity_filter", "antenna_offset"),
+             ("velocity_filter", "hull_memory"), ("velocity_filter", "rudder_lag"),
+             ("velocity_filter", "rudder_offset"), ("velocity_filter", "propeller_side_force"))  # fmt: skip
 
 
 def validation_names() -> list[str]:
@@ -222,7 +222,7 @@ def _structure(start: Ship, train: list[Trial], trials: list[Trial], sigma: np.n
     rows, chosen = [], start
     for effects in STRUCTURE:
         fitted = estimate_coefficients(freeing_effects(start, list(effects)), train).ship
-        chosen = fitted if effects == ("velocity_lag",) else chosen
+        chosen = fitted if effects == ("velocity_filter",) else chosen
         rows.append([" + ".join(effects) or "none", *_by_state(Look.at(fitted, trials, sigma, 15.0).mean())])
         print(rows[-1], flush=True)
     return chosen, rows

@@ -30,7 +30,7 @@ def rows_of(name: str) -> list[list[str]]:
     """A row for each other length of windows of the case ``name``."""
     ship, runs, judges = case_of(name)
     judges.pop("hold-outs", None)  # nothing is chosen by them
-    ship, sigma, folds = with_instruments(ship, ("velocity_lag",)), pooled_sigma(runs), apart(runs)
+    ship, sigma, folds = with_instruments(ship, ("velocity_filter",)), pooled_sigma(runs), apart(runs)
     usual = estimate_coefficients(ship, runs, Settings(loss=None, weight=None))
     before, rows = leave_out(usual, runs, folds, sigma), []
     for factor in FACTORS:

@@ -16,14 +16,15 @@ from typing import TypeVar
 import numpy as np
 
 from cases.checks.trusted import remarks as remarks_on
-from cases.evidence.kinematics import Kinematics, consistency
+from cases.evidence.kinematics import Kinematics
 from cases.inputs import model_inputs
 from cases.io.campaigns import ship_in
 from cases.io.groups import Groups, group_trials
 from cases.io.site import Site, read_site
+from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis import summary
-from diagnosis.estimation.candidates import find
+from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
@@ -63,7 +64,7 @@ from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_
 from diagnosis.judgement.verdict import limits
 from diagnosis.learned_rest import start_learning, with_learned
 from diagnosis.location.where import where
-from diagnosis.prepare import Prepared, prepare, with_sensor_faults
+from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.form_words import likeness
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
@@ -151,11 +152,11 @@ def _diagnosed(
 ) -> tuple[Diagnosis, Awaited[LearnedResidual] | None]:
     """The diagnosis, and what is learned where that is under way; no test trial shares rows with the trials."""
     given, began = ship, time.perf_counter()
-    sensors = consistency(trials, ship)
-    ship, repairs = with_sensor_faults(given, sensors)
-    ready = prepare(ship, trials, site, options.step, known.other, known.reference)
+    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
     ready, gridded, result = _searched(ready, trials, tests, options, progress)
+    if faults := [sensors.form_of(c.effect) for c in result.found.effects if c.effect in FITTED_ALONG]:  # no cause
+        return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     p, found, before, after = ready.problem, result.found, result.before, result.after
     verdict, reasons, doubt = believed(result, ready, trials)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
@@ -164,7 +165,7 @@ def _diagnosed(
     wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
     found = replace(found, final=wide) if is_named else found
     final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
-    instruments = summary.instrument_faults(given, ready.full, final)
+    instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     learning = start_learning(ship_before, p.data, trials, tests, options) if verdict == "unknown" else None

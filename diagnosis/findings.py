@@ -71,7 +71,7 @@ class InstrumentFault:
     @property
     def sentence(self) -> str:
         """Name and estimates in words."""
-        sizes = (f"{k} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for k, p in self.parameters.items())
+        sizes = (f"{k} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for k, p in self.parameters.items() if p.std)
         return f"fitted with the model of the sensors: {self.name}, {', '.join(sizes)}"
 
 

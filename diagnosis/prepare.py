@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics
+from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
@@ -30,6 +30,7 @@ from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
 from fitting.parallel import evaluated_beside
 from mmg.errors import UserError
@@ -205,6 +206,20 @@ def prepare(
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
 
 
+def prepare_with_sensors(
+    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, known: CalibrationTrials
+) -> tuple[Kinematics, Ship, list[Message], Prepared]:
+    """``prepare`` with the faults of instruments that the logs show in the model of the ship.
+
+    given: the ship, with her priors; trials: to diagnose; site: what is known of the place; step: of the grid [s],
+    None: by the trials; known: what she was calibrated on. Returns what the logs say of one another, the ship with
+    those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
+    """
+    sensors = consistency(trials, given)
+    ship, repairs = with_sensor_faults(given, sensors)
+    return sensors, ship, repairs, prepare(ship, trials, site, step, known.other, known.reference)
+
+
 def fit_as_read(
     steps: TransitionModel,
     trials: Sequence[Trial],
@@ -264,7 +279,8 @@ def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Mess
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
     faults = [name for name in sensors.effects() if name in FITTED_ALONG and name not in ship.effects]
-    ship = freeing_effects(ship, [name for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects])
+    free = [name for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects]
+    ship = freeing_effects(ship, [sensors.form_of(name) for name in free])
     if not faults:
         return ship, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"

@@ -18,6 +18,7 @@ from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord,
 from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
 from fitting.record import MessageRow
 from fitting.report.run_folder import check_target, of_predictions, read_result, write_json, write_whole
+from mmg.effects import with_present_names
 from mmg.errors import UserError
 from mmg.messages import has_code, messages_from
 from mmg.notebook import html_table
@@ -144,7 +145,7 @@ def _checked(kind: Any, path: Path) -> Any:
     if not path.exists():
         raise UserError(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
     try:
-        return _adapter(kind).validate_python(read_json(path))
+        return _adapter(kind).validate_python(with_present_names(read_json(path)))
     except ValidationError as error:
         rows = [(".".join(str(x) for x in e["loc"]) or "it", e["msg"], e["input"]) for e in error.errors()]
         wrong = [f"{key}: {words}" + ("" if isinstance(x, (dict, list)) else f", not {x!r}") for key, words, x in rows]

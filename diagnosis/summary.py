@@ -111,14 +111,16 @@ def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault
     return ship.without_effect("gyro") if freed else ship
 
 
-def instrument_faults(ship: Ship, full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:
-    """Faults of instruments that a ``fit`` of the ``full`` model shows beside the effects of the ``ship`` as given."""
+def instrument_faults(full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:
+    """Faults of instruments that a ``fit`` of the ``full`` model shows, be they effects of the ship as given or not."""
     faults = []
-    for name in (e for e in FITTED_ALONG if e not in ship.effects and e in full.ship.effects):
+    for name in (e for e in FITTED_ALONG if e in full.ship.effects):
         rows = [p for p in parameters(full.ship, name) if f"{name}.{p.symbol}" in fit.free.symbols]
         sizes = {p.symbol: estimated(fit, f"{name}.{p.symbol}", p.unit) for p in rows}
         off = [(sizes[p.symbol].value - p.neutral) / sizes[p.symbol].std for p in rows]
         chance = chi2_tail(float(np.sum(np.square(off))), len(rows)) if rows else 1.0
+        for p in (p for p in parameters(full.ship, name) if p.choice):
+            sizes[p.symbol] = EstimatedParameter(full.ship.coefficients[f"{name}.{p.symbol}"].value, 0.0, p.unit)
         if chance < SHOWN:
             faults.append(InstrumentFault(name, sizes, chance))
     return tuple(faults)

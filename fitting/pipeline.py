@@ -83,7 +83,7 @@ class FitOptions:
     per_run: tuple[str, ...] = ()
     per_campaign: tuple[str, ...] = ()
     try_disturbance: bool = False
-    instruments: tuple[str, ...] = ("velocity_lag",)
+    instruments: tuple[str, ...] = ("velocity_filter",)
     captive: Captive | None = None
     auto: bool = False
     auto_limit: float = 480.0
@@ -123,8 +123,8 @@ def calibrate(
     """
     began = time.perf_counter()
     settings, options = settings or Settings(loss=None, weight=None), options or FitOptions()
-    given, ship = ship, with_instruments(ship, options.instruments)
     train, remarks = training_trials(trials, validation)
+    given, ship = ship, with_instruments(ship, options.instruments, train)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:

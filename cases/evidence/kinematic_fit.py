@@ -18,6 +18,8 @@ SIGMAS = 3.0
 """Standard errors that a found value must exceed; more (by Student's t) with few blocks."""
 RUNS = 10
 """From so many runs on, standard errors are those between runs."""
+CLIP = 1.5
+"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2)."""
 ITERATIONS, MOST = 8, 5
 """Of a fit, and faults at most."""
 CLOSE, SHARE = 6.0, 0.8
@@ -33,8 +35,8 @@ class Fit:
     """Few faults that explain the rows, and what each other one would be in addition.
 
     active: the faults; values, std, sharp: (P,), sharp where the data tell more than the prior; crit: Student's SIGMAS;
-    rivals: fault -> [(other, its value)] that would explain the rows nearly as well in its place; noise: mean log
-    variance left.
+    rivals: fault -> [(other, its value)] that would explain the rows nearly as well in its place; cost: negative
+    logarithm of the likelihood of what is left, with Huber's tails.
     """
 
     active: tuple[int, ...]
@@ -43,21 +45,20 @@ class Fit:
     sharp: np.ndarray
     crit: float
     rivals: dict[int, list[tuple[int, float]]]
-    noise: float
+    cost: float
 
 
 @dataclass(frozen=True)
 class Normal:
     """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,).
 
-    noise: mean log variance of what the present values leave; squares: weighted squares of the rows, ``rows``
-    in number.
+    cost: as of ``Fit`` at the present values; squares: weighted squares of the rows, ``rows`` in number.
     """
 
     N: np.ndarray
     h: np.ndarray
     prior: np.ndarray
-    noise: float
+    cost: float
     squares: float
     rows: float
 
@@ -75,22 +76,24 @@ class Normal:
 
 def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, prior: np.ndarray, few: float) -> Normal:
     """Huber-weighted normal equations about b (P,), one group per run, or per block where there are few runs."""
-    groups, noise, squares, count = [], [], 0.0, 0.0
+    groups, cost, squares, count = [], 0.0, 0.0, 0.0
     for row, block in zip(rows, blocks, strict=True):
         A, y = row(b[0])
         good = np.isfinite(A).all(axis=1) & np.isfinite(y)
         A, y, group = A[good], y[good], block[good] if len(rows) < RUNS else np.zeros(good.sum())
         error = np.abs(y - A @ b)
         spread = float(np.median(error)) / (1.18 if np.iscomplexobj(A) else 0.67) + 1e-6 * prior[0]
-        noise.append((len(y), 2 * math.log(spread)))
-        weight = few / np.maximum(error / (1.5 * spread), 1.0) / spread**2
+        scaled = error / spread
+        weight = few / np.maximum(scaled / CLIP, 1.0) / spread**2
+        tails = np.where(scaled < CLIP, 0.5 * scaled**2, CLIP * (scaled - 0.5 * CLIP))
+        cost += few * float(len(y) * (1 + np.iscomplexobj(A)) * math.log(spread) + tails.sum())
         squares, count = squares + float(weight @ np.abs(y) ** 2), count + few * len(y) * (1 + np.iscomplexobj(A))
         AW = (A.conj() * weight[:, None]).T
         for g in np.unique(group):
             at = group == g
             groups.append(((AW[:, at] @ A[at]).real, (AW[:, at] @ y[at]).real))
     N, h = (np.stack(parts) for parts in zip(*groups, strict=True))
-    return Normal(N, h, prior, sum(m * v for m, v in noise) / sum(m for m, _ in noise), squares, count)
+    return Normal(N, h, prior, cost, squares, count)
 
 
 def fit(
@@ -124,7 +127,7 @@ def fit(
             if j not in active and abs(values[j]) > max(crit * std[j], least[j]):
                 drops[j] = drop
         if not np.isfinite(drops).any() or len(active) >= MOST:
-            return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.noise)
+            return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.cost)
         base = system.solve(active)[3] if active else 0.0
         alike = drops - base >= SHARE * (drops.max() - base)
         active.append(

@@ -61,7 +61,9 @@ COURSE = "the course of the position lies {} of u, v and psi"
 POINT = "the position belongs to a point {} that of u and v"
 DRIFT = "the position drifts {} against u and v (through the water?)"
 TRACK = (
-    Quantity("lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_lag", "tau", True),
+    Quantity(
+        "lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_filter", "tau", True
+    ),
     Quantity("gain_u", "", 0.005, 0.1, 0, "logged u is too {}", SIZE, "log_scale", "share", True),
     Quantity("gain_v", "", 0.03, 0.1, 0, "logged v is too {}", SIZE),
     Quantity("heading", "rad", 0.01, 0.1, 0, COURSE, ("clockwise", "counter-clockwise")),
@@ -72,6 +74,8 @@ TRACK = (
     Quantity("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
     Quantity("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
 )
+LAG = 0
+"""Place of the lag in TRACK."""
 TURN = (
     Quantity("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
     Quantity("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),

@@ -22,8 +22,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from cases.checks.motion import SMOOTHING, ahead, shift_and_weight, smooth, uniform
-from cases.evidence.kinematic_fit import Fit, Rows, fit
-from cases.evidence.kinematic_words import TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
+from cases.evidence.kinematic_fit import SIGMAS, Fit, Rows, fit
+from cases.evidence.kinematic_words import LAG, TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
@@ -35,18 +35,19 @@ CORRELATION = 0.9
 """A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
 MOVED, TURNED = 0.3, 0.03
 """m and rad, RMS over the windows: a run that moves or turns less says nothing about it."""
-BODY = 0.1
-"""The residual's log variance must be lower by this for u and v to be called late as finished columns."""
 FRAMES = ("earth", "body")
+FAULT = 0.5 * SIGMAS**2
+"""Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth."""
 
 
 @dataclass(frozen=True)
 class Consistency:
     """Readings of a run, or of all that are no fault of the data.
 
-    frame: "earth" (a late velocity over ground, turned by the present heading) or "body" (late as finished columns),
-    whichever fits better. track, turn: correlation of displacements and of changes of heading with the integrals of
-    the velocities, NaN when there is nothing to correlate. faults: sentences on what makes the data unusable.
+    frame: axes of the lag: "earth" (a late velocity over ground, turned by the present heading) or, where that is
+    clearly likelier, "body" (u and v each late or behind a low pass, which windows cannot tell apart). track, turn:
+    correlation of displacements and of changes of heading with the integrals of the velocities, NaN when there is
+    nothing to correlate. faults: sentences on what makes the data unusable.
     """
 
     name: str
@@ -81,6 +82,11 @@ class Kinematics:
                 named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
         return named
 
+    def form_of(self, effect: str) -> str:
+        """The ``effect`` as text for freeing it, "NAME" or "NAME:key=value": a velocity filter acts in these axes."""
+        in_body_axes = effect == "velocity_filter" and self.pooled.frame == "body"
+        return f"{effect}:body_axes=1" if in_body_axes else effect
+
 
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
     """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data.
@@ -110,9 +116,12 @@ def _contents(trials: Sequence[Trial], k: float) -> bytes:
 
 def _consistency(trials: Sequence[Trial], k: float) -> Kinematics:
     logs = [_Log(trial, k) for trial in trials]
-    readings, frame, known = _readings([log for log in logs if not log.faults()], k)
+    sound = [log for log in logs if not log.faults()]
+    frame, lag = _axes_of_lag(sound, k)
+    readings, known = _readings(sound, k, frame, (lag, ()))
     runs = tuple(
-        Consistency(log.name, *_readings([log], k, known)[:2], log.track, log.turn, log.faults()) for log in logs
+        Consistency(log.name, _readings([log], k, frame, known)[0], frame, log.track, log.turn, log.faults())
+        for log in logs
     )
     good = [run for run in runs if not run.faults]
     clear = {r.symbol for r in readings if r.verdict == "found"}
@@ -221,22 +230,34 @@ def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:
     return float(np.mean((a * np.conj(b))[good]).real) / (size[0] * size[1])
 
 
+def _axes_of_lag(logs: Sequence[_Log], k: float) -> tuple[str, Sequence[int]]:
+    """The frame under which the tracks of all runs are likelier, given a lag of u and v and the faults beside it; and
+    the lag as a fault, where it shows so: without it, the rows that show it would count as outliers."""
+    earth, body = (_track(logs, k, frame, [LAG]) for frame in FRAMES)
+    if earth is None or body is None:
+        return FRAMES[0], ()
+    gain = earth.cost - body.cost + FAULT * (len(earth.active) - len(body.active))
+    frame, way = (FRAMES[1], body) if gain > FAULT else (FRAMES[0], earth)
+    return frame, (LAG,) if _shows(way, LAG, TRACK[LAG], k) else ()
+
+
 def _readings(
-    logs: Sequence[_Log], k: float, known: Sequence[Sequence[int]] = ((), ())
-) -> tuple[tuple[Reading, ...], str, tuple[Sequence[int], Sequence[int]]]:
-    """(readings of all quantities, frame of the lag, faults of track and turn) of runs together.
+    logs: Sequence[_Log], k: float, frame: str, known: Sequence[Sequence[int]] = ((), ())
+) -> tuple[tuple[Reading, ...], tuple[Sequence[int], Sequence[int]]]:
+    """(readings of all quantities, faults of track and turn) of runs together, the lag in the axes of ``frame``.
 
     known: faults that all runs have, so that a run is judged by what it has on top.
     """
-    track = [log for log in logs if math.isfinite(log.track)]
     turn = [log for log in logs if math.isfinite(log.turn)]
-    earth, body = (
-        _solved(track, TRACK, k, [partial(log.track_rows, frame) for log in track], known[0]) for frame in FRAMES
-    )
-    late_columns = earth is not None and body is not None and body.noise < earth.noise - BODY
-    way, yaw = body if late_columns else earth, _solved(turn, TURN, k, [log.turn_rows for log in turn], known[1])
+    way, yaw = _track(logs, k, frame, known[0]), _solved(turn, TURN, k, [log.turn_rows for log in turn], known[1])
     faults = way.active if way else (), yaw.active if yaw else ()
-    return (*_judged(way, TRACK, k), *_judged(yaw, TURN, k)), FRAMES[1] if late_columns else FRAMES[0], faults
+    return (*_judged(way, TRACK, k), *_judged(yaw, TURN, k)), faults
+
+
+def _track(logs: Sequence[_Log], k: float, frame: str, known: Sequence[int]) -> Fit | None:
+    """The faults behind the tracks of those ``logs`` that have one."""
+    track = [log for log in logs if math.isfinite(log.track)]
+    return _solved(track, TRACK, k, [partial(log.track_rows, frame) for log in track], known)
 
 
 def _solved(
@@ -256,13 +277,18 @@ def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading
     for i, q in enumerate(of):
         value, std = q.as_logged(found.values[i]), float(found.std[i])
         least = q.threshold * k ** (2 * q.power)
-        if abs(value) > max(found.crit * std, least):
+        if _shows(found, i, q, k):
             verdict = "found"
         else:
             verdict = "none" if max(abs(value), std) < least and found.sharp[i] else "undetermined"
         rivals = [(of[j], of[j].as_logged(size)) for j, size in found.rivals.get(i, [])]
         out.append(reading(q, value, std, verdict, rivals))
     return out
+
+
+def _shows(found: Fit, i: int, q: Quantity, k: float) -> bool:
+    """Whether the quantity q, number i of a fit, is more than chance and large enough to matter."""
+    return abs(q.as_logged(found.values[i])) > max(found.crit * float(found.std[i]), q.threshold * k ** (2 * q.power))
 
 
 def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:

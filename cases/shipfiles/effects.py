@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from cases.io.units import as_number
 from cases.shipfiles.ship_file import check_needs
-from mmg.effects import EFFECTS, Parameter
+from mmg.effects import EFFECTS, Parameter, present_name
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -24,6 +24,7 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
     that lacks what the effect changes.
     """
     name, _, rest = text.strip().partition(":")
+    name = present_name(name)
     where = f"{option} {text}"
     check_needs(ship, name, where)
     known = {p.symbol: p for p in parameters(ship, name)}

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from cases.evidence.kinematics import kinematics_of
 from cases.shipfiles.effects import freeing_effects
+from cases.trial import Trial
 from mmg.components.catalogue import coefficient_table, required_particulars
-from mmg.effects import EFFECTS
+from mmg.effects import EFFECTS, present_name
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -67,16 +69,18 @@ def reduced_ship(
     return ship.fixing(fix)
 
 
-def with_instruments(ship: Ship, names: Sequence[str]) -> Ship:
+def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] = ()) -> Ship:
     """The ship with the effects ``names`` of its instruments freed, or just "none"; those that it has already stay.
 
-    A satellite delay stands for the velocity lag, which is then not added. Raises UserError for an effect that is none
-    of an instrument.
+    A satellite delay stands for the velocity filter, which is then not added. trials: whose logs say in which axes
+    velocities are filtered. Raises UserError for an effect that is none of an instrument.
     """
-    names = [] if list(names) == ["none"] else names
+    names = [] if list(names) == ["none"] else [present_name(name) for name in names]
     for name in names:
         if name not in EFFECTS or not EFFECTS[name].measures:
             known = [e for e, effect in EFFECTS.items() if effect.measures]
             raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
-    present = {"velocity_lag"} if "gnss_delay" in ship.effects else set()
-    return freeing_effects(ship, [name for name in names if name not in {*ship.effects, *present}])
+    present = {"velocity_filter"} if "gnss_delay" in ship.effects else set()
+    new = [name for name in names if name not in {*ship.effects, *present}]
+    seen = kinematics_of(trials, ship) if trials and "velocity_filter" in new else None
+    return freeing_effects(ship, [seen.form_of(name) if seen else name for name in new])

@@ -19,8 +19,8 @@ WATER = ("current_north", "current_east")
 CURRENT = ("current.x", "current.y")
 RATES = ("current.x_rate", "current.y_rate")
 TIME = "time"
-LATE_LOG = "velocity_lag.tau"
-AFTER_LATE = ("velocity_lag", "heading_bias", "log_scale", "gyro")
+LATE_LOG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
+AFTER_LATE = ("velocity_filter", "heading_bias", "log_scale", "gyro")
 """Effects of instruments with which the lateness of the logged velocity is exact: none acts before it."""
 
 
@@ -28,7 +28,8 @@ def _logs_late_alone(ship: Ship) -> bool:
     """Whether the logged velocity of ``ship`` is late and all else that its instruments do depends on the moment."""
     measuring = [name for name in ship.effects if effect(name).measures]
     gyro = ship.coefficients.get("gyro.T")
-    return "velocity_lag" in measuring and set(measuring) <= set(AFTER_LATE) and (gyro is None or gyro.value == 0)
+    late = "velocity_filter" in measuring and ship.coefficients[AXES].value == 0
+    return late and set(measuring) <= set(AFTER_LATE) and (gyro is None or gyro.value == 0)
 
 
 @dataclass(frozen=True, eq=False)

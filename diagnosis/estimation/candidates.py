@@ -16,7 +16,7 @@ LOCAL = ("current", "wind_sensor_bias", "tow")
 """Effects of the surroundings that may differ from run to run."""
 EXCLUDED = ("disturbance",)
 """Effects that are no candidates: the latent force itself."""
-FITTED_ALONG = ("velocity_lag", "gyro")
+FITTED_ALONG = ("velocity_filter", "gyro")
 """Faults of instruments that belong into the measurement model before the dynamics are tested."""
 TIMES = {"control_delay": "tau", "rudder_lag": "T"}
 """Effects that half a sample of the actuators looks like, and their time."""

@@ -110,7 +110,7 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
         mean, std, lower, upper = sizes
         more[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
     for name in (e for e in FITTED_ALONG if e in ship.effects):
-        for x in parameters(ship, name):
+        for x in (x for x in parameters(ship, name) if not x.choice):
             more.setdefault(f"{name}.{x.symbol}", (x.neutral, x.typical, x.lower, x.upper))
     for s, values in more.items():
         if s not in known:

@@ -29,6 +29,7 @@ from cases.io.files import read_json, replace_text
 from cases.io.locks import alone
 from cases.trial import Trial
 from fitting.solvers.interrupts import LEFT_OUT
+from mmg.effects import with_present_names
 from mmg.errors import UserError
 from mmg.messages import Message
 
@@ -184,7 +185,7 @@ def read_result(folder: Path) -> dict[str, Any]:
     path = folder / RESULT
     if not path.exists():
         raise UserError(f"{folder}: is no run folder (no {RESULT} in it)")
-    content = read_json(path)
+    content = with_present_names(read_json(path))
     if not isinstance(content.get("kind"), str):
         raise UserError(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
     return content

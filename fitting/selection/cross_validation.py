@@ -35,9 +35,9 @@ FOLDS = 8
 """Most parts into which the runs are divided."""
 LEAST_GAIN = 0.005
 """Share by which a candidate must lower the score."""
-INSTRUMENTS = (("velocity_lag",), ("velocity_lag", "gyro"))
+INSTRUMENTS = (("velocity_filter",), ("velocity_filter", "gyro"))
 """Measurement models that are tried beside none."""
-MANAGED = ("velocity_lag", "gyro")
+MANAGED = ("velocity_filter", "gyro")
 """Effects that a choice puts on a ship or takes off it; all others stay as they were given."""
 WIDTHS = (0.5, 2.0)
 """Factors on the standard deviations of the priors that are tried beside 1."""

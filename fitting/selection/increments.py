@@ -16,7 +16,7 @@ import numpy as np
 
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
-from fitting.selection.late_velocities import LAG, likeliest_lag, without_lag
+from fitting.selection.late_velocities import AXES, LAG, likeliest_lag, without_lag
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.motion.froude import time_scale
@@ -54,8 +54,8 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
     step = max(STEP * scale, min(t.dt for t in trials))
     pieces = [piece for t in trials for piece in grids(t, step, ship.inputs)]
     n = max(8, round(WINDOW * scale / step))
-    lag = _lag(ship, pieces, n)
-    pieces = [without_lag(piece, lag) for piece in pieces]
+    lag, axes = _lag(ship, pieces, n), _body_axes(ship)
+    pieces = [without_lag(piece, lag, axes) for piece in pieces]
     rates = _Rates(ship)
     change, slope, third = [], [], []
     for piece in pieces:
@@ -87,7 +87,12 @@ def _lag(ship: Ship, pieces: Sequence[Grid], rows: int) -> float:
     known = ship.coefficients.get(LAG)
     if known is None or known.fixed:
         return known.value if known else 0.0
-    return likeliest_lag(pieces, known.upper, rows)
+    return likeliest_lag(pieces, known.upper, rows, _body_axes(ship))
+
+
+def _body_axes(ship: Ship) -> float:
+    """Whether her velocities are filtered in body axes."""
+    return ship.coefficients[AXES].value if AXES in ship.coefficients else 0.0
 
 
 class _Rates:

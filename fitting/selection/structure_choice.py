@@ -53,7 +53,7 @@ START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
 """Factor on the best validation error up to which a model with fewer unknowns is preferred."""
-INSTRUMENTS = ("velocity_lag",)
+INSTRUMENTS = ("velocity_filter",)
 THINNED, SHOT = "-thinned", "-refined"
 """Endings of the names of candidates."""
 
@@ -222,7 +222,7 @@ class _Work:
     def regressed(self, one: StructureCandidate) -> list[_Fitted]:
         """A polynomial by regression: whole, and without the terms that vanish."""
         found: list[_Fitted] = []
-        one = replace(one, ship=bounded(with_instruments(one.ship, INSTRUMENTS), self.train))
+        one = replace(one, ship=bounded(with_instruments(one.ship, INSTRUMENTS, self.train), self.train))
         system = None
         for sparse in (False, True):
             began = time.perf_counter()
@@ -244,7 +244,7 @@ class _Work:
 
     def learned(self, one: StructureCandidate, best: Learned) -> _Fitted:
         """A polynomial by its best run on the objective of the paper, without the terms that are zero."""
-        ship = with_instruments(self.prepared(one).ship, INSTRUMENTS)
+        ship = with_instruments(self.prepared(one).ship, INSTRUMENTS, self.train)
         rows = {s: c for s, c in ship.coefficients.items() if s not in best.vanished}
         values = {s: x for s, x in best.values.items() if s in rows}
         start = replace(one, ship=replace(ship, coefficients=rows))
@@ -277,7 +277,7 @@ class _Work:
     def _taken_up(self, one: StructureCandidate, values: dict[str, float], content: dict[str, Any]) -> _Fitted:
         """A candidate with the outcome of ``_shot``."""
         try:
-            ship = with_instruments(one.ship, INSTRUMENTS).with_values(content["values"])
+            ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(content["values"])
             row = self.row(one, ship, converged=bool(content["converged"]), seconds=float(content["seconds"]))
         except (KeyError, TypeError, ValueError) as error:
             raise UserError(
@@ -289,7 +289,7 @@ class _Work:
 def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> dict[str, Any]:
     """A candidate fitted by multiple shooting from values: plain values of what came out."""
     (one, values), began = task, time.perf_counter()
-    start = with_instruments(one.ship, INSTRUMENTS)
+    start = with_instruments(one.ship, INSTRUMENTS, work.train)
     found = estimate_coefficients(start, work.train, work.settings_of(one), warm=started_from(start, values))
     if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
         raise KeyboardInterrupt

@@ -4,6 +4,8 @@ An effect is switched on by the synthetic generator, freed by a fit and screened
 in the order in which they enter the model; adding one is adding its file and its line here.
 """
 
+from typing import Any
+
 from mmg.effects.antenna_offset import AntennaOffset
 from mmg.effects.bank import Bank
 from mmg.effects.control_delay import ControlDelay
@@ -24,7 +26,7 @@ from mmg.effects.rudder_offset import RudderOffset
 from mmg.effects.rudder_stall import RudderStall
 from mmg.effects.shallow_water import ShallowWater
 from mmg.effects.tow import Tow
-from mmg.effects.velocity_lag import VelocityLag
+from mmg.effects.velocity_filter import VelocityFilter
 from mmg.effects.wave_drift import WaveDrift
 from mmg.effects.wind_force import WindForce
 from mmg.effects.wind_sensor_bias import WindSensorBias
@@ -35,9 +37,27 @@ EFFECTS: dict[str, Effect] = {
         Draft, Current, WindSensorBias, ControlDelay, RudderLag, RudderBacklash, RudderOffset,
         WindForce, PropellerSideForce, RudderStall, Fouling, ShallowWater, HullMemory, Bank, WaveDrift, Tow,
         Disturbance,
-        AntennaOffset, GnssDelay, VelocityLag, HeadingBias, LogScale, Gyro,
+        AntennaOffset, GnssDelay, VelocityFilter, HeadingBias, LogScale, Gyro,
     )
 }  # fmt: skip
+
+FORMER = {"velocity_lag": "velocity_filter"}
+"""Names of effects in files and options of earlier releases, and what they are called now."""
+
+
+def present_name(name: str) -> str:
+    """What an effect, or its coefficient, of an earlier ``name`` is called now; every other name as it is."""
+    known, dot, parameter = name.partition(".")
+    return FORMER.get(known, known) + dot + parameter
+
+
+def with_present_names(content: Any) -> Any:
+    """The ``content`` of a JSON file with effects and their coefficients as they are called now, in keys and texts."""
+    if isinstance(content, dict):
+        return {present_name(key): with_present_names(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [with_present_names(value) for value in content]
+    return present_name(content) if isinstance(content, str) else content
 
 
 def effect(name: str) -> Effect:
@@ -47,4 +67,4 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
-__all__ = ["EFFECTS", "Effect", "Parameter", "effect"]
+__all__ = ["EFFECTS", "Effect", "Parameter", "effect", "present_name", "with_present_names"]

@@ -33,7 +33,8 @@ class Parameter:
     lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
     the effect, which a diagnosis asks about in place of the usual one; reported: largest size that is known of [unit];
     least, most: what it can be in nature [unit], where a fit may go further: a diagnosis names nothing that is surely
-    less or more; lost: by how much less than ``least`` it can be of a calibrated ship, which may have had and lost it.
+    less or more; lost: by how much less than ``least`` it can be of a calibrated ship, which may have had and lost it;
+    choice: which of two models holds (0 or 1), of which no data tell a size.
     """
 
     symbol: str
@@ -49,6 +50,7 @@ class Parameter:
     least: float = -math.inf
     most: float = math.inf
     lost: float = 0.0
+    choice: bool = False
 
     def coefficient(self, effect: str) -> Coefficient:
         """The coefficient ``effect.symbol`` of a ship, at its neutral value, with a wide prior."""

@@ -37,7 +37,9 @@ class GnssDelay(Effect):
         )
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
-        u, v, (north, east) = late_velocity(y, memory, self.name, e.tau, p, e.alone + e.finished)
+        least = ca.sqrt(e.tau**2 + (e.alone + e.finished) ** 2 + time_scale(p.L) ** 2)
+        behind, (north, east) = less_low_pass(y, memory, self.name, 0.5 * least, p, y[2])
+        u, v = (component - 2 * e.tau / least * part for component, part in zip(y[3:5], behind, strict=True))
         u, v = (
             delayed(memory, f"{self.name}.{axis}", value, e.finished, time_scale(p.L), 0.1 * reference_speed(p.L))
             for axis, value in (("u", u), ("v", v))
@@ -51,22 +53,20 @@ class GnssDelay(Effect):
         return [*place, y[2], np.interp(past, t, u), np.interp(past, t, v), y[5]]
 
 
-def late_velocity(
-    y: Columns, memory: Memory, name: str, tau: Any, p: SimpleNamespace, further: Any = 0.0
-) -> tuple[Any, Any, tuple[Any, Any]]:
-    """u and v of columns y from the velocity over ground of ``tau`` ago, turned by the present heading; and V_f.
+def less_low_pass(
+    y: Columns, memory: Memory, name: str, time: Any, p: SimpleNamespace, heading: Any
+) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """u and v of columns y less what a low pass leaves of them, and that, in axes that point to ``heading`` [rad].
 
-    further: a delay [s] of something else that V_f is to serve. memory, name: of the delay's states; p: particulars.
+    time: constant of the low pass [s]; the axes in which it acts stand still where body axes turn by ``heading``, and
+    turn with the ship where that is 0. memory, name: of its states; p: particulars.
     """
-    least = ca.sqrt(tau**2 + further**2 + time_scale(p.L) ** 2)
-    velocity = body_to_earth(y[3], y[4], y[2])
+    velocity = body_to_earth(y[3], y[4], heading)
     north, east = (
-        memory.low_pass(f"{name}.{axis}", value, 0.5 * least, 0.1 * reference_speed(p.L))
+        memory.low_pass(f"{name}.{axis}", value, time, 0.1 * reference_speed(p.L))
         for axis, value in zip(("north", "east"), velocity, strict=True)
     )
-    behind = earth_to_body(velocity[0] - north, velocity[1] - east, y[2])
-    u, v = (component - 2 * tau / least * part for component, part in zip(y[3:5], behind, strict=True))
-    return u, v, (north, east)
+    return earth_to_body(velocity[0] - north, velocity[1] - east, heading), (north, east)
 
 
 def late_samples(t: np.ndarray, y: Columns, delay: float) -> Columns:

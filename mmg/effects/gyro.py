@@ -30,7 +30,7 @@ class Gyro(Effect):
         return [*y[:5], late * (1 + e.share)]
 
     def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
-        return [*y[:5], _behind(t, y[5], e.T) * (1 + e.share)]
+        return [*y[:5], low_passed_samples(t, y[5], e.T) * (1 + e.share)]
 
     def corrected(self, t: np.ndarray, y: Columns, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         return [*y[:5], (y[5] + e.T * slope(t, y[5], 1.5 * time_scale(p.L))) / (1 + e.share)]
@@ -49,8 +49,9 @@ def slope(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
     return (summed(s * x) - st * sx / count) / (summed(s * s) - st**2 / count)
 
 
-def _behind(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
-    """x after a first-order lag of T [s], exact for x linear between samples; settled at the start."""
+def low_passed_samples(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
+    """Samples x (N,) at t (N,) [s] after a first-order lag of T [s]: (N,), exact for x linear between samples, settled
+    at the start."""
     if T == 0:
         return x
     out = x.astype(float).copy()

@@ -26,7 +26,7 @@ def compare(
     ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
     measurement: Annotated[
         str, Option(help="Instruments that a calibration fits along, as in mmg fit; or none.")
-    ] = "velocity_lag",
+    ] = "velocity_filter",
     models: Annotated[str, Option(help="Which, separated by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
     seeds: Annotated[int, Option(help="Trainings of each network, from seeds one apart.")] = 5,
     seed: Annotated[int, Option(help="The first seed.")] = 0,

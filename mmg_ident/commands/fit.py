@@ -55,8 +55,8 @@ def fit(
         Option("--with", help="Free an effect (see mmg effects): NAME, or NAME:held=value,freed. May be repeated."),
     ] = None,
     measurement: Annotated[
-        str, Option(help="Effects of the instruments that are fitted along: velocity_lag, or several, or none.")
-    ] = "velocity_lag",
+        str, Option(help="Effects of the instruments that are fitted along: velocity_filter, or several, or none.")
+    ] = "velocity_filter",
     per_run: Annotated[
         list[str] | None,
         Option(help="Give each run its own constants of an effect: current, or NAME:parameter=prior. May be repeated."),

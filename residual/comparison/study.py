@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
@@ -74,7 +74,7 @@ class Study:
     epochs: int | None = None
     step: float | None = None
     time_limit: float | None = None
-    instruments: tuple[str, ...] = ("velocity_lag",)
+    instruments: tuple[str, ...] = ("velocity_filter",)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         if entry.model == "captive":
             entry = replace(entry, status="finished")
         elif entry.model == "calibrated":
-            start = freeing_effects(ship, [name for name in study.instruments if name not in ship.effects])
+            start = with_instruments(ship, study.instruments, job.trials)
             found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
             ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
         else:

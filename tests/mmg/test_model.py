@@ -9,17 +9,17 @@ from cases.shipfiles.ship_file import load_ship
 from mmg.compile.vectorised import FEWEST
 from mmg.model import assemble, states_behind
 
-SHIP = load_ship("esso_osaka_3m").with_effect("velocity_lag").with_effect("antenna_offset")
+SHIP = load_ship("esso_osaka_3m").with_effect("velocity_filter").with_effect("antenna_offset")
 
 
 def test_values_of_arguments_share_functions_and_what_is_inside_does_not() -> None:
-    first, other = assemble(SHIP), assemble(SHIP.with_values({"X_0F": 0.03, "velocity_lag.tau": 2.0}))
+    first, other = assemble(SHIP), assemble(SHIP.with_values({"X_0F": 0.03, "velocity_filter.tau": 2.0}))
     assert first.rates is other.rates and other.ship is not first.ship
     assert other.ship.coefficients["X_0F"].value == 0.03
     fixed, moved = (assemble(ship, symbols=("X_0F",)) for ship in (SHIP, other.ship))
     assert fixed.rates is not moved.rates
     assert assemble(SHIP, acted=True).rates is not first.rates
-    assert assemble(SHIP.without_effect("velocity_lag")).states == assemble(SHIP).states[:6]
+    assert assemble(SHIP.without_effect("velocity_filter")).states == assemble(SHIP).states[:6]
 
 
 def test_sizes_of_the_memory_are_those_of_each_ship() -> None:

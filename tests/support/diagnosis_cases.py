@@ -44,7 +44,7 @@ OFF_NEUTRAL = {
     "bank.moment": 0.01, "wave_drift.x": 0.06, "wave_drift.y": -0.05, "rudder_lag.T": 0.7, "rudder_backlash.b": 0.05,
     "rudder_offset.delta": 0.04, "propeller_side_force.factor": 1.8, "rudder_stall.loss": 0.3, "fouling.share": 0.2,
     "draft.share": 0.08, "antenna_offset.x": 0.2, "antenna_offset.y": -0.15, "heading_bias.psi": 0.02,
-    "log_scale.share": 0.03, "control_delay.tau": 0.5, "gnss_delay.tau": 0.4, "velocity_lag.tau": 0.3,
+    "log_scale.share": 0.03, "control_delay.tau": 0.5, "gnss_delay.tau": 0.4, "velocity_filter.tau": 0.3,
     "gyro.share": -0.02, "hull_memory.T": 1.0, "tow.X": 0.05, "tow.Y": -0.06, "tow.N": 0.04,
     "antenna_offset.alone_x": 0.1, "antenna_offset.alone_y": 0.12, "heading_bias.alone": -0.015,
     "gnss_delay.alone": 0.3, "gnss_delay.finished": 0.25,

@@ -28,7 +28,7 @@ from tests.support.c_products import product
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 MEMORY = {
     "control_delay": {"tau": 0.43},
-    "velocity_lag": {"tau": 0.37},
+    "velocity_filter": {"tau": 0.37},
     "rudder_lag": {"T": 0.8},
     "hull_memory": {"T": 1.2},
 }

@@ -24,7 +24,7 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 
 USUAL = {
-    "velocity_lag": ("velocity_lag.tau",),
+    "velocity_filter": ("velocity_filter.tau",),
     "gyro lag": ("gyro.T",),
     "gyro scale": ("gyro.share",),
     "antenna_offset": ("antenna_offset.x", "antenna_offset.y"),
@@ -70,7 +70,7 @@ def _possible(ship: Ship, trials: Sequence[Trial], symbols: Sequence[str]) -> bo
         return False
     if name == "wind_sensor_bias" and not any(t.has_wind for t in trials):
         return False
-    if name == "velocity_lag" and "gnss_delay" in ship.effects:
+    if name == "velocity_filter" and "gnss_delay" in ship.effects:
         return False
     return not any(s in ship.coefficients and ship.coefficients[s].fixed and name in ship.effects for s in symbols)
 

@@ -13,7 +13,7 @@ from fitting.nlp.run_constants import RunConstants
 from mmg.messages import Message
 
 NAMES = {
-    "velocity_lag.tau": "the lag of u and v",
+    "velocity_filter.tau": "the lag of u and v",
     "gyro.T": "the lag of the turn rate",
     "gyro.share": "the scale error of the turn rate",
     "antenna_offset.x": "the antenna's place ahead of midship",

@@ -10,10 +10,12 @@ import pytest
 from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
+from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.sensors import logged
 from cases.trial import Trial
+from mmg.effects.gyro import low_passed_samples
 from mmg.states import STATES
 from tests.support.trial_files import make_trial, motion_columns, shifted
 
@@ -57,8 +59,8 @@ def test_clean_trials_have_no_fault_and_say_what_cannot_be_seen():
 @pytest.mark.parametrize(
     ("effect", "values", "symbol"),
     [
-        ("velocity_lag", {"tau": 0.7}, "lag"),
-        ("velocity_lag", {"tau": 0.2}, "lag"),
+        ("velocity_filter", {"tau": 0.7}, "lag"),
+        ("velocity_filter", {"tau": 0.2}, "lag"),
         ("log_scale", {"share": 0.01}, "gain_u"),
         ("log_scale", {"share": -0.1}, "gain_u"),
         ("gyro", {"share": -0.013}, "gain_r"),
@@ -77,7 +79,7 @@ def test_a_fault_of_the_library_is_named_and_measured(effect, values, symbol):
 
 
 def test_two_faults_at_once_are_both_found():
-    found = consistency(with_defect(with_defect(clean(), "velocity_lag", tau=0.5), "log_scale", share=0.03), SHIP)
+    found = consistency(with_defect(with_defect(clean(), "velocity_filter", tau=0.5), "log_scale", share=0.03), SHIP)
     assert sorted(symbols(found)) == ["gain_u", "lag"]
     assert found.pooled["gain_u"].value == pytest.approx(0.03, abs=3 * found.pooled["gain_u"].std)
 
@@ -140,10 +142,32 @@ def test_late_columns_are_told_from_a_late_velocity_over_ground():
         return {name: shifted(c[name], 0.8) for name in "uv"}
 
     body = consistency([make_trial(str(seed), **late(motion_columns(seed=seed))) for seed in (0,)], SHIP)
-    earth = consistency(with_defect([make_trial()], "velocity_lag", tau=0.8), SHIP)
+    earth = consistency(with_defect([make_trial()], "velocity_filter", tau=0.8), SHIP)
     assert (body.pooled.frame, earth.pooled.frame) == ("body", "earth")
     for found in (body, earth):
         assert found.pooled["lag"].value == pytest.approx(0.8, abs=0.05)
+
+
+@pytest.mark.parametrize("axes", ["body", "earth"])
+def test_the_axes_of_a_short_filter_are_told_in_the_noise_of_usual_sensors(axes):
+    """A low pass of 0.35 s in body axes leaves a steady turn as it is: in the earth frame no lag is seen then, and the
+    rows that show it would count as outliers."""
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, noise_tau=0.01, defects=())
+    trials = []
+    for trial in disturbed_trials(SHIP, TRAIN, 4, how):
+        turn = np.exp(1j * np.where(axes == "body", 0.0, trial["psi"]))
+        w = (trial["u"] + 1j * trial["v"]) * turn
+        late = low_passed_samples(trial.t, w.real, 0.35) + 1j * low_passed_samples(trial.t, w.imag, 0.35)
+        trials.append(trial.with_columns(u=(late / turn).real, v=(late / turn).imag))
+    found = consistency(trials, SHIP)
+    lag = found.pooled["lag"]
+    assert symbols(found) == ["lag"] and found.pooled.frame == axes
+    assert abs(lag.value - 0.35) < 3 * lag.std < 0.3
+    assert found.form_of("velocity_filter") == ("velocity_filter" + (":body_axes=1" if axes == "body" else ""))
+    assert found.form_of("gyro") == "gyro"
+    ship = with_instruments(SHIP, ("velocity_filter",), trials)
+    assert ship.coefficients["velocity_filter.body_axes"].value == (axes == "body")
+    assert "velocity_filter.tau" in ship.free and "velocity_filter.body_axes" not in ship.free
 
 
 def test_a_fault_of_some_runs_is_told_from_one_of_all():
@@ -183,7 +207,7 @@ def with_bias(trials):
 
 def test_gaps_coarse_clocks_and_hopeless_runs_do_no_harm():
     gappy, rng = [], np.random.default_rng(1)
-    for trial in with_defect(clean(), "velocity_lag", tau=0.7):
+    for trial in with_defect(clean(), "velocity_filter", tau=0.7):
         keep = np.ones(len(trial), dtype=bool)
         keep[200:320] = False
         columns = {name: c[keep][::5].copy() for name, c in trial.columns.items()}
@@ -204,14 +228,14 @@ def test_values_and_thresholds_grow_with_the_ship():
     big = replace(SHIP, particulars={**SHIP.particulars, "L": factor * SHIP.particulars["L"]})
     root = math.sqrt(factor)
     power = {"t": root, "x": factor, "y": factor, "u": root, "v": root, "r": 1 / root}
-    small = with_defect(clean()[:4], "velocity_lag", tau=0.7)
+    small = with_defect(clean()[:4], "velocity_filter", tau=0.7)
     large = [t.with_columns(**{name: p * t[name] for name, p in power.items()}) for t in small]
     a, b = consistency(small, SHIP).pooled["lag"], consistency(large, big).pooled["lag"]
     assert b.value == pytest.approx(root * a.value, rel=0.05) and b.verdict == a.verdict == "found"
 
 
 def test_as_bad_as_real_sensors_a_hidden_lag_is_still_recovered():
-    how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=("velocity_lag:tau=0.7", "log_scale:share=0.01"))
+    how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=("velocity_filter:tau=0.7", "log_scale:share=0.01"))
     found = consistency(disturbed_trials(SHIP, TRAIN, 1, how), SHIP)
     assert set(symbols(found)) == {"lag", "gain_u"}
     for symbol, truth in (("lag", 0.7), ("gain_u", 0.01)):

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +17,8 @@ from hypothesis import strategies as st
 
 import fitting
 import mmg
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from mmg.components.coefficients import names
@@ -88,6 +91,21 @@ def test_any_number_and_text_survive_a_round_trip(
 def test_a_ship_loads_from_a_file_and_from_a_run_folder(tmp_path: Path) -> None:
     (tmp_path / "ship.toml").write_text(dump_ship(SHIP), encoding="utf-8")
     assert load_ship(tmp_path) == load_ship(tmp_path / "ship.toml") == SHIP
+
+
+def test_an_effect_is_known_by_the_name_of_earlier_releases() -> None:
+    """velocity_lag is the velocity filter in the earth frame: in files, with its campaigns, and in options."""
+    late = load_ship("esso_osaka_3m").with_effect("velocity_filter", {"tau": 0.7})
+    late = replace(late, campaigns={"spring": {"velocity_filter.tau": 0.9}})
+    text = dump_ship(late)
+    kept = text[: text.index('[coefficients."velocity_filter.body_axes"]')]
+    rest = text[text.index('[coefficients."velocity_filter.body_axes"]') :].partition("\n[")[2]
+    old = parse_ship((kept + "[" * bool(rest) + rest).replace("velocity_filter", "velocity_lag"))
+    assert old.effects == late.effects and old.campaigns == late.campaigns
+    assert (old.values == late.values).all() and old.symbols == late.symbols
+    esso = load_ship("esso_osaka_3m")
+    assert with_instruments(esso, ["velocity_lag"]) == with_instruments(esso, ["velocity_filter"])
+    assert freeing_effects(esso, ["velocity_lag:tau=0.7"]).values.tolist() == late.values.tolist()
 
 
 def test_left_out_coefficients_take_the_defaults_of_the_model_in_the_fixed_order() -> None:

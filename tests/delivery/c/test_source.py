@@ -18,7 +18,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from tests.support.c_products import Compiled, compiled, product
 
-REMEMBERING = ("rudder_lag", "rudder_backlash", "hull_memory", "velocity_lag", "current", "gyro")
+REMEMBERING = ("rudder_lag", "rudder_backlash", "hull_memory", "velocity_filter", "current", "gyro")
 
 
 def hybrid(members: int = 1, widths: tuple[int, ...] = (32, 32), name: str = "esso_osaka_3m") -> Ship:

@@ -98,8 +98,10 @@ def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> Non
 
 
 def test_what_is_logged_late_is_exact_or_said_to_be_near(tmp_path: Path) -> None:
-    exact = ship_of("plain").with_effect("velocity_lag", {"tau": 0.4})
+    exact = ship_of("plain").with_effect("velocity_filter", {"tau": 0.4})
     assert CoSimulatedShip.of(product(exact)).late_columns == []
+    in_body_axes = exact.with_values({"velocity_filter.body_axes": 1.0})
+    assert CoSimulatedShip.of(product(in_body_axes)).late_columns == ["velocity_filter"]
     for name, values in (("gnss_delay", {"tau": 0.3}), ("antenna_offset", {"x": 0.5})):
         near = exact.with_effect(name, values)
         said = write_fmu2(product(near), tmp_path / "ship.fmu", ["none"])

@@ -39,7 +39,7 @@ def check(kind: str, version: int, h: float, duration: float) -> None:
         found = instance.run(ship, trial, [*MOTION, *LOGGED])
     assert np.ptp(found[:, 2]) > 0.5, "it hardly turns"
     assert difference(found[:, 6:], simulate_controls(ship, trial)) < EXACT
-    true = ship.without_effect("velocity_lag") if "velocity_lag" in ship.effects else ship
+    true = ship.without_effect("velocity_filter") if "velocity_filter" in ship.effects else ship
     assert difference(found[:, :6], simulate_controls(true, trial)) < EXACT
 
 
@@ -151,7 +151,7 @@ def test_libcosim_moves_the_ship_as_simulate_and_connects_its_groups(kind: str, 
         folder.mkdir()
         trial = inputs_over(ship, h, 600.0 if kind == "all" else 30.0)
         found, wind = cosimulated(fmu(kind, 2), ship, trial, folder)
-        true = ship.without_effect("velocity_lag") if "velocity_lag" in ship.effects else ship
+        true = ship.without_effect("velocity_filter") if "velocity_filter" in ship.effects else ship
         expected = simulate_controls(true, trial)
         error = found - expected.states[1:]
         error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi

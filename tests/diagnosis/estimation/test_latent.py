@@ -39,7 +39,7 @@ NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
 EFFECTS_TRIED = (
     "log_scale.share", "rudder_stall.loss", "current.x", "wind_force.Y", "gyro.share", "tow.N", "draft.share",
 )  # fmt: skip
-REMEMBERING = ("hull_memory.T", "gnss_delay.tau", "rudder_lag.T", "control_delay.tau", "velocity_lag.tau")
+REMEMBERING = ("hull_memory.T", "gnss_delay.tau", "rudder_lag.T", "control_delay.tau", "velocity_filter.tau")
 
 
 def columns_of(symbols: tuple[str, ...]) -> Priors:

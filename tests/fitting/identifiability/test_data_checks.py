@@ -118,6 +118,6 @@ def test_starts_that_disagree_say_how_far() -> None:
 
 def test_astern_coefficients_alone_are_refused_also_with_an_instrument_fitted_along() -> None:
     ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
-    ship = freeing_effects(ESSO.fixing([s for s in ESSO.symbols if s not in ("A_5", "B_5")]), ["velocity_lag"])
+    ship = freeing_effects(ESSO.fixing([s for s in ESSO.symbols if s not in ("A_5", "B_5")]), ["velocity_filter"])
     with pytest.raises(UserError, match="A_5, B_5: act only going astern"):
         unexcited_astern(ship, ahead, cut(ahead, 1.0, 50.0, 5))

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 SHIPS = {
     "plain": lambda: load_ship("esso_osaka_3m"),
     "lags of instruments and of the hull": lambda: (
-        load_ship("esso_osaka_3m").with_effect("gyro").with_effect("velocity_lag").with_effect("hull_memory")
+        load_ship("esso_osaka_3m").with_effect("gyro").with_effect("velocity_filter").with_effect("hull_memory")
     ),
     "twin rudders": lambda: load_ship("vectwin_3m"),
     "depends on its position": lambda: load_ship("kvlcc2_l7").with_effect("bank"),

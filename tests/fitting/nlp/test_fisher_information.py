@@ -32,7 +32,7 @@ def solved(kind: str) -> tuple[Problem, Solution]:
 def latent() -> Problem:
     ship = load_ship("esso_osaka_3m")
     ship = ship.fixing([s for s in ship.symbols if s not in ("Y_v", "N_r", "C_D", "k_0", "X_0F", "ell_R")])
-    ship = freeing_effects(ship, ["disturbance:X=0.3,Y=0.3,N=0.3,tau=8", "velocity_lag"])
+    ship = freeing_effects(ship, ["disturbance:X=0.3,Y=0.3,N=0.3,tau=8", "velocity_filter"])
     segments = cut(runs()[0][:2], 1.0, 40.0, 5, inputs=ship.inputs)
     free = np.array([ship.symbols.index(s) for s in ship.free])
     return Problem(ship, Prior.of(ship), Kernels(assemble(ship), free, False), segments, SIGMA)

@@ -71,7 +71,7 @@ def fitted(per_run: bool) -> Calibration:
 @lru_cache(maxsize=4)
 def small(K: int, captive: bool = False) -> Problem:
     """Two short runs with a shared lag, each with a current (prior off zero) and a compass error of its own."""
-    ship, constants = varying_effects(freeing_effects(start(), ["velocity_lag"]), ["current:x=0.01", "heading_bias"])
+    ship, constants = varying_effects(freeing_effects(start(), ["velocity_filter"]), ["current:x=0.01", "heading_bias"])
     segments = cut([trials()[0], trials()[1]], 1.0, 30.0, K, inputs=ship.inputs)
     few = segments.subset(np.flatnonzero(np.isin(np.arange(len(segments.run)), (0, 1, 5)))).by_run()
     prior = Prior.of(ship, constants, few.trials)
@@ -143,7 +143,7 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
 
 def test_sorting_intervals_by_run_changes_nothing() -> None:
     """And a problem without constants is one group, whose blocks may straddle runs."""
-    ship = freeing_effects(start(), ["velocity_lag"])
+    ship = freeing_effects(start(), ["velocity_filter"])
     prior, segments = Prior.of(ship), cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
     kernel = Kernels(assemble(ship), prior.positions(ship), False)
     one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
@@ -243,7 +243,7 @@ def test_which_parameters_become_constants() -> None:
     assert {"current", "rudder_offset", "wind_sensor_bias", "heading_bias", "draft"} <= {
         e for e in EFFECTS if varies(e)
     }
-    assert not any(varies(e) for e in ("disturbance", "rudder_lag", "velocity_lag", "rudder_stall"))
+    assert not any(varies(e) for e in ("disturbance", "rudder_lag", "velocity_filter", "rudder_stall"))
 
 
 @pytest.fixture(scope="module")

@@ -135,7 +135,7 @@ def test_a_current_that_lasts_is_that_of_the_current_effect() -> None:
 
 
 def test_a_lag_starts_from_what_the_past_left_in_it() -> None:
-    ship = hidden_ship().with_effect("velocity_lag", {"tau": 0.8})
+    ship = hidden_ship().with_effect("velocity_filter", {"tau": 0.8})
     lagged = Simulator(ship)
     trial = simulate(ship, parse_maneuver("random:5", ship, n=10.0, duration=120.0), dt=0.1)
     sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])

@@ -38,7 +38,7 @@ def start() -> Ship:
 
 def late(tau: float) -> list[Trial]:
     """Runs of the hidden ship whose logged velocity is late by tau [s]."""
-    ship = with_effects(hidden_ship(), [f"velocity_lag:tau={tau}"])
+    ship = with_effects(hidden_ship(), [f"velocity_filter:tau={tau}"])
     trials = []
     for i, text in enumerate(RUNS):
         plan = parse_maneuver(text, ship, n=10.0, duration=100.0)
@@ -65,25 +65,25 @@ def test_the_standard_error_of_a_difference_is_that_of_its_mean() -> None:
 
 def test_a_choice_is_put_on_the_ship() -> None:
     ship = start()
-    other = prepare(ship, Choice(("velocity_lag",), 2.0, held=("Y_v",)))
-    assert "velocity_lag" in other.effects and "velocity_lag.tau" in other.free and "Y_v" not in other.free
+    other = prepare(ship, Choice(("velocity_filter",), 2.0, held=("Y_v",)))
+    assert "velocity_filter" in other.effects and "velocity_filter.tau" in other.free and "Y_v" not in other.free
     assert other.coefficients["N_r"].std == 2 * ship.coefficients["N_r"].std
     back = prepare(other, Choice())
     assert back.effects == ship.effects
 
 
 @pytest.mark.slow
-def test_a_velocity_lag_in_the_data_is_found_by_cross_validation(
+def test_a_velocity_filter_in_the_data_is_found_by_cross_validation(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(selection, "STEPS", ())
     monkeypatch.setattr(selection, "WIDTHS", ())
-    monkeypatch.setattr(selection, "INSTRUMENTS", (("velocity_lag",),))
+    monkeypatch.setattr(selection, "INSTRUMENTS", (("velocity_filter",),))
     trials = late(1.0)
     caplog.set_level(logging.INFO, logger=LOGGER.name)
     steps: list[Progress] = []
     found = select(start(), trials, Settings(step=1.0, window=50.0), progress=steps.append)
-    assert found.choice.measurement == ("velocity_lag",) and "velocity_lag.tau" in found.ship.free
+    assert found.choice.measurement == ("velocity_filter",) and "velocity_filter.tau" in found.ship.free
     rows = [row.to_dict() for row in found.table]
     assert rows[0]["varied"] == "start" and rows[0]["taken"] and rows[1]["taken"]
     assert rows[1]["window"] < rows[0]["window"] and rows[1]["difference"] < -rows[1]["error"]

@@ -110,16 +110,26 @@ def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() 
 
 
 def test_late_velocities_are_found_by_the_positions_and_put_right() -> None:
-    late = EMPTY.with_effect("velocity_lag")
-    late = late.with_coefficients({"velocity_lag.tau": late.coefficients["velocity_lag.tau"].with_(fixed=False)})
+    late = EMPTY.with_effect("velocity_filter")
+    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
     here = increments(late, runs())
     assert here.lag <= 0.15
     moved = [replace(run, columns={**run.columns, **_late(run, 1.5)}) for run in runs()]
     there = increments(late, moved)
     assert there.lag == pytest.approx(1.5, abs=0.15)
-    assert regress(late, there).values["velocity_lag.tau"] == there.lag
+    assert regress(late, there).values["velocity_filter.tau"] == there.lag
     value = regress(late, there).values["X_n_absn_1"]
     assert value == pytest.approx(TRUE["X_n_absn_1"], rel=0.25)
+
+
+def test_velocities_that_are_late_in_body_axes_are_put_right_in_them() -> None:
+    late = EMPTY.with_effect("velocity_filter", {"body_axes": 1.0})
+    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
+    moved = [
+        replace(run, columns={**run.columns, **{x: np.interp(run.t - 1.5, run.t, run[x]) for x in "uv"}})
+        for run in runs()
+    ]
+    assert increments(late, moved).lag == pytest.approx(1.5, abs=0.3)
 
 
 def _late(run: Trial, lag: float) -> dict[str, np.ndarray]:

@@ -86,8 +86,8 @@ def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:
 def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(tmp_path: Path) -> None:
     """From a ship whose coefficients are off, the polynomial learns from trials; the table has all that was tried."""
     runs = harbour(4)
-    wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6}).with_effect("velocity_lag")
-    wrong = wrong.without_effect("velocity_lag")
+    wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6}).with_effect("velocity_filter")
+    wrong = wrong.without_effect("velocity_filter")
     given = [candidate(wrong, name, Rules(order=2)) for name in ("sm1-order1", "sm1-order2")]
     choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1))
     rows = {row.name: row for row in choice.table}

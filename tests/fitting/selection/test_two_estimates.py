@@ -126,7 +126,7 @@ def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
     assert asked is not None and asked.value == {}
     assert begin_second(None, ship, (), None) is None
     assert begin_second(nothing, freeing_effects(ship, ["current"]), (), None) is None
-    assert begin_second(nothing, freeing_effects(ship, ["velocity_lag"]), (), None) is not None  # an instrument
+    assert begin_second(nothing, freeing_effects(ship, ["velocity_filter"]), (), None) is not None  # an instrument
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ def test_the_same_object_is_made_once_and_a_copy_anew() -> None:
 
 @pytest.mark.parametrize("by_point", [False, True])
 def test_logged_columns_of_many_states_are_those_of_the_model_one_by_one(by_point: bool) -> None:
-    ship = with_effects(SHIP, ["velocity_lag:tau=0.3", "gyro:share=0.02", "antenna_offset"])
+    ship = with_effects(SHIP, ["velocity_filter:tau=0.3", "gyro:share=0.02", "antenna_offset"])
     simulator, rng = Simulator(ship), np.random.default_rng(0)
     states = rng.normal(size=(7, len(simulator.model.states), 5))
     theta = ship.values

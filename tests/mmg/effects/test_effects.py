@@ -24,7 +24,7 @@ from mmg.motion.memory import SHARPER, clip
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-MORE = {"velocity_lag", "gyro", "disturbance"}
+MORE = {"velocity_filter", "gyro", "disturbance"}
 """Effects of the library beyond those of a diagnosis: of the measurement model, and the latent process."""
 
 CONTRACT = {

@@ -243,7 +243,7 @@ def turning(t: np.ndarray) -> list[np.ndarray]:
 
 @pytest.mark.parametrize(
     ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_lag", "tau")],
+    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
 )
 def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> None:
     """In a steady turn, of 0.8 s ago: position and velocity over ground; the heading is of now. ``alone`` is of the
@@ -252,7 +252,7 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
     now, before = turning(t), turning(t - late)
     got = EFFECTS[name].samples(t, now, MOVING, values(name, **{symbol: late}), P)
     inside = t > late
-    place = now if name == "velocity_lag" else before
+    place = now if name == "velocity_filter" else before
     for i in (0, 1):
         assert got[i][inside] == pytest.approx(place[i][inside], abs=1e-4)
     if symbol == "tau":  # the velocity of before, in the axes of now
@@ -269,7 +269,7 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
 
 @pytest.mark.parametrize(
     ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_lag", "tau")],
+    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
 )
 def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: str) -> None:
     """On a straight course the position lags by speed times delay, at any size of the delay, and the velocity by none;
@@ -286,12 +286,35 @@ def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: st
             logged_now, rate = (np.array(a).ravel() for a in f(now, states))
             missing += 0.02 * (now[3:5] - logged_now[3:5])
             states += 0.02 * rate
-        shift = 0.0 if name == "velocity_lag" else late
+        shift = 0.0 if name == "velocity_filter" else late
         over_ground = complex(0.5, -0.1) * complex(math.cos(0.3), math.sin(0.3))
         assert logged_now[:2] == pytest.approx([-shift * over_ground.real, -shift * over_ground.imag], abs=1e-6)
         assert logged_now[2:] == pytest.approx(now[2:], abs=1e-6)
         slow = 0.0 if symbol == "alone" else late
         assert missing == pytest.approx([0.5 * slow, -0.1 * slow], abs=0.02 * abs(slow) + 1e-6)
+
+
+@pytest.mark.parametrize("tau", [0.02, 0.4, 3.0])
+def test_a_filter_in_body_axes_leaves_a_steady_turn_and_is_late_after_a_change(tau: float) -> None:
+    """There u and v do not change, though the velocity over ground turns; a change arrives late by tau in the mean, in
+    the model as in the columns of the generator, which are an exact low pass."""
+    e = values("velocity_filter", tau=tau, body_axes=1.0)
+    t = np.arange(0.0, 40.0, 0.02)
+    steady = turning(t)
+    assert np.allclose(EFFECTS["velocity_filter"].samples(t, steady, MOVING, e, P)[3:5], steady[3:5])
+    changed = [*steady[:3], 0.5 + np.where(t < 1.0, 0.0, 0.1), steady[4], steady[5]]
+    exact = EFFECTS["velocity_filter"].samples(t, changed, MOVING, e, P)[3]
+    assert exact[t > 1.1] == pytest.approx(0.6 - 0.1 * np.exp(-(t[t > 1.1] - 0.99) / tau), abs=1e-3)
+    memory, y = Memory(), ca.SX.sym("y", 6)
+    rows = EFFECTS["velocity_filter"].columns([y[i] for i in range(6)], MOVING, memory, e, P)
+    f = ca.Function("f", [y, ca.vertcat(*memory.symbols)], [ca.vertcat(*rows), ca.vertcat(*memory.rates)])
+    states, missing = np.array([0.5, -0.1]), 0.0
+    for psi in steady[2]:
+        logged, rate = (np.array(a).ravel() for a in f([0.0, 0.0, psi, 0.6, -0.1, 0.04], states))
+        missing += 0.02 * (0.6 - logged[3])
+        states += 0.02 * rate
+        assert logged[4] == pytest.approx(-0.1)
+    assert missing == pytest.approx(0.1 * tau, rel=0.02)
 
 
 # What remembers

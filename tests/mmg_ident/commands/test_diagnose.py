@@ -100,7 +100,7 @@ def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> Non
     assert between["verdict"] == "none" and between["differences"] == []
     assert any("one run only in random, turning, zigzag" in line for line in between["warnings"])
     names = {c["name"] for c in between["candidates"]}
-    assert {"current", "gyro", "velocity_lag", "X_0F"} <= names
+    assert {"current", "gyro", "velocity_filter", "X_0F"} <= names
 
 
 def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
