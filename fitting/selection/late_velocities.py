@@ -58,5 +58,5 @@ def _earth(piece: Grid, lag: float, body_axes: float) -> tuple[np.ndarray, np.nd
     psi = np.unwrap(piece.states[:, 2])
     late = body_to_earth(piece.states[:, 3], piece.states[:, 4], (1 - body_axes) * psi)
     at = piece.t + lag
-    first, second = (np.interp(at, piece.t, x) for x in late)
-    return body_to_earth(first, second, body_axes * psi)
+    x, y = (np.interp(at, piece.t, component) for component in late)
+    return body_to_earth(x, y, body_axes * psi)

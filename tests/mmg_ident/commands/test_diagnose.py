@@ -283,7 +283,7 @@ def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     def breaking(*_: object) -> None:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
-    monkeypatch.setattr("diagnosis.diagnose.prepare", breaking)
+    monkeypatch.setattr("diagnosis.diagnose.prepare_with_sensors", breaking)
     content = shown("diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
     assert content["verdict"] == "unknown" and "the model breaks down along these trials" in content["sentence"]
     assert content["messages"][0]["code"] == "model_breaks_down" and not content["effects"]
