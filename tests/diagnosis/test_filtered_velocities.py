@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.disturbed_trials import drawn_ship
+from cases.evidence.kinematics import Kinematics
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from mmg.effects.gyro import low_passed_samples
@@ -44,3 +45,13 @@ def test_a_filter_that_the_ship_has_already_is_still_listed() -> None:
     known = known.with_coefficients({row.symbol: row})
     found = diagnose(known, trials, options=DiagnosisOptions(step=0.5, learn=False))
     assert found.effects == () and "velocity_filter" in {fault.name for fault in found.instruments}
+
+
+def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where too few positions are logged for the kinematics to show it."""
+    monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})
+    trials = [low_passed(trial, False) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+    found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert "velocity_filter" in {fault.name for fault in found.instruments}
+    assert "velocity_filter" not in {row.name for row in found.candidates}
