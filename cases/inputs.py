@@ -12,7 +12,7 @@ import numpy as np
 from cases.trial import Trial, wraps
 from mmg.errors import UserError
 from mmg.messages import Message
-from mmg.motion.flow import INPUTS, RUDDERS
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
@@ -36,7 +36,6 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     """
     used = {*actuators, *(_STAND_INS[name] for name in actuators if name in _STAND_INS and name not in trial)}
     _check_driven(trial, actuators)
-    _check_unused(trial, used)
     columns, notices = [], []
     for name in actuators:
         other = _STAND_INS.get(name, "")
@@ -55,6 +54,7 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
             if name == "delta" and "delta_port" in trial:
                 why = "; its twin rudders need a ship model with two rudders"
             raise UserError(f"{trial.name}: no column {name}{why}")
+    _check_unused(trial, used)
     ignored = [name for name in INPUTS if name in trial and name not in used and np.nan_to_num(trial[name]).any()]
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
@@ -89,12 +89,15 @@ def _check_driven(trial: Trial, actuators: Sequence[str]) -> None:
 
 
 def _check_unused(trial: Trial, used: set[str]) -> None:
-    """Raises UserError for a propeller, rudder or thruster that moves but is not among the inputs ``used``."""
+    """Raises UserError for a propeller, rudder or thruster that moves but is not among the inputs ``used``; revolutions
+    that hold do not where the model has none, as its polynomial is that of the hull with her propeller."""
     steered = bool(used & set(trial.columns) & set(RUDDERS))
+    driven = any(INPUTS[name][1] == "rps" for name in used)
     for name in INPUTS:
         followed = name == "n_2" and name in trial and np.array_equal(trial[name], trial["n"], equal_nan=True)
         idle = name == "pitch" or (name.startswith("azimuth") and f"n_{name}" in trial) or (name in RUDDERS and steered)
-        if name in used or name not in trial or followed or idle:
+        holds = name in PROPELLERS and not driven and name in trial and _holds(trial[name])
+        if name in used or name not in trial or followed or idle or holds:
             continue
         most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
         if most > 0:
@@ -103,6 +106,11 @@ def _check_unused(trial: Trial, used: set[str]) -> None:
                 f"{trial.name}: {name} reaches {reaches}, but the ship's model has no such actuator; "
                 "add it to the ship file ([model]) or remove the column"
             )
+
+
+def _holds(revolutions: np.ndarray) -> bool:
+    """Whether ``revolutions`` (N,) are those of one state of the engine: they fall in a hard turn, by no half."""
+    return bool(np.nanmin(revolutions, initial=np.inf) >= 0.5 * np.nanmax(revolutions, initial=0.0))
 
 
 class ModelInputs(NamedTuple):

@@ -57,6 +57,23 @@ def test_a_missing_sample_is_held_and_a_direction_past_half_a_turn_goes_the_shor
     assert np.angle(np.exp(1j * found[:, 1])) == pytest.approx([short, -3.05, -2.9, -2.8])
 
 
+def test_revolutions_that_hold_are_those_of_a_hull_polynomial_and_others_are_nobodys(tmp_path: Path) -> None:
+    mariner, path = load_ship("mariner").inputs, tmp_path / "run.csv"
+    assert "n" not in mariner
+
+    def trial(*revolutions: float) -> Trial:
+        path.write_text(HEADER + "".join(f"{k},0,1,0,0,{n},{k}\n" for k, n in enumerate(revolutions)))
+        return read_trial(path)
+
+    (ignored,) = [
+        note for note in model_inputs(trial(10, 9, 8, 9, 10), mariner).notices if note.code == "input_ignored"
+    ]
+    assert " n:" in str(ignored)
+    for revolutions in ((10, 8, 2, 2, 2), (10, 5, 0, -5, -5)):
+        with pytest.raises(UserError, match="n reaches 10 rps"):
+            model_inputs(trial(*revolutions), mariner)
+
+
 def test_held_directions_either_side_of_ahead_have_a_mean_ahead_over_a_step() -> None:
     """A pod at 359 deg for a second and at 1 deg for the next pushes ahead, not astern."""
     zeros = {name: np.zeros(3) for name in ("psi", "u", "v", "r", "n_azimuth_2")}

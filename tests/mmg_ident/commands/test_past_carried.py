@@ -116,7 +116,7 @@ def test_what_a_training_decided_by_is_said(root: Path) -> None:
 def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnosis, "prepare", breaks_down)
+    monkeypatch.setattr(diagnosis, "prepare_with_sensors", breaks_down)
     found: Sequence[Diagnosis] = [
         mmg_ident.diagnose(model, list(runs(True)))
         for model in (root / "run", root / "always", root / "always" / "calibrated")
