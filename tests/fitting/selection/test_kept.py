@@ -53,9 +53,9 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     done: list[str] = []
     original = learned.learn_one
 
-    def counted(run, **more):  # type: ignore[no-untyped-def]
+    def counted(run, *given):  # type: ignore[no-untyped-def]
         done.append(run.name)
-        return original(run, **more)
+        return original(run, *given)
 
     monkeypatch.setattr(learned, "learn_one", counted)
     resumed = learn_all(ones, trials, method, kept)
