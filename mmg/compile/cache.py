@@ -157,7 +157,7 @@ def _built(
         for path, part in zip(units, text.split(UNIT), strict=True):
             path.write_text(part, encoding="utf-8")
         if len(units) > 1:  # seconds to minutes
-            words = "compiling the equations, once for this model: %d kB of C in %d files: seconds, or minutes of a large model"
+            words = "compiling the equations, once for this model: %d kB of C in %d files (large ones take minutes)"
             LOGGER.info(words, len(text) // 1000, len(units))
         for extra in NATIVE:
             run = _compiled([*command, *extra], units, built)
