@@ -18,23 +18,9 @@ from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
+from tests.cases.shipfiles.test_particulars import AZIMUTH
 
-PODS = """[ship]
-L = 3.0
-B = 0.49
-d = 0.2
-m = 244.6
-x_G = 0.09
-rho = 998.0
-D_az = 0.08
-x_az = -1.4
-y_az = 0.1
-x_az_2 = -1.4
-y_az_2 = -0.1
-[model]
-hull = "unified"
-azimuth = "azimuth"
-"""
+PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
 
 
 def screw_trial() -> Trial:
