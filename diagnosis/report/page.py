@@ -8,8 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import ChoiceLoader, PackageLoader
-
 from diagnosis.findings import Findings, RandomSizes
 from diagnosis.location.regions import CHANNELS
 from diagnosis.report import between_words, words
@@ -17,8 +15,7 @@ from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
 from diagnosis.report.form_words import likeness
 from fitting.report.page import environment, write_page
-from fitting.report.page_figures import figures_of
-from fitting.report.plot_style import FigureFolder
+from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
 
 REPORT, FIGURES = "report.html", "figures"
@@ -42,24 +39,24 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    templates = environment()
-    templates.loader = ChoiceLoader(
-        [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
-    )
     figures = {f["name"]: f for f in figures_of(folder, listed)}
     names = ("unexplained_force", "where_on_track", "where_in_state", "ranking", "held_out", "shares")
-    return templates.get_template("diagnosis.html.j2").render(
-        d=d,
-        words=words,
-        where=report_where,
-        figures={name: figures.get(name) for name in names},
-        version=versions()["mmg-ident"],
-        what_words=_what(d),
-        between=between_words.rows(d.between) if d.between else [],
-        held=held_rows(d),
-        likelihood=_likelihood(d),
-        **_candidates(d),
-        **_tables_of_where(d),
+    return (
+        environment("diagnosis.report")
+        .get_template("diagnosis.html.j2")
+        .render(
+            d=d,
+            words=words,
+            where=report_where,
+            figures={name: figures.get(name) for name in names},
+            version=versions()["mmg-ident"],
+            what_words=_what(d),
+            between=between_words.rows(d.between) if d.between else [],
+            held=held_rows(d),
+            likelihood=_likelihood(d),
+            **_candidates(d),
+            **_tables_of_where(d),
+        )
     )
 
 
