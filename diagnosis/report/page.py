@@ -28,8 +28,8 @@ FAINT = 0.05
 def write_report(d: Findings, folder: Path) -> FigureFolder:
     """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
     written = FigureFolder(folder / FIGURES)
-    for f in figures_for(d):
-        written.write(f.name, partial(f.draw, d), f.title, f.caption)
+    for name, draw, title, caption in figures_for(d):
+        written.write(name, partial(draw, d), title, caption)
     for row in written.rows:
         row["file"] = f"{FIGURES}/{row['file']}"
     with written.making("the report"):
@@ -40,7 +40,6 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
     figures = {f["name"]: f for f in figures_of(folder, listed)}
-    names = ("unexplained_force", "where_on_track", "where_in_state", "ranking", "held_out", "shares")
     return (
         environment("diagnosis.report")
         .get_template("diagnosis.html.j2")
@@ -48,7 +47,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
             d=d,
             words=words,
             where=report_where,
-            figures={name: figures.get(name) for name in names},
+            figures=figures,
             version=versions()["mmg-ident"],
             what_words=_what(d),
             between=between_words.rows(d.between) if d.between else [],
@@ -102,6 +101,7 @@ def _tables_of_where(d: Findings) -> dict[str, Any]:
         "channels": channels,
         "later": any("force_rms_after" in row for row in channels),
         "regions": regions[:REGIONS],
+        "bands": _by_channel([row | {"band": report_where.band_words(row)} for row in where.get("bands", [])], "band"),
         "phases": _by_channel(where.get("phases", []), "phase"),
         "runs": _by_channel(where.get("runs", []), "run"),
         "earth": earth,

@@ -167,8 +167,8 @@ def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: f
 def window_errors(
     simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Open-loop errors (W, times, 6) at ``times`` [s] after the start of W windows ``stride`` [s] apart, and the number
-    of the trial of each window, (W,).
+    """Returns open-loop errors (W, times, 6) at ``times`` [s] after the start of W windows ``stride`` [s] apart, and
+    the number of the trial of each window, (W,).
 
     simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
     ones, with NaN after their end.
