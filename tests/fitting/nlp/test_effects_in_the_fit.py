@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from benchmarks import gauss_newton
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
@@ -25,6 +24,7 @@ from mmg.effects import EFFECTS
 from mmg.model import assemble
 from mmg.ship import Ship
 from tests.fitting.nlp.test_shooting import matrix
+from tests.support import gauss_newton
 from tests.support.synthetic_runs import SIGMA
 
 ESSO = load_ship("esso_osaka_3m")

@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks import gauss_newton
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import information
@@ -17,6 +16,7 @@ from fitting.nlp.windows import cut
 from fitting.solvers.ipopt import Solution, solve
 from mmg.model import assemble
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
+from tests.support import gauss_newton
 from tests.support.synthetic_runs import SIGMA, problem, runs
 
 
