@@ -155,7 +155,7 @@ class MessageRow:
 
 @dataclass(frozen=True, kw_only=True)
 class FitRecord:
-    """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
+    """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
