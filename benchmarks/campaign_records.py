@@ -47,7 +47,7 @@ def row_of(name: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.nd
     began = time.perf_counter()
     ship, settings = (
         with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",)),
-        Settings(loss=None, weight=None),
+        Settings(),
     )
     found = estimate_coefficients(ship, train, settings)
     fit = by_campaign(found, CampaignQuestion(ship, train, settings))
@@ -93,7 +93,7 @@ def fast_lines(path: Path) -> list[str]:
         trials = trials_of(splits.TRAIN_TZRB_PLUS)
         ship, settings = (
             with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",)),
-            Settings(loss=None, weight=None),
+            Settings(),
         )
         found = estimate_coefficients(ship, trials, settings)
         fit = by_campaign(found, CampaignQuestion(ship, trials, settings))

@@ -134,7 +134,7 @@ def outcome(world: str, seed: int, alike: bool) -> Outcome:
     """What becomes of one fleet, calibrated as ``mmg fit`` does by default."""
     made = fleet(world, seed, alike)
     ship = with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",))
-    settings = Settings(loss=None, weight=None, step=1.0, window=40.0)
+    settings = Settings(step=1.0, window=40.0)
     began = time.perf_counter()
     found = estimate_coefficients(ship, made.trials, settings)
     middle = time.perf_counter()

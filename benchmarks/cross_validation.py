@@ -92,9 +92,7 @@ def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma
         options = replace(options, instruments=chosen.pop("measurement"))
     if "campaigns" in chosen:
         options = replace(options, per_campaign=chosen.pop("campaigns"))
-    found = calibrate(
-        load_ship("esso_osaka_3m"), train, (), Settings(**{"loss": None, "weight": None} | chosen), options
-    )
+    found = calibrate(load_ship("esso_osaka_3m"), train, (), Settings(**chosen), options)
     assert found.objects is not None
     seconds = time.perf_counter() - began
     files = {}

@@ -83,7 +83,7 @@ def judged_fit(
     rate: of time of the ship by that of a 3 m model; speed: of the manoeuvres [m/s]; seed: of the draws.
     """
     began = time.perf_counter()
-    settings = Settings(loss=None, weight=None)
+    settings = Settings()
     found = calibrate(base, trials, (), settings, FitOptions(next_trial=False))
     fitted = time.perf_counter() - began
     judged = with_intervals(imo_figures(found.ship, speed), found.ship, found.to_dict(), DRAWS, seed).assessment

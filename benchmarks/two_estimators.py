@@ -48,7 +48,7 @@ def by_shooting(train: Sequence[Trial]) -> Ship:
     """What ``mmg fit`` does by default."""
     ship, settings = (
         with_instruments(load_ship("esso_osaka_3m"), ("velocity_filter",)),
-        Settings(loss=None, weight=None),
+        Settings(),
     )
     found = estimate_coefficients(ship, train, settings)
     return by_campaign(found, CampaignQuestion(ship, train, settings)).calibration.ship

@@ -1,7 +1,7 @@
 """All timings of the tool in one table: beside what they must be, and what they were before on the same machine.
 
 Run from the repository root, with the records in place: python -m benchmarks.timings [ROW ...] [--quick] [--record]
-Rows (default all, about half an hour; --list names them): fit, fit_plus, cold, no_compiler, scipy, bootstrap, auto,
+Rows (default all, about half an hour; --list names them): fit, fit_plus, cold, no_compiler, scipy, bootstrap,
 diagnose, blind, predict, predict_run, check, help, rhs, turnings. --quick measures each once instead of the median of
 three. Rows that are not measured keep their last figure. With --record the table goes to RESULTS.md, and the figures to
 timings.json beside it, which is what the next one is compared with; without it nothing is kept.
@@ -48,7 +48,6 @@ ROWS = {
     "no_compiler": Row("no compiler, whole command", work.no_compiler, "s", 20),
     "scipy": Row("same objective: times faster than scipy least_squares", work.scipy_ratio, "x", 100, more=True),
     "bootstrap": Row("bootstrap of 100 fits, Train-TZRB", work.bootstrap, "s", 40),
-    "auto": Row("`mmg fit --auto`", work.auto, "s", 120),
     "diagnose": Row("`mmg diagnose`, eight real records with test", work.diagnose, "s", 30, 20),
     "blind": Row("one blind case of 7 runs, one core", work.blind, "s", 4),
     "predict": Row("`mmg predict` of one file, library ship", work.predict, "s", 0.6),

@@ -135,11 +135,6 @@ def no_compiler(bench: Bench) -> Timed:
     return bench.median(lambda: replace(_fit(bench, splits.TRAIN_TZRB, MMG_CC="none")[0], phases={}), 1)
 
 
-def auto(bench: Bench) -> Timed:
-    """`mmg fit --auto` of Train-TZRB."""
-    return bench.median(lambda: replace(_fit(bench, splits.TRAIN_TZRB, "--auto")[0], phases={}), 1)
-
-
 def diagnose(bench: Bench) -> Timed:
     """`mmg diagnose` of the eight records of Train-TZRB with the development hold-outs as test."""
     if not bench.fits:
