@@ -26,8 +26,8 @@ KEYS = {
     "coefficients", "fixed", "correlation", "scores", "identifiability", "warnings", "notices", "messages", "figures",
     "uncertainty", "bands", "adaptation", "calibration", "envelope",
 }  # fmt: skip
-"""Keys of result.json of a fit with held-out trials; "per_run", "campaigns", "bootstrap", "profiles" and "auto" come
-where there are any."""
+"""Keys of result.json of a fit with held-out trials; "per_run", "campaigns", "bootstrap" and "profiles" come where
+there are any."""
 
 
 @pytest.fixture(scope="module")
