@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -157,6 +158,7 @@ def _differs(first: dict | None, other: dict | None) -> bool:
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
+@cache
 def environment(*packages: str) -> Environment:
     """The templates of these ``packages`` and of this one, with their filters; what they print is escaped."""
     found = Environment(
