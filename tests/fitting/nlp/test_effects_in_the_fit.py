@@ -52,7 +52,7 @@ def trials(ship: Ship, runs: tuple = RUNS, duration: float = 100.0) -> list[Tria
     return made
 
 
-@pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"disturbance"}))
+@pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_a_fit_with_the_effect_freed_recovers_its_parameters(name: str) -> None:
     """Within 4 standard errors, or 4 % of a typical size where the grid of 1 s and the all-pass delay set the limit."""
     truth = with_effects(ESSO, [SWITCHED_ON.get(name, name)])
