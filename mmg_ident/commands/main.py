@@ -273,7 +273,8 @@ def main(arguments: list[str] | None = None) -> int:
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
         line = " ".join(str(error).split())
-        print(f"mmg: {line}", file=sys.stderr)
+        kind = f" [{error.code}]" if "--json" in (sys.argv if arguments is None else arguments) else ""
+        print(f"mmg: {line}{kind}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)
