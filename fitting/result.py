@@ -98,11 +98,12 @@ class FitResult(FitRecord):
         replace: bool = False,
         beside: Callable[[Path], None] | None = None,
         numbers: Callable[[FitResult], None] | None = None,
+        report: bool = True,
     ) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
         beside: writes further files that belong to it, which appear together with it, into the folder that it is given;
-        numbers: called with the result when all but figures and page is written.
+        numbers: called with the result when all but figures and page is written; report: whether these are made.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
         and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
@@ -112,9 +113,11 @@ class FitResult(FitRecord):
         if not replace:
             check_target(target)
         named = self._named(target)
-        write_whole(target, partial(named._fill, beside=beside), replace)
+        write_whole(target, partial(named._fill, beside=beside, report=report), replace)
         if numbers:
             numbers(named)
+        if not report:
+            return changed(named, folder=target)
         return changed(named._illustrated(target), folder=target)
 
     def _named(self, folder: Path) -> FitResult:
@@ -128,7 +131,7 @@ class FitResult(FitRecord):
         mark = changed(mark, name=self.ship.name if name_fault(own) else own)
         return changed(self, ship=changed(self.ship, mark=mark), mark=dict(vars(mark)))
 
-    def _fill(self, scratch: Path, beside: Callable[[Path], None] | None) -> None:
+    def _fill(self, scratch: Path, beside: Callable[[Path], None] | None, report: bool) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.title}, {state} by mmg fit; std is the standard error of each estimate."
         if self.scaling is not None:
@@ -146,11 +149,14 @@ class FitResult(FitRecord):
             shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
         if self.model is not None:
             (scratch / MODEL).mkdir()
-            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL, None)
+            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL, None, report)
         if beside:
             beside(scratch)
         messages = (MessageRow("warning", PENDING.code, PENDING), *self.messages)
-        write_json(scratch / RESULT, (changed(self, figures=(), messages=messages) if self.objects else self).to_dict())
+        write_json(
+            scratch / RESULT,
+            (changed(self, figures=(), messages=messages) if self.objects and report else self).to_dict(),
+        )
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""

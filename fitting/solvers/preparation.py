@@ -13,11 +13,11 @@ from cases.trial import Trial
 from fitting.identifiability.data_checks import against_captive, contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
-from fitting.nlp.loss import LOSSES, Loss
+from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, Own, neutral_values, prior_with, symbols_of
 from fitting.nlp.windows import Segments, cut
-from fitting.settings import Settings
+from fitting.settings import LOSSES, Settings
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
 from mmg.ship import Ship
