@@ -33,10 +33,8 @@ class Settings:
         default=None, metadata={"help": "Sigma of x,y,psi,u,v,r; default estimated.", "count": 6}
     )
     compiled: bool = field(default=True, metadata={"help": "Use a C compiler if there is one."})
-    loss: str | None = field(
-        default="gaussian", metadata={"help": "Cost: gaussian, huber, student.", "choices": LOSSES}
-    )
-    weight: float | None = field(
+    loss: str = field(default="gaussian", metadata={"help": "Cost: gaussian, huber, student.", "choices": LOSSES})
+    weight: float = field(
         default=1.0,
         metadata={"help": "Share of a run's information that counts.", "option": "--run-weight", "gt": 0, "le": 1},
     )

@@ -9,7 +9,6 @@ from mmg.errors import UserError
 
 _CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself, or compare models with mmg select"
 _FORCES = "it made no left-out run better; mmg predict --adapt and mmg diagnose estimate a slowly varying force"
-_CAMPAIGN = "campaigns may differ in gyro lag, gyro scale and log scale only; free others with --with or --per-run"
 
 GONE: dict[str | tuple[str, str], str] = {
     "auto": f"--auto is gone: {_CHOICE}",

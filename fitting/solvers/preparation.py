@@ -17,7 +17,7 @@ from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, Own, neutral_values, prior_with, symbols_of
 from fitting.nlp.windows import Segments, cut
-from fitting.settings import LOSSES, Settings
+from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.messages import Message, as_messages
 from mmg.ship import Ship
@@ -65,7 +65,7 @@ def prepared(
     sigma = np.asarray(settings.sigma or rough, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():
         raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss or LOSSES[0]), captive, settings.compiled)
+    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss), captive, settings.compiled)
     if problem.captive:
         shared = prior.positions(ship)[: prior.shared]
         warnings += against_captive(problem.captive, neutral_values(ship, own), shared, prior.common)

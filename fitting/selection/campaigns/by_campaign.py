@@ -75,12 +75,12 @@ def may_keep(question: CampaignQuestion) -> bool:
     """Whether ``by_campaign`` may keep anything for the ``question``. Raises as that."""
     if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
         return False
-    return bool(candidates(question.ship, question.trials, question.wanted))
+    return bool(candidates(question.ship, question.wanted))
 
 
 def asks_kinematics(question: CampaignQuestion) -> bool:
     """Whether the ``question`` will need what the logs of its trials say of one another. Raises as ``by_campaign``."""
-    return may_keep(question) and seen_by_kinematics(candidates(question.ship, question.trials, question.wanted))
+    return may_keep(question) and seen_by_kinematics(candidates(question.ship, question.wanted))
 
 
 def with_kinematics(question: CampaignQuestion, process: ProcessBeside | None) -> CampaignQuestion:
@@ -106,7 +106,7 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     if question.wanted == ("none",):
         return same
     campaigns = campaigns_of(question.trials)
-    chosen = candidates(found.problem.ship, question.trials, question.wanted)
+    chosen = candidates(found.problem.ship, question.wanted)
     reason = why_not(campaigns, bool(question.wanted))
     alone = len(campaigns.comparable) < 2
     judged = found.rough or found.solution.at_end
@@ -182,7 +182,7 @@ def _refitted(
         shared = dict(zip(new.prior.symbols, new.p, strict=True))
     assert new is not None
     scores = _confirmed(found, new, own, readings, question.trials)
-    return (CampaignFit(replace(new, weighting=found.weighting), ship, own), scores) if scores else (None, None)
+    return (CampaignFit(new, ship, own), scores) if scores else (None, None)
 
 
 def _confirmed(

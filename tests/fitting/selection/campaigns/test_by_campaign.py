@@ -154,7 +154,8 @@ def test_kinematics_that_another_process_made_give_the_same_instruments() -> Non
     ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
     question = CampaignQuestion(ship, trials, settings, wanted=("gyro", "log_scale"))
     assert asks_kinematics(question) and not asks_kinematics(replace(question, wanted=("none",)))
-    assert not asks_kinematics(replace(question, wanted=("antenna_offset",)))
+    with pytest.raises(UserError, match=r"--per-campaign fouling: is gone.*; choose among gyro, log_scale, or none"):
+        asks_kinematics(replace(question, wanted=("fouling",)))
     found, fit = calibrated(True)
     with helper(bool) as executor:
         kinematics = ProcessBeside(executor).begin(partial(kinematics_of, trials, ship))
