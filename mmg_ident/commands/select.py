@@ -204,8 +204,7 @@ def _choose(
 
 def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.report.plot_learning import learning_plot
-    from fitting.report.plot_structures import structure_plot
+    from fitting.report.plot_structures import learning_plot, structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
     from fitting.selection.subsequences.learning import write_learning
