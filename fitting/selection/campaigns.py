@@ -267,6 +267,7 @@ def _with_constants(
         effect = symbol.partition(".")[0]
         row = next(p for p in parameters(ship, effect) if f"{effect}.{p.symbol}" == symbol)
         value, std = np.array(told[symbol]).T
+        value = np.clip(value, row.lower, row.upper)  # a lag below zero is noise, and no constant may have it
         mean, widths[symbol] = distribution_of((value - row.neutral) / row.typical, std / row.typical)
         ship = with_constant(ship, symbol, row.neutral + mean * row.typical, widths[symbol] * row.typical)
     prior = prior_with(ship, own, ())

@@ -20,9 +20,9 @@ from mmg_ident.commands.output import (
 
 if TYPE_CHECKING:
     from cases.trial import Trial
+    from fitting.selection.learning import Method
     from fitting.selection.candidates import Rules, StructureCandidate
-    from fitting.selection.choice import StructureChoice
-    from fitting.selection.subsequences.learned import Method
+    from fitting.selection.structure_choice import StructureChoice
     from fitting.settings import Settings
     from mmg.ship import Ship
 
@@ -167,7 +167,7 @@ def _method(
     objective: str, optimizer: str | None, seeds: int | None, shared: tuple[int, int, float | None, bool]
 ) -> Method | None:
     """How candidates are learned by the objective of the paper; None for the other objective."""
-    from fitting.selection.subsequences.learned import Method
+    from fitting.selection.learning import Method
 
     seed, workers, time_limit, compiled = shared
     if workers < 1:
@@ -235,11 +235,11 @@ def _choose(
 
 def _beside(choice: StructureChoice, folder: Path) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, figures."""
+    from fitting.selection.learning import write_learning
     from fitting.report.plot_learning import learning_plot
     from fitting.report.plot_structures import structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
-    from fitting.selection.subsequences.learning import write_learning
 
     found = choice.to_dict()
     write_json(folder / "selection.json", found)
