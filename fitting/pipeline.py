@@ -26,8 +26,6 @@ from fitting.prediction.score import scores_by_set
 from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
-from fitting.report.beside import FigureProcess, prepare_figures
-from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
@@ -36,7 +34,7 @@ from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, begin_second, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Later, unless_interrupted
+from fitting.solvers.interrupts import Later
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
@@ -60,10 +58,9 @@ class FitOptions:
     only what else is free and the noise is estimated; resume: an interrupted run of the same data and ship, from whose
     iterate to go on; command: what is stored as the command that made the result; name: of the ship and her
     calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
-    the mean of the prior is, where other ships told it; beside: the process that does meanwhile what can wait, and
-    draws figures; None: this one does all, and they are drawn when the result is saved. estimator: "both" takes the
-    mean with a ``second`` estimator of the same coefficients, where there is one and nothing else is fitted than
-    coefficients to trials, "windows" what multiple shooting gives.
+    the mean of the prior is, where other ships told it; beside: the process that does meanwhile what can wait; None:
+    this one does all. estimator: "both" takes the mean with a ``second`` estimator of the same coefficients, where
+    there is one and nothing else is fitted than coefficients to trials, "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -133,7 +130,7 @@ def calibrate(
     past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
-    objects = _with_next_trial(objects, content, options, later)
+    objects = _with_next_trial(objects, options, later)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     awaited = (("worth of adaptation", past), ("worth of what was left out", worth), ("prediction bands", bands_of))
     adaptation, left_out, bands = (later.made(name, partial(getattr, one, "value"), None) for name, one in awaited)
@@ -184,16 +181,12 @@ def _first_rows(
     }
 
 
-def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: FitOptions, later: Later) -> FitObjects:
-    """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
-    found, figures = objects.calibration, None
-    if options.beside and not options.profile:
-        figures = FigureProcess(options.beside)
-        unless_interrupted(partial(ask_figures, figures, content, objects))
+def _with_next_trial(objects: FitObjects, options: FitOptions, later: Later) -> FitObjects:
+    """The ``objects`` with the next trial."""
+    found = objects.calibration
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
-        objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    drawn = unless_interrupted(partial(ask_the_rest, figures, content, objects)) if figures else None
-    return drawn or objects  # what Ctrl-C leaves out here is said when the result is saved
+        return replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
+    return objects
 
 
 def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
@@ -218,8 +211,6 @@ def _estimated(
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
-    if options.beside:
-        begun_beside(options.beside, prepare_figures)
     rough = not settings.horizon and may_keep(question)  # a choice of windows is for an estimate that has converged
     found = first_estimate(model, train, settings, progress, warm, options.captive, rough)
     if settings.horizon:

@@ -115,6 +115,7 @@ def fit(
             help="Fit also files that mmg check calls contradictory, and broken stretches.",
         ),
     ] = False,
+    report: Annotated[bool, Option(help="With figures and page, after the numbers.")] = True,
     json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
@@ -196,7 +197,7 @@ def fit(
             timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
             result = replace(result, timings_s=timings)
             earlier_warnings = result.warnings
-            result = result.save(out, replace=resume, numbers=None if json else _summary)
+            result = result.save(out, replace=resume, numbers=None if json else _summary, report=report)
             _ended(result, out, earlier_warnings) if not json else print_json(result.to_dict())
         refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
@@ -257,10 +258,12 @@ def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
 
 def _ended(result: FitResult, out: Path, said: Sequence[Message]) -> None:
     """The last lines for a person, when figures and page are made: warnings that were not ``said`` before."""
+    from fitting.report.run_folder import PAGE
+
     for line in result.warnings:
         if line not in said:
             say(f"warning: {line}")
-    say(f"run folder: {out} (ship.toml, result.json, report.html)")
+    say(f"run folder: {out} (ship.toml, result.json{', report.html' if (out / PAGE).exists() else ''})")
 
 
 def _summary(result: FitResult) -> None:
