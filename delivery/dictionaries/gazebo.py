@@ -31,7 +31,7 @@ from mmg.messages import Message
 
 TEMPLATES = Path(__file__).parent / "templates"
 GYRATION = 0.25
-"""Radius of gyration of the ship in yaw, by L; what the yaw inertia exceeds it is added mass."""
+"""Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
     "gazebo": {
         "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),

@@ -26,15 +26,16 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 RUDDER, RATE = math.radians(35.0), math.radians(20.0)
-"""Largest rudder angle [rad] where no range is known, and rudder rate [rad/s] of a 3 m model."""
+"""Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
+``mmg simulate``."""
 SPEEDS = (0.5, 0.75, 1.0)
-"""Approach speeds by the design speed, where no range is known."""
+"""Approach speeds [-, by the design speed] where no range is known."""
 RUNS, SAMPLES, KEPT = 8, 500, 1500
 """Runs per approach speed, samples of each, and motions kept at most."""
 LIMITED = ("u", "v", "r", "n", "delta", "beta")
 """Quantities of the trials' range by which motions are left out."""
 MARGIN = 0.02
-"""Share of a range by which a motion may exceed it."""
+"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside."""
 
 
 @dataclass(frozen=True)

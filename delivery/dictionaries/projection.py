@@ -14,9 +14,10 @@ from mmg.messages import Message
 
 CHANNELS = (("surge", "X", "N"), ("sway", "Y", "N"), ("yaw", "N", "N m"))
 WORST = 0.5
-"""Share of a channel's force (RMS) beyond which a projection is refused."""
+"""Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement."""
 PULL = 0.1
-"""Weight with which a parameter is drawn to where it starts, by that of an error as large as the force."""
+"""Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
+little enough to leave what the motions determine."""
 
 
 @dataclass(frozen=True)
