@@ -29,15 +29,8 @@ from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import (
-    CampaignFit,
-    CampaignQuestion,
-    by_campaign,
-    may_keep,
-    with_kinematics,
-)
-from fitting.selection.campaigns.sentences import not_asked
-from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
+from fitting.selection.campaigns import CampaignFit, CampaignQuestion, by_campaign, may_keep, not_asked
+from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, begin_second, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
@@ -120,8 +113,7 @@ def calibrate(
         check_resumable(options.resume, ship, train, constants)
         settings = as_chosen(settings, options.resume.settings)
     later = Later()
-    asked = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    question = asked if options.hold or options.per_run else with_kinematics(asked, options.beside)
+    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
     first = begun_beside(options.beside, partial(scores_by_set, before, sets))

@@ -286,8 +286,8 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
-        line = " ".join(str(error).split())
-        print(f"mmg: {line}", file=sys.stderr)
+        kind = f" [{error.code}]" if "--json" in (arguments or sys.argv) else ""
+        print(f"mmg: {' '.join(str(error).split())}{kind}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)

@@ -22,8 +22,8 @@ from mmg_ident.commands.output import (
 if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.selection.candidates import Rules, StructureCandidate
-    from fitting.selection.choice import StructureChoice
-    from fitting.selection.subsequences.learned import Method
+    from fitting.selection.learning import Method
+    from fitting.selection.structure_choice import StructureChoice
     from mmg.ship import Ship
 
 
@@ -138,7 +138,7 @@ def _sets(
 
 def _method(objective: str, optimizer: str | None, seeds: int | None, settings: Settings) -> Method | None:
     """How candidates are learned by the objective of the paper; None for the other objective."""
-    from fitting.selection.subsequences.learned import Method
+    from fitting.selection.learning import Method
 
     if objective == "paper":
         shared = {name: getattr(settings, name) for name in ("seed", "workers", "time_limit", "compiled")}
@@ -204,11 +204,10 @@ def _choose(
 
 def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.report.plot_learning import learning_plot
-    from fitting.report.plot_structures import structure_plot
+    from fitting.report.plot_structures import learning_plot, structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
-    from fitting.selection.subsequences.learning import write_learning
+    from fitting.selection.learning import write_learning
 
     found = choice.to_dict()
     write_json(folder / "selection.json", found)
