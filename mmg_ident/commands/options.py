@@ -67,7 +67,7 @@ def _generated(kind: type, name: str) -> inspect.Parameter:
     words = str(field.metadata["help"])
     if plain is not bool and field.default is not None and field.default != "" and "default" not in words:
         words = _with_default(words, field.default)
-    option = Annotated[plain | None, Option(*names, help=words)]
+    option = Annotated[plain | None, Option(*names, help=words)]  # type: ignore[valid-type]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
 
 
@@ -105,9 +105,8 @@ def options(
             line = {name: _parsed(kind, name, value) for name, value in line.items() if value is not None}
             return verb(*given, **values, settings=given_settings(kind, line, path))
 
-        run.__signature__ = signature.replace(
-            parameters=[p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
-        )  # type: ignore[attr-defined]
+        shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
+        run.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
         run.settings = kind  # type: ignore[attr-defined]
         run.__annotations__ = {name: p.annotation for name, p in named.items()}
         return run
