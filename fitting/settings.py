@@ -11,8 +11,7 @@ from mmg.errors import UserError
 class Settings:
     """How to calibrate.
 
-    window: length of a window [s], None: the horizon; horizon: time over which the calibrated ship is to predict [s],
-    None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
+    window: length of a window [s], None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
     interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being re-estimated between them;
     starts: of the last solve, all but the first random; workers: processes over which further starts are spread;
     tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard
@@ -21,7 +20,6 @@ class Settings:
     """
 
     window: float | None = None
-    horizon: float | None = None
     step: float | None = None
     interval: int = 5
     passes: int = 3

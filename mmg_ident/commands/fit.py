@@ -67,11 +67,7 @@ def fit(
     ] = None,
     fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone (comma-separated).")] = None,
     only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
-    window: Annotated[float | None, Option(help="Window length [s]; default the horizon, else 100 steps.")] = None,
-    horizon: Annotated[
-        float | None,
-        Option(help="Time over which the ship is to predict [s]: windows as long, or as runs left out say."),
-    ] = None,
+    window: Annotated[float | None, Option(help="Window length [s]; default 100 steps.")] = None,
     step: Annotated[float | None, Option(help="Integration and sampling step [s]; default a twentieth of L/U.")] = None,
     interval: Annotated[int, Option(help="Steps per shooting interval.")] = 5,
     starts: Annotated[int, Option(help="Starts of the final solve (1: the prior).")] = 1,
@@ -136,7 +132,6 @@ def fit(
     began = time.perf_counter()
     settings = _settings(
         window=window,
-        horizon=horizon,
         step=step,
         interval=interval,
         starts=starts,
@@ -212,7 +207,7 @@ def _settings(sigma: str | None, **values: Any) -> Settings:
     from fitting.nlp.loss import LOSSES
     from fitting.settings import Settings
 
-    for name in ("window", "horizon", "step", "tolerance", "time_limit"):
+    for name in ("window", "step", "tolerance", "time_limit"):
         if values[name] is not None and not values[name] > 0:
             raise UserError(f"--{name.replace('_', '-')} {values[name]:g} must be positive")
     for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):

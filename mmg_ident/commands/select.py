@@ -20,8 +20,8 @@ from mmg_ident.commands.output import (
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from fitting.selection.learning import Method
     from fitting.selection.candidates import Rules, StructureCandidate
+    from fitting.selection.learning import Method
     from fitting.selection.structure_choice import StructureChoice
     from fitting.settings import Settings
     from mmg.ship import Ship
@@ -235,11 +235,11 @@ def _choose(
 
 def _beside(choice: StructureChoice, folder: Path) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.selection.learning import write_learning
     from fitting.report.plot_learning import learning_plot
     from fitting.report.plot_structures import structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
+    from fitting.selection.learning import write_learning
 
     found = choice.to_dict()
     write_json(folder / "selection.json", found)
