@@ -32,10 +32,9 @@ from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, CampaignQuestion, by_campaign, may_keep, not_asked
 from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, begin_second, with_second
-from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Later
-from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
+from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
@@ -111,7 +110,6 @@ def calibrate(
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
-        settings = as_chosen(settings, options.resume.settings)
     later = Later()
     question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
@@ -211,13 +209,7 @@ def _estimated(
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
-    rough = not settings.horizon and may_keep(question)  # a choice of windows is for an estimate that has converged
-    found = first_estimate(model, train, settings, progress, warm, options.captive, rough)
-    if settings.horizon:
-        found = finished(found, progress)
-    if settings.horizon and not (settings.window or options.resume):
-        ask = partial(choose_window, found, model, train, options.captive, progress)
-        found = later.made("windows", ask, found)
+    found = first_estimate(model, train, settings, progress, warm, options.captive, may_keep(question))
     by_day = later.made("values by campaign", lambda: by_campaign(found, question), CampaignFit(found, model))
     return replace(by_day, calibration=finished(by_day.calibration, progress))
 

@@ -50,7 +50,7 @@ def prepared(
     """
     _check_inputs(ship, trials)
     step = settings.step or default_step(trials, ship.particulars["L"])
-    window = settings.window or settings.horizon or 100.0 * step
+    window = settings.window or 100.0 * step
     if window < 10 * step:
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
