@@ -55,12 +55,6 @@ class Diagnosis(Findings):
         told = self.inputs.of_predictions or of_predictions(content)
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
 
-    def with_figures(self) -> Diagnosis:
-        """The same with all its figures drawn that can be; the others are drawn, or why not is said, on saving."""
-        from diagnosis.report import page
-
-        return dataclasses.replace(self, drawn=page.drawn(self))
-
     def save(self, folder: Path | str, replace: bool = False) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,
         whole or not at all; then figures and page.

@@ -19,7 +19,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
-from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
+from fitting.parallel import width, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
@@ -27,8 +27,6 @@ from fitting.prediction.score import scores_by_set
 from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
-from fitting.report.beside import FigureProcess, prepare_figures
-from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
@@ -37,16 +35,15 @@ from fitting.selection.campaigns.by_campaign import (
     CampaignQuestion,
     by_campaign,
     may_keep,
-    with_kinematics,
 )
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.cross_validation import ModelSelection, select
 from fitting.selection.disturbance_choice import choose_disturbance
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
-from fitting.selection.two_estimates import Second, begin_second, with_second
+from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Later, unless_interrupted
+from fitting.solvers.interrupts import Later
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
@@ -71,10 +68,9 @@ class FitOptions:
     which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume:
     an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command
     that made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that
-    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; beside:
-    the process that does meanwhile what can wait, and draws figures; None: this one does all, and they are drawn when
-    the result is saved. estimator: "both" takes the mean with a ``second`` estimator of the same coefficients, where
-    there is one and nothing else is fitted than coefficients to trials, "windows" what multiple shooting gives.
+    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it. estimator:
+    "both" takes the mean with a ``second`` estimator of the same coefficients, where there is one and nothing else is
+    fitted than coefficients to trials, "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -93,7 +89,6 @@ class FitOptions:
     command: str = ""
     name: str = ""
     prior_mean: UncertainMean | None = None
-    beside: ProcessBeside | None = None
     estimator: str = "both"
     second: Second | None = None
 
@@ -136,28 +131,28 @@ def calibrate(
         ship = model = choice.ship
         settings = replace(choice.settings, workers=settings.workers)
     later = Later()
-    asked = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    question = asked if options.hold or options.per_run else with_kinematics(asked, options.beside)
+    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
-    other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
-    first = begun_beside(options.beside, partial(scores_by_set, before, sets))
     by_day = _estimated(question, constants, options, later)
     found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
-    if other and found.converged:
-        found = later.made("second estimate", lambda: with_second(found, other.value), found)
+    second = options.second if options.asks_second(settings) and answers(options.second, given) else None
+    if second and found.converged:
+        found = later.made("second estimate", lambda: with_second(found, second(given, train)), found)
     after = Simulator(found.ship, settings.compiled)
-    envelope = begun_beside(options.beside, partial(trial_envelope, found.ship, train))
-    scores = later.made("scores", lambda: score_pairs(first.value, scores_by_set(after, sets)), NO_SCORES)
+    scores = later.made(
+        "scores", lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)), NO_SCORES
+    )
     content = _first_rows(found, options, scores, train, validation)
     objects = FitObjects(found, before, after, tuple(train), tuple(validation))
-    bands_of = begun_beside(options.beside, partial(prediction_bands, found, after, train))
-    past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     moved = partial(moved_by, found, model, options.captive, by_day.own)
-    worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
-    objects = _with_next_trial(objects, content, options, later)
+    objects = _with_next_trial(objects, options, later)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
-    awaited = (("worth of adaptation", past), ("worth of what was left out", worth), ("prediction bands", bands_of))
-    adaptation, left_out, bands = (later.made(name, partial(getattr, one, "value"), None) for name, one in awaited)
+    works = {
+        "worth of adaptation": partial(worth_of_past, found, after, train, validation),
+        "worth of what was left out": partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols),
+        "prediction bands": partial(prediction_bands, found, after, train),
+    }
+    adaptation, left_out, bands = (later.made(name, work, None) for name, work in works.items())
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
     weighting = _weighting(found, options.resume)
@@ -172,7 +167,7 @@ def calibrate(
         "weighting": weighting,
         "bands": bands,
         "adaptation": adaptation,
-        "envelope": envelope.value,
+        "envelope": trial_envelope(found.ship, train),
         "left_out": left_out,
         "campaigns": by_day.content,
         **uncertainty,
@@ -209,16 +204,12 @@ def _first_rows(
     }
 
 
-def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: FitOptions, later: Later) -> FitObjects:
-    """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
-    found, figures = objects.calibration, None
-    if options.beside and not options.profile:
-        figures = FigureProcess(options.beside)
-        unless_interrupted(partial(ask_figures, figures, content, objects))
+def _with_next_trial(objects: FitObjects, options: FitOptions, later: Later) -> FitObjects:
+    """The ``objects`` with the next trial."""
+    found = objects.calibration
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
-        objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    drawn = unless_interrupted(partial(ask_the_rest, figures, content, objects)) if figures else None
-    return drawn or objects  # what Ctrl-C leaves out here is said when the result is saved
+        return replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
+    return objects
 
 
 def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
@@ -243,8 +234,6 @@ def _estimated(
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
-    if options.beside:
-        begun_beside(options.beside, prepare_figures)
     converged = settings.horizon or options.try_disturbance  # what is for an estimate that has
     rough = not converged and may_keep(question)
     found = first_estimate(model, train, settings, progress, warm, options.captive, rough)

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score_pairs import ScorePair
-from fitting.report.plot_style import Drawn
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import UserError
@@ -246,8 +245,7 @@ class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
     before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored; drawn: figures that another
-    process draws; without any they are drawn from the rest.
+    next_trial: possible trials and what they would add, None where none were scored.
     """
 
     calibration: Calibration
@@ -256,7 +254,6 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
-    drawn: tuple[Drawn, ...] = ()
 
 
 @cache

@@ -165,7 +165,7 @@ class FitResult(FitRecord):
         if objects := self.objects:
             later = Later()
             ways = (partial(write, written, self, objects) for write in (write_figures, write_identifiability_figures))
-            for way in (partial(written.take, objects.drawn),) if objects.drawn else ways:
+            for way in ways:
                 with written.making("figures"):
                     later.made("figures", way, None)
             wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from diagnosis.report.figures import figures_for
 from diagnosis.report.form_words import likeness
 from fitting.report.page import environment, write_page
 from fitting.report.page_figures import figures_of
-from fitting.report.plot_style import FigureFolder, png_of
+from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import versions
 
 REPORT, FIGURES = "report.html", "figures"
@@ -29,23 +28,11 @@ FAINT = 0.05
 """Share of the energy up to which the regions of a channel are left to diagnosis.json."""
 
 
-def drawn(d: Findings) -> dict[str, bytes]:
-    """PNG files of the figures of ``d`` by name, without those that cannot be drawn."""
-    made: dict[str, bytes] = {}
-    for f in figures_for(d):
-        with suppress(Exception):  # tried again, and said, when it is written
-            made[f.name] = png_of(partial(f.draw, d))
-    return made
-
-
 def write_report(d: Findings, folder: Path) -> FigureFolder:
     """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
     written = FigureFolder(folder / FIGURES)
     for f in figures_for(d):
-        if f.name in d.drawn:
-            written.put(f.name, d.drawn[f.name], f.title, f.caption)
-        else:
-            written.write(f.name, partial(f.draw, d), f.title, f.caption)
+        written.write(f.name, partial(f.draw, d), f.title, f.caption)
     for row in written.rows:
         row["file"] = f"{FIGURES}/{row['file']}"
     with written.making("the report"):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -81,23 +81,8 @@ def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> f
     return min(max(widths, default=0.0) + 0.12, 0.5 * WIDTH)
 
 
-class Drawn(Protocol):
-    """A figure that is drawn elsewhere: ``png`` gives its content, or raises what kept it from being drawn."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def title(self) -> str: ...
-
-    @property
-    def caption(self) -> str: ...
-
-    def png(self) -> bytes: ...
-
-
 class TakesFigures(Protocol):
-    """Where figures go: a ``FigureFolder``, or a process that draws them (``fitting.report.beside``)."""
+    """Where figures go, such as a ``FigureFolder``."""
 
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Take the figure ``name`` that ``draw`` gives, with its ``title`` and ``caption``."""
@@ -129,17 +114,6 @@ class FigureFolder:
         """Write the figure that ``draw`` gives as ``name``.png, with its ``title`` and ``caption``."""
         with self.making(f"figure {name}"):
             self.put(name, png_of(draw), title, caption)
-
-    def take(self, figures: Iterable[Drawn]) -> None:
-        """Write ``figures`` that another process draws, in order; the last ones, which it has not begun, are drawn here
-        meanwhile."""
-        figures = list(figures)
-        for figure in reversed(figures):
-            with suppress(Exception):  # said below
-                figure.png()
-        for figure in figures:
-            with self.making(f"figure {figure.name}"):
-                self.put(figure.name, figure.png(), figure.title, figure.caption)
 
     def put(self, name: str, png: bytes, title: str, caption: str) -> None:
         """Write the content ``png`` of a figure as ``name``.png, with its ``title`` and ``caption``."""

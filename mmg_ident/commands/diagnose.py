@@ -42,9 +42,7 @@ def diagnose(
         str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
     ] = None,
     step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
-    workers: Annotated[
-        int, Option(help="Processes that do the tasks; 1: this one, and one beside it on a second core.")
-    ] = 1,
+    workers: Annotated[int, Option(help="Processes that do refits, simulated campaigns and trainings.")] = 1,
     scheduler: Annotated[
         str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
     ] = None,
@@ -84,12 +82,13 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
-    from contextlib import nullcontext
     from dataclasses import replace
-    from functools import partial
-    from importlib import import_module
 
-    from fitting.parallel import begun_beside, both_processes, spread_beside
+    from cases.checks import ready
+    from cases.io.campaigns import said_campaign
+    from cases.io.read import read_trials
+    from diagnosis import diagnose as pipeline
+    from diagnosis.inputs import diagnosis_store
     from fitting.report.run_folder import RESULT, check_target, reserved
 
     if not (resume and out.exists()):
@@ -98,39 +97,28 @@ def diagnose(
         say(f"{out} has finished already; nothing to resume")
         return 0
     ship = _ship(run, without or [])
-    alone = workers > 1 or scheduler is not None  # these do the tasks
-    with nullcontext() if alone else both_processes(partial(import_module, "diagnosis.diagnose")) as beside:
-        from cases.checks import ready  # these take a while, in which the process beside comes up
-        from cases.io.campaigns import said_campaign
-        from cases.io.read import read_trials
-        from diagnosis import diagnose as pipeline
-        from diagnosis.inputs import diagnosis_store
-
-        options = pipeline.DiagnosisOptions(
-            step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
-        )
-        spread = partial(spread_beside, beside)
-        train, tests = read_trials(trials, spread=spread), read_trials(test, spread=spread) if test else []
-        train, tests = ready(train, tests, unchecked=unchecked, spread=spread)
-        train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
-        if beside and tests and not no_learn:
-            begun_beside(beside, partial(import_module, "diagnosis.validation.learned"))  # reads torch
-        begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-        store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
-        if store.resume and not store.folder.is_dir() and any(out.iterdir()):
-            raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
-        try:
-            with reserved(out):
-                found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
-                end_progress()
-                found.save(out, replace=resume or store.folder.is_dir())
-        except (KeyboardInterrupt, UserError) as stop:
-            if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
-                if not store.has_parts:
-                    store.discard()
-                raise
-            say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
-            return 130
+    options = pipeline.DiagnosisOptions(
+        step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
+    )
+    train, tests = read_trials(trials), read_trials(test) if test else []
+    train, tests = ready(train, tests, unchecked=unchecked)
+    train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
+    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+    if store.resume and not store.folder.is_dir() and any(out.iterdir()):
+        raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
+    try:
+        with reserved(out):
+            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
+            end_progress()
+            found.save(out, replace=resume or store.folder.is_dir())
+    except (KeyboardInterrupt, UserError) as stop:
+        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
+            if not store.has_parts:
+                store.discard()
+            raise
+        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        return 130
     if json:
         print_json(found.to_dict())
     else:

@@ -136,14 +136,16 @@ def fit(
     """
     import time
     from dataclasses import replace
-    from functools import partial
-    from importlib import import_module
 
+    from cases.checks import ready
+    from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
-    from fitting.parallel import process_beside, spread_beside
+    from fitting.pipeline import FitOptions
     from fitting.report.run_folder import check_target, reserved
     from fitting.settings import check_estimator
+    from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
+    from mmg_ident.api import calibrate
 
     began = time.perf_counter()
     settings = _settings(
@@ -176,47 +178,38 @@ def fit(
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    with process_beside(partial(import_module, "cases.checks")) as beside:
-        from cases.checks import ready  # these take a while, in which the process beside comes up
-        from cases.io.read import read_trials
-        from fitting.pipeline import FitOptions
-        from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
-        from mmg_ident.api import calibrate
-
-        spread = partial(spread_beside, beside)
-        train, held_out = read_trials(trials, spread=spread), read_trials(validate, spread=spread) if validate else []
-        train, held_out = ready(train, held_out, unchecked=unchecked, spread=spread)
-        options = FitOptions(
-            bootstrap=bootstrap,
-            profile=tuple(names_of(profile)),
-            next_trial=next_trial,
-            per_run=tuple(per_run or ()),
-            per_campaign=tuple(names_of(per_campaign)),
-            try_disturbance=try_disturbance,
-            instruments=tuple(names_of([measurement])),
-            captive=points,
-            auto=auto,
-            auto_limit=auto_limit,
-            resume=earlier,
-            command=command_line(),
-            name=name or _own_name(earlier),
-            beside=beside,
-            estimator=estimator,
-        )
-        reading = time.perf_counter() - began
-        for line in start.notices:
-            say(line)
-        with (
-            interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
-            reserved(out),
-        ):
-            result = calibrate(start, train, held_out, settings, options, progress())
-            timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
-            result = replace(result, timings_s=timings)
-            earlier_warnings = result.warnings
-            result = result.save(out, replace=resume, numbers=None if json else _summary)
-            _ended(result, out, earlier_warnings) if not json else print_json(result.to_dict())
-        refuse_no_score(result.warnings, out)
+    train, held_out = read_trials(trials), read_trials(validate) if validate else []
+    train, held_out = ready(train, held_out, unchecked=unchecked)
+    options = FitOptions(
+        bootstrap=bootstrap,
+        profile=tuple(names_of(profile)),
+        next_trial=next_trial,
+        per_run=tuple(per_run or ()),
+        per_campaign=tuple(names_of(per_campaign)),
+        try_disturbance=try_disturbance,
+        instruments=tuple(names_of([measurement])),
+        captive=points,
+        auto=auto,
+        auto_limit=auto_limit,
+        resume=earlier,
+        command=command_line(),
+        name=name or _own_name(earlier),
+        estimator=estimator,
+    )
+    reading = time.perf_counter() - began
+    for line in start.notices:
+        say(line)
+    with (
+        interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
+        reserved(out),
+    ):
+        result = calibrate(start, train, held_out, settings, options, progress())
+        timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
+        result = replace(result, timings_s=timings)
+        earlier_warnings = result.warnings
+        result = result.save(out, replace=resume, numbers=None if json else _summary)
+        _ended(result, out, earlier_warnings) if not json else print_json(result.to_dict())
+    refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130
     if result.converged:

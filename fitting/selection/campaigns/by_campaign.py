@@ -5,18 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics, kinematics_of
+from cases.evidence.kinematics import kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
 from fitting.nlp.run_constants import ByCampaign, prior_with
-from fitting.parallel import Awaited, ProcessBeside, begun_beside
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
 from fitting.selection.campaigns.chance import chances, seen_by_kinematics
@@ -59,7 +57,7 @@ class CampaignQuestion:
     """What a calibration with campaigns needs to know.
 
     ship: as of ``estimate_coefficients``; trials: calibrated on; settings, captive, progress: of it; wanted: names of
-    instruments, () for the usual ones, ("none",) for none; kinematics: of the logs, where they were begun before.
+    instruments, () for the usual ones, ("none",) for none.
     """
 
     ship: Ship
@@ -68,7 +66,6 @@ class CampaignQuestion:
     captive: Captive | None = None
     wanted: tuple[str, ...] = ()
     progress: OnProgress | None = field(default=None)
-    kinematics: Awaited[Kinematics | None] | None = None
 
 
 def may_keep(question: CampaignQuestion) -> bool:
@@ -76,21 +73,6 @@ def may_keep(question: CampaignQuestion) -> bool:
     if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
         return False
     return bool(candidates(question.ship, question.trials, question.wanted))
-
-
-def asks_kinematics(question: CampaignQuestion) -> bool:
-    """Whether the ``question`` will need what the logs of its trials say of one another. Raises as ``by_campaign``."""
-    return may_keep(question) and seen_by_kinematics(candidates(question.ship, question.trials, question.wanted))
-
-
-def with_kinematics(question: CampaignQuestion, process: ProcessBeside | None) -> CampaignQuestion:
-    """The ``question`` with the kinematics of its trials begun by the ``process``, before longer work that is awaited
-    later; as it is without one, or where they are not needed."""
-    if process and asks_kinematics(question):
-        return replace(
-            question, kinematics=begun_beside(process, partial(kinematics_of, question.trials, question.ship))
-        )
-    return question
 
 
 def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
@@ -115,7 +97,7 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)
     started = [i for i, c in enumerate(chosen) if c.symbols[0] in found.prior.symbols]
-    logs = question.kinematics or Awaited(partial(kinematics_of, question.trials, found.problem.ship))
+    logs = kinematics_of(question.trials, found.problem.ship) if seen_by_kinematics(chosen) else None
     differing = chances(beside, logs, campaigns.number, started, found.spread.dispersion)
     kept = choose(found, beside, question.trials, started, differing)
     content = _content(campaigns, kept.table)

@@ -17,7 +17,6 @@ import numpy as np
 
 from cases.evidence.kinematic_words import TRACK, TURN, Quantity
 from cases.evidence.kinematics import Kinematics
-from fitting.parallel import Awaited
 from fitting.selection.campaigns.candidates import Beside, Instrument
 from fitting.selection.campaigns.readings import RunReadings
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
@@ -50,24 +49,23 @@ class ByChance:
 
 def chances(
     beside: Beside,
-    logs: Awaited[Kinematics | None],
+    logs: Kinematics | None,
     number: Sequence[int],
     started: Sequence[int],
     dispersion: float,
 ) -> list[ByChance]:
     """Of each candidate of ``beside`` a calibration, whether it differs between campaigns.
 
-    logs: of the trials, as ``kinematics_of`` (cases/evidence/kinematics) gives them, made where a candidate is seen by
+    logs: of the trials, as ``kinematics_of`` (cases/evidence/kinematics) gives them; None where no candidate is seen by
     them; number: of the campaign of each trial; started: numbers of the candidates that the calibration has already,
     with one value for all; dispersion: how much more the scores of windows vary than their information says.
     """
     group = np.array(number)
-    known = logs.value if seen_by_kinematics(beside.candidates) else None
     p: list[float] = []
     readings: list[RunReadings | None] = []
     for i, candidate in enumerate(beside.candidates):
-        quantity = _quantity(candidate) if known else None
-        measured = _measured_test(known, quantity, beside, group) if known and quantity else None
+        quantity = _quantity(candidate) if logs else None
+        measured = _measured_test(logs, quantity, beside, group) if logs and quantity else None
         test = measured[0] if measured else _model_test(beside, i, group, started, dispersion)
         readings.append(measured[1] if measured else None)
         p.append(test.p_single if test else 1.0)

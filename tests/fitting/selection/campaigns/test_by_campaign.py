@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cases.evidence.kinematics import kinematics_of
 from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
@@ -19,10 +17,9 @@ from fitting.calibration import Calibration, estimate_coefficients, first_estima
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import RunConstants
-from fitting.parallel import ProcessBeside, helper
 from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
-from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, asks_kinematics, by_campaign
+from fitting.selection.campaigns.by_campaign import CampaignFit, CampaignQuestion, by_campaign
 from fitting.selection.campaigns.chance import LEVEL
 from fitting.selection.campaigns.choice import better, gains
 from fitting.selection.campaigns.sentences import differences, not_asked
@@ -147,21 +144,6 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
     assert certified == [number] and result.converged and result.status == "Solve_Succeeded"
     assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
-
-
-def test_kinematics_that_another_process_made_give_the_same_instruments() -> None:
-    trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}, RUNS, 5, 10.0, 100.0)
-    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
-    question = CampaignQuestion(ship, trials, settings, wanted=("gyro", "log_scale"))
-    assert asks_kinematics(question) and not asks_kinematics(replace(question, wanted=("none",)))
-    assert not asks_kinematics(replace(question, wanted=("antenna_offset",)))
-    found, fit = calibrated(True)
-    with helper(bool) as executor:
-        kinematics = ProcessBeside(executor).begin(partial(kinematics_of, trials, ship))
-        assert kinematics.there.result() is not None and kinematics.value
-    again = by_campaign(found, replace(question, kinematics=kinematics))
-    assert repr(again.content) == repr(fit.content)
-    np.testing.assert_array_equal(again.calibration.p, fit.calibration.p)
 
 
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
