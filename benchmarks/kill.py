@@ -26,7 +26,7 @@ from typing import Any
 
 from safetensors import safe_open
 
-from benchmarks.record import table
+from benchmarks.record import Figure, keep, table
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 
@@ -275,6 +275,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--verb", choices=sorted(VERBS), action="append")
     parser.add_argument("--cold", action="store_true", help="start Python anew for each")
+    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     given = parser.parse_args()
     draw, found = random.Random(given.seed), []
     with tempfile.TemporaryDirectory() as scratch:
@@ -291,6 +292,11 @@ def main() -> None:
                     f"{verb} {k + 1}/{given.kills} {one.name} at {one.fraction:.3f}: {one.faults or 'ok'}", flush=True
                 )
     print("\n".join(table(["command", "signal", "ended", "as it must be", "faults"], rows(found))))
+    if given.record:
+        whole = Figure(
+            "commands ended at a random moment, whole after it", sum(not e.faults for e in found), of=len(found)
+        )
+        keep({"kill": whole}, f"python -m benchmarks.kill --kills {given.kills} --seed {given.seed}")
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ class Settings:
     starts: of the last solve, all but the first random; workers: processes over which further starts are spread;
     tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard
     deviations (6,) instead of estimated ones; compiled: use a C compiler if there is one; loss: cost of residuals, one
-    of ``loss.LOSSES``; weight: share of its information with which a run counts, 1: as its residuals say; None for
-    either of the last two: chosen by runs left out (fitting/selection/robust_choice.py).
+    of ``loss.LOSSES``; weight: share of its information with which a run counts, 1: as its residuals say.
     """
 
     window: float | None = None
@@ -34,8 +33,8 @@ class Settings:
     time_limit: float | None = None
     sigma: tuple[float, ...] | None = None
     compiled: bool = True
-    loss: str | None = "gaussian"
-    weight: float | None = 1.0
+    loss: str = "gaussian"
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 The linear derivatives are means of six regressions. Common factors (CORRECTIONS) bring turning circles and zigzags of
 the ships in benchmarks/literature to the published ones as far as one set for all ships can; they are determined by
-``python -m benchmarks.own_ships``, which also leaves out each ship in turn. The standard deviations are as wide as the
+``benchmarks.own_ships`` of 5f878e7, which also leaves out each ship in turn. The standard deviations are as wide as the
 errors of the ships left out demand.
 """
 

@@ -86,7 +86,7 @@ def _write(product: Product, target: Path, version: int, platforms: Sequence[str
     files, said = fmu_files(ship, version, platforms)
     write_archive(target, files)
     beside.write_text(text, encoding="utf-8", newline="\n")
-    words = f"{beside.name} lies beside it: its variables in groups, for the Open Simulation Platform (docs/fmu.md)"
+    words = f"{beside.name}: groups of its variables for the Open Simulation Platform (docs/how-to/fmu.md)"
     return [*said, Message(words, OSP_DESCRIPTION)]
 
 

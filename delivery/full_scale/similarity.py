@@ -79,7 +79,7 @@ def dropped_effects(ship: Ship) -> tuple[str, ...]:
 
     def stays(name: str) -> bool:
         known = effect(name)
-        return (known.surroundings and name != "disturbance") or known.measures or known.enters == "actuator path"
+        return known.surroundings or known.measures or known.enters == "actuator path"
 
     return tuple(name for name in ship.effects if stays(name))
 

@@ -21,7 +21,7 @@ from fitting.report.plot_style import (
     BEFORE,
     GREY,
     WIDTH,
-    TakesFigures,
+    FigureFolder,
     dress,
     new_figure,
     placed_axes,
@@ -191,7 +191,7 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
-def write_identifiability_figures(written: TakesFigures, record: FitRecord, objects: FitObjects) -> None:
+def write_identifiability_figures(written: FigureFolder, record: FitRecord, objects: FitObjects) -> None:
     """Write the figures of what trials determine, none where that is not known.
 
     written: where to; record: what the calibration found; objects: what stands behind it.

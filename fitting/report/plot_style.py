@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from mmg.messages import Message
 from mmg.progress import LOGGER
@@ -79,13 +79,6 @@ def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> f
     pen = RendererAgg(8, 8, DPI)
     widths = [pen.get_text_width_height_descent(text, font, False)[0] / DPI for text in labels]
     return min(max(widths, default=0.0) + 0.12, 0.5 * WIDTH)
-
-
-class TakesFigures(Protocol):
-    """Where figures go, such as a ``FigureFolder``."""
-
-    def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
-        """Take the figure ``name`` that ``draw`` gives, with its ``title`` and ``caption``."""
 
 
 class FigureFolder:

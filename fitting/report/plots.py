@@ -16,12 +16,13 @@ from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import CoefficientRow, FitObjects, FitRecord
+from fitting.report.plot_identifiability import write_identifiability_figures
 from fitting.report.plot_style import (
     AFTER,
     ALARM,
     BEFORE,
     GREY,
-    TakesFigures,
+    FigureFolder,
     dress,
     literal,
     new_figure,
@@ -262,7 +263,7 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
-def write_figures(written: TakesFigures, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
+def write_figures(written: FigureFolder, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
     """Write the figures of a calibration, in the order of a report.
 
     written: where to; record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at
@@ -314,3 +315,4 @@ def write_figures(written: TakesFigures, record: FitRecord, objects: FitObjects,
             "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
             "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
         )  # fmt: skip
+    write_identifiability_figures(written, record, objects)

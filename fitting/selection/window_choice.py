@@ -20,7 +20,6 @@ from fitting.nlp.captive import Captive
 from fitting.prediction.predict import ShipsByTrial, predict_all
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.left_out_runs import Jackknifed, apart, estimates_without, jackknifed
-from fitting.selection.robust_choice import CLEARLY, ERRORS_WORSE, FEWEST, LEAST_GAIN, OF_KIND
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -33,6 +32,16 @@ SHORTEST = 20.0
 """Steps of the shortest windows that are tried."""
 APART = 1.2
 """Factor by which candidates differ at least."""
+FEWEST = 4
+"""Runs from which on a choice is made."""
+LEAST_GAIN = 0.005
+"""Share by which a candidate must lower the error of runs left out."""
+OF_KIND = 3
+"""Runs of a kind from which on its own error may forbid a candidate."""
+CLEARLY = 1.645
+"""Jackknife errors by which a candidate must be better: a chance of 5 % for one that is not."""
+ERRORS_WORSE = 2.0
+"""Jackknife errors by which a kind may become worse."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,7 @@ def choose_window(
     if len(rows) == 1:
         return found
     notices = (*found.notices, *best.notices, Message(sentence_of(rows, horizon), "window_chosen"))
-    return replace(best, weighting=found.weighting, notices=tuple(dict.fromkeys(notices)))
+    return replace(best, notices=tuple(dict.fromkeys(notices)))
 
 
 def errors_over(found: Calibration, trials: Sequence[Trial], horizon: float) -> np.ndarray:

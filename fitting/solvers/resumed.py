@@ -47,9 +47,8 @@ def _by_campaign(earlier: FitResult) -> set[str]:
 
 def as_chosen(settings: Settings, made: Settings) -> Settings:
     """The ``settings`` with what an interrupted run, ``made`` by others, had chosen already."""
-    weight = made.weight if settings.weight is None else settings.weight
     window = made.window if settings.window is None and settings.horizon else settings.window
-    return replace(settings, loss=settings.loss or made.loss, weight=weight, window=window)
+    return replace(settings, window=window)
 
 
 def earlier_passes(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:

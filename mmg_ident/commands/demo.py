@@ -93,9 +93,7 @@ def _calibrate(
     start = load_ship(SHIP)
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
     command = f"mmg fit {SHIP} {folder / 'trials' / 'train'} --validate {folder / 'trials' / 'held_out'} --seed {seed}"
-    found = calibrate(
-        start, train, held_out, Settings(seed=seed, loss=None, weight=None), FitOptions(command=command), progress()
-    )
+    found = calibrate(start, train, held_out, Settings(seed=seed), FitOptions(command=command), progress())
     found = found.save(folder / "run")
     truth = compare_with_truth(found.ship)
     words = "converged" if found.converged else f"NOT converged: {found.advice}"

@@ -30,7 +30,7 @@ def export(
     format: Annotated[
         str,
         Option(
-            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/formats.md).",
+            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx (docs/reference/formats.md).",
             autocompletion=_formats,
         ),
     ],

@@ -63,11 +63,8 @@ def fit(
     ] = None,
     per_campaign: Annotated[
         list[str] | None,
-        Option(help="Instruments that may differ by campaign: gyro, fouling, ... or none; default: the usual ones."),
+        Option(help="Instruments that may differ by campaign: gyro, log_scale, or none; default: both."),
     ] = None,
-    try_disturbance: Annotated[
-        bool, Option("--try-disturbance", help="Keep random forces along the runs where runs left out become better.")
-    ] = False,
     fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone (comma-separated).")] = None,
     only: Annotated[list[str] | None, Option(help="Free only these coefficients (comma-separated).")] = None,
     window: Annotated[float | None, Option(help="Window length [s]; default the horizon, else 100 steps.")] = None,
@@ -95,15 +92,9 @@ def fit(
     compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
     next_trial: Annotated[bool, Option(help="Name the trials that would determine what is left open.")] = True,
     loss: Annotated[
-        str,
-        Option(
-            help="What a residual costs: gaussian, huber or student; auto: chosen by runs left out, in a few steps."
-        ),
-    ] = "auto",
-    run_weight: Annotated[
-        float | None,
-        Option(help="Share of its information with which a run counts, 0 to 1; default chosen by runs left out."),
-    ] = None,
+        str, Option(help="What a residual costs: gaussian, or huber or student, which outliers pull less.")
+    ] = "gaussian",
+    run_weight: Annotated[float, Option(help="Share of its information with which a run counts, above 0 to 1.")] = 1.0,
     estimator: Annotated[
         str,
         Option(
@@ -116,10 +107,6 @@ def fit(
     captive_sigma: Annotated[
         str | None, Option(help="Standard deviations X,Y [N],N [N m] of captive forces; default 3 % rms.")
     ] = None,
-    auto: Annotated[
-        bool, Option("--auto", help="Choose the model by cross-validation over runs (window, priors, loss, ...).")
-    ] = False,
-    auto_limit: Annotated[float, Option(help="Time for the choice [s].")] = 480.0,
     unchecked: Annotated[
         bool,
         Option(
@@ -128,6 +115,7 @@ def fit(
             help="Fit also files that mmg check calls contradictory, and broken stretches.",
         ),
     ] = False,
+    report: Annotated[bool, Option(help="With figures and page, after the numbers.")] = True,
     json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
 ) -> int:
     """Calibrate a ship on trials by multiple shooting and IPOPT.
@@ -168,8 +156,6 @@ def fit(
     points = _captive_points(captive, captive_sigma)
     if name_fault(name):
         raise UserError(f"--name {name!r}: {name_fault(name)}")
-    if auto and resume:
-        raise UserError("--auto cannot be resumed: repeat the choice as options, or start again without --resume")
     earlier = _resumed(out) if resume and out.exists() else None
     if earlier and earlier.converged and not any(has_code(earlier.warnings, code) for code in OPEN):
         say(f"{out} has converged already; nothing to resume")
@@ -186,11 +172,8 @@ def fit(
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
         per_campaign=tuple(names_of(per_campaign)),
-        try_disturbance=try_disturbance,
         instruments=tuple(names_of([measurement])),
         captive=points,
-        auto=auto,
-        auto_limit=auto_limit,
         resume=earlier,
         command=command_line(),
         name=name or _own_name(earlier),
@@ -207,7 +190,7 @@ def fit(
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings)
         earlier_warnings = result.warnings
-        result = result.save(out, replace=resume, numbers=None if json else _summary)
+        result = result.save(out, replace=resume, numbers=None if json else _summary, report=report)
         _ended(result, out, earlier_warnings) if not json else print_json(result.to_dict())
     refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
@@ -228,14 +211,12 @@ def _settings(sigma: str | None, **values: Any) -> Settings:
     for name, least in (("interval", 1), ("starts", 1), ("workers", 1), ("max_iterations", 0)):
         if values[name] < least:
             raise UserError(f"--{name.replace('_', '-')} {values[name]} must be at least {least}")
-    if values["loss"] not in ("auto", *LOSSES):
-        raise UserError(f"--loss {values['loss']}: unknown; choose one of auto, {', '.join(LOSSES)}")
-    if (weight := values["weight"]) is not None:
-        if not 0 < weight <= 1:
-            raise UserError(f"--run-weight {weight:g} must be above 0 and at most 1")
-        if sigma:
-            raise UserError("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
-    values["loss"] = None if values["loss"] == "auto" else values["loss"]
+    if values["loss"] not in LOSSES:
+        raise UserError(f"--loss {values['loss']}: unknown; choose one of {', '.join(LOSSES)}")
+    if not 0 < (weight := values["weight"]) <= 1:
+        raise UserError(f"--run-weight {weight:g} must be above 0 and at most 1")
+    if weight != 1 and sigma:
+        raise UserError("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
     return Settings(sigma=numbers_of(sigma, 6, "--sigma") if sigma else None, **values)
 
 
@@ -270,10 +251,12 @@ def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
 
 def _ended(result: FitResult, out: Path, said: Sequence[Message]) -> None:
     """The last lines for a person, when figures and page are made: warnings that were not ``said`` before."""
+    from fitting.report.run_folder import PAGE
+
     for line in result.warnings:
         if line not in said:
             say(f"warning: {line}")
-    say(f"run folder: {out} (ship.toml, result.json, report.html)")
+    say(f"run folder: {out} (ship.toml, result.json{', report.html' if (out / PAGE).exists() else ''})")
 
 
 def _summary(result: FitResult) -> None:

@@ -22,7 +22,7 @@ def import_(
         list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet) or folders of them.", metavar="FILE...")
     ],
     out: Annotated[Path, Option(help="Folder to write: a trial file for each run, trials.toml, import.toml.")],
-    map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/import.md).")] = None,
+    map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/how-to/import.md).")] = None,
     rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard or port.")] = None,
     wind_direction: Annotated[str | None, Option(help="Where wind directions point: from or to.")] = None,
     velocity_frame: Annotated[str | None, Option(help="Frame of u and v: body or earth.")] = None,

@@ -28,7 +28,7 @@ class FleetTable(Section):
 
     name: str = "fleet"
     seed: int = 0
-    loss: str = "auto"
+    loss: str = "gaussian"
     diagnose: bool = True
     diagnosis_step: float | None = number("s", None, gt=0.0, lt=60.0)
     effects: list[str] = Field(default=[])
@@ -113,8 +113,8 @@ def read_plan(path: str | Path) -> FleetPlan:
 def _fleet_problems(content: PlanFile) -> list[str]:
     """What is wrong with the options and the names."""
     found = []
-    if content.fleet.loss not in ("auto", *LOSSES):
-        found.append(f'[fleet] loss = "{content.fleet.loss}": must be one of auto, {", ".join(LOSSES)}')
+    if content.fleet.loss not in LOSSES:
+        found.append(f'[fleet] loss = "{content.fleet.loss}": must be one of {", ".join(LOSSES)}')
     seen: dict[str, str] = {}
     for name in content.ships:
         fault = name_fault(name) or ("must not begin with a dot" if name.startswith(".") else "")

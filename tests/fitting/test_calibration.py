@@ -107,9 +107,9 @@ def test_a_first_estimate_without_its_last_solve_gets_it_when_it_is_finished(res
 @pytest.mark.parametrize("pressed", [False, True])
 def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bool) -> None:
     """Also where Ctrl-C came before: what is nearly done goes on."""
-    ship, trials, settings = few_free(), runs()[0][:3], Settings(loss=None, weight=None)
+    ship, trials, settings = few_free(), runs()[0][:3], Settings()
     whole, first = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings)
-    assert first.solution.at_end and not first.converged and first.warnings == () and first.weighting
+    assert first.solution.at_end and not first.converged and first.warnings == ()
     with interrupts_noted():
         INTERRUPTED.requested = pressed
         found = finished(first)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fitting.report.run_folder import RESULT, write_json
-from fitting.result import FitResult, read_fit
+from fitting.result import FitResult, read_fit, write_report
 from mmg.errors import UserError
 from mmg.messages import has_code
 from mmg.ship import Ship
@@ -25,8 +25,8 @@ KEYS = {
     "coefficients", "fixed", "correlation", "scores", "identifiability", "warnings", "notices", "messages", "figures",
     "uncertainty", "bands", "adaptation", "calibration", "envelope",
 }  # fmt: skip
-"""Keys of result.json of a fit with held-out trials; "per_run", "campaigns", "bootstrap", "profiles" and "auto" come
-where there are any."""
+"""Keys of result.json of a fit with held-out trials; "per_run", "campaigns", "bootstrap" and "profiles" come where
+there are any."""
 
 
 @pytest.fixture(scope="module")
@@ -132,6 +132,14 @@ def test_results_are_tables(folder: Path) -> None:
     assert isinstance(result, FitResult)
 
 
+def test_without_report_the_folder_holds_numbers_alone_and_a_page_can_be_made_later(tmp_path: Path) -> None:
+    saved = small_result().save(tmp_path / "run", report=False)
+    assert not saved.figures and not {"figures", "report.html"} & {p.name for p in (tmp_path / "run").iterdir()}
+    read = read_fit(tmp_path / "run")
+    assert read.coefficients == saved.coefficients and not has_code(read.warnings, "parts_left_out")
+    assert "<h2" in write_report([tmp_path / "run"], tmp_path / "page.html", imo=False)
+
+
 def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The numbers are in the folder before anything is drawn; what could not be made is a warning of the result."""
 
@@ -141,7 +149,7 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
         raise ValueError("no such glyph")
 
     monkeypatch.setattr("fitting.report.plots.coefficient_plot", broken)
-    monkeypatch.setattr("fitting.report.plot_identifiability.write_identifiability_figures", broken)
+    monkeypatch.setattr("fitting.report.plots.write_identifiability_figures", broken)
     monkeypatch.setattr("fitting.report.page.build_page", broken)
     saved = small_result().save(tmp_path / "run")
     read = read_fit(tmp_path / "run")

@@ -72,7 +72,7 @@ def may_keep(question: CampaignQuestion) -> bool:
     """Whether ``by_campaign`` may keep anything for the ``question``. Raises as that."""
     if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
         return False
-    return bool(candidates(question.ship, question.trials, question.wanted))
+    return bool(candidates(question.ship, question.wanted))
 
 
 def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
@@ -88,7 +88,7 @@ def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
     if question.wanted == ("none",):
         return same
     campaigns = campaigns_of(question.trials)
-    chosen = candidates(found.problem.ship, question.trials, question.wanted)
+    chosen = candidates(found.problem.ship, question.wanted)
     reason = why_not(campaigns, bool(question.wanted))
     alone = len(campaigns.comparable) < 2
     judged = found.rough or found.solution.at_end
@@ -164,7 +164,7 @@ def _refitted(
         shared = dict(zip(new.prior.symbols, new.p, strict=True))
     assert new is not None
     scores = _confirmed(found, new, own, readings, question.trials)
-    return (CampaignFit(replace(new, weighting=found.weighting), ship, own), scores) if scores else (None, None)
+    return (CampaignFit(new, ship, own), scores) if scores else (None, None)
 
 
 def _confirmed(

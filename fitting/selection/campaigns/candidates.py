@@ -13,7 +13,6 @@ import numpy as np
 
 from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
-from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
@@ -24,17 +23,12 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 
 USUAL = {
-    "velocity_filter": ("velocity_filter.tau",),
     "gyro lag": ("gyro.T",),
     "gyro scale": ("gyro.share",),
-    "antenna_offset": ("antenna_offset.x", "antenna_offset.y"),
-    "heading_bias": ("heading_bias.psi",),
     "log_scale": ("log_scale.share",),
-    "wind_sensor_bias": ("wind_sensor_bias.x", "wind_sensor_bias.y"),
 }
-"""What is tried unless wanted otherwise: symbols of each instrument that get one width together."""
-ON_REQUEST = {"fouling": ("fouling",), "draft": ("draft",), "rudder_offset": ("rudder_offset",)}
-"""Effects that differ by day and are tried if wanted for: all of their parameters that are not held."""
+"""What may differ by campaign: symbols of each instrument that get one width together. Of others (lag of u and v,
+antenna, heading, wind sensor, fouling, draught, rudder offset) none was kept on any data set."""
 
 
 @dataclass(frozen=True)
@@ -45,32 +39,27 @@ class Instrument:
     symbols: tuple[str, ...]
 
 
-def candidates(ship: Ship, trials: Sequence[Trial], wanted: Sequence[str] = ()) -> list[Instrument]:
-    """What may differ between campaigns of ``trials`` of ``ship``: the usual instruments, or those ``wanted`` for.
+def candidates(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
+    """What may differ between campaigns of trials of ``ship``: all instruments, or those ``wanted``.
 
-    Left out is what needs a part that the ship or the trials lack, and what the ship holds at a value of its own.
-    Raises UserError for an unknown name.
+    Left out is what needs a part that the ship lacks, and what she holds at a value of its own. Raises UserError for an
+    unknown name.
     """
     rows = {
         name: symbols for name, symbols in USUAL.items() if not wanted or {name, symbols[0].split(".")[0]} & {*wanted}
     }
     for name in wanted:
-        if name in ON_REQUEST:
-            rows[name] = tuple(f"{name}.{p.symbol}" for p in parameters(ship, name) if not p.held)
-        elif not any(name in (key, symbols[0].split(".")[0]) for key, symbols in USUAL.items()):
-            known = ", ".join([*dict.fromkeys(s[0].split(".")[0] for s in USUAL.values()), *ON_REQUEST])
-            raise UserError(f"--per-campaign {name}: unknown; choose among {known}, or none")
-    return [Instrument(name, symbols) for name, symbols in rows.items() if _possible(ship, trials, symbols)]
+        if not any(name in (key, symbols[0].split(".")[0]) for key, symbols in USUAL.items()):
+            known = ", ".join(dict.fromkeys(s[0].split(".")[0] for s in USUAL.values()))
+            why = "is gone: it no longer differs by campaign" if name in EFFECTS else "unknown"
+            raise UserError(f"--per-campaign {name}: {why}; choose among {known}, or none")
+    return [Instrument(name, symbols) for name, symbols in rows.items() if _possible(ship, symbols)]
 
 
-def _possible(ship: Ship, trials: Sequence[Trial], symbols: Sequence[str]) -> bool:
+def _possible(ship: Ship, symbols: Sequence[str]) -> bool:
     """Whether the constants ``symbols`` can have an influence and are nowhere held."""
     name = symbols[0].split(".")[0]
     if any(role not in ship.components for role in EFFECTS[name].needs):
-        return False
-    if name == "wind_sensor_bias" and not any(t.has_wind for t in trials):
-        return False
-    if name == "velocity_filter" and "gnss_delay" in ship.effects:
         return False
     return not any(s in ship.coefficients and ship.coefficients[s].fixed and name in ship.effects for s in symbols)
 

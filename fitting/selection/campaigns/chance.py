@@ -24,7 +24,7 @@ from mmg.motion.froude import time_scale
 
 LEVEL = 0.05
 """Probability by chance, corrected for the number of instruments, below which an instrument differs."""
-SEEN_BY = {"velocity_filter.tau": "lag", "gyro.T": "lag_r", "gyro.share": "gain_r", "log_scale.share": "gain_u"}
+SEEN_BY = {"gyro.T": "lag_r", "gyro.share": "gain_r", "log_scale.share": "gain_u"}
 """What the kinematics call the constants that they show."""
 
 

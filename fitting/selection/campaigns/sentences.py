@@ -13,15 +13,9 @@ from fitting.nlp.run_constants import RunConstants
 from mmg.messages import Message
 
 NAMES = {
-    "velocity_filter.tau": "the lag of u and v",
     "gyro.T": "the lag of the turn rate",
     "gyro.share": "the scale error of the turn rate",
-    "antenna_offset.x": "the antenna's place ahead of midship",
-    "antenna_offset.y": "the antenna's place to starboard",
-    "heading_bias.psi": "the error of the heading",
     "log_scale.share": "the scale error of the log",
-    "wind_sensor_bias.x": "the error of the wind to the north",
-    "wind_sensor_bias.y": "the error of the wind to the east",
 }
 """Constants in words."""
 UNTOLD = 0.9

@@ -106,7 +106,7 @@ def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> Non
 def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
     names = [c["name"] for c in content["candidates"]]
     assert len(names) == len(set(names))
-    assert set(names) | set(content["not_screened"]) == set(EFFECTS) - {"disturbance", "gyro"}  # fitted along
+    assert set(names) | set(content["not_screened"]) == set(EFFECTS) - {"gyro"}  # fitted along
     assert set(content["not_screened"]) == {"bank"}
     for c in content["candidates"]:
         assert {"name", "score", "p_value", "delta_bic", "excited", "absorbed_share"} <= set(c)
