@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -53,19 +53,21 @@ def worth_of_left_out(
     after: Simulator,
     sets: Mapping[str, Sequence[Trial]],
     scores: Mapping[str, ScorePair],
-    moved: Callable[[Sequence[Trial]], np.ndarray],
-    symbols: Sequence[str],
+    found: Calibration,
+    ship: Ship,
+    captive: Captive | None,
+    per_run: Own,
 ) -> dict[str, Any] | None:
     """Content of "left_out" in result.json; None where nothing was left out.
 
     after: the calibrated ship; sets: trials by name, "training" and "validation"; scores: of them, without what was
-    left out; moved: the step of the estimates [standard errors] that other training trials make; symbols: of it (P,).
+    left out; found, ship, captive, per_run: as of ``moved_by``.
     Returns seconds and trials that are concerned, both metrics with and without, and the step by symbol.
     """
     concerned = {t.name: _row(t) for some in sets.values() for t in some if t.whole is not None}
     if not concerned:
         return None
-    found: dict[str, Any] = {
+    worth: dict[str, Any] = {
         "seconds": sum(row["seconds"] for row in concerned.values()),
         "trials": concerned,
         "scores": {},
@@ -75,22 +77,22 @@ def worth_of_left_out(
         whole = [t.whole or t for t in sets[name] if t.has_position]
         if any(t.whole is not None for t in sets[name]):
             kept = score(after, whole, pair.after.sigma)
-            found["scores"][name] = {
+            worth["scores"][name] = {
                 metric: {"without": getattr(pair.after, metric), "with": getattr(kept, metric)}
                 for metric in ("window", "paper")
             }
     if any(t.whole is not None for t in sets["training"]):
         try:
-            steps = moved([t.whole or t for t in sets["training"]])
+            steps = moved_by(found, ship, captive, per_run, [t.whole or t for t in sets["training"]])
         except (UserError, np.linalg.LinAlgError) as error:
-            return found | {"estimates": {"method": "none", "why": str(error)}}
-        moves = dict(zip(symbols, steps.tolist(), strict=True))
-        found["estimates"] = {
+            return worth | {"estimates": {"method": "none", "why": str(error)}}
+        moves = dict(zip(found.prior.symbols, steps.tolist(), strict=True))
+        worth["estimates"] = {
             "method": "step",
             "change_in_standard_errors": moves,
             "rms": float(np.sqrt(np.mean(steps**2))),
         }
-    return found
+    return worth
 
 
 def worth_message(found: Mapping[str, Any] | None) -> list[Message]:

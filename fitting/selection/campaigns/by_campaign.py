@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from fitting.selection.campaigns.readings import RunReadings, readings_as_rows
 from fitting.selection.campaigns.sentences import differences, why_not
 from fitting.selection.campaigns.spread import Reduced, Widths, with_prior
 from fitting.selection.left_out_runs import RunScores, apart, estimates_without, leave_out
-from fitting.settings import Settings
 from mmg.messages import Message
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -52,63 +51,54 @@ class CampaignFit:
     left_out: tuple[RunScores, RunScores] | None = None
 
 
-@dataclass(frozen=True)
-class CampaignQuestion:
-    """What a calibration with campaigns needs to know.
-
-    ship: as of ``estimate_coefficients``; trials: calibrated on; settings, captive, progress: of it; wanted: names of
-    instruments, () for the usual ones, ("none",) for none.
-    """
-
-    ship: Ship
-    trials: Sequence[Trial]
-    settings: Settings
-    captive: Captive | None = None
-    wanted: tuple[str, ...] = ()
-    progress: OnProgress | None = field(default=None)
-
-
-def may_keep(question: CampaignQuestion) -> bool:
-    """Whether ``by_campaign`` may keep anything for the ``question``. Raises as that."""
-    if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
+def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
+    """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; arguments and errors as there."""
+    if wanted == ("none",) or len(campaigns_of(trials).comparable) < 2:
         return False
-    return bool(candidates(question.ship, question.wanted))
+    return bool(candidates(ship, wanted))
 
 
-def by_campaign(found: Calibration, question: CampaignQuestion) -> CampaignFit:
+def by_campaign(
+    found: Calibration,
+    ship: Ship,
+    trials: Sequence[Trial],
+    wanted: tuple[str, ...] = (),
+    captive: Captive | None = None,
+    progress: OnProgress | None = None,
+) -> CampaignFit:
     """The calibration ``found`` with a value per campaign of each instrument for which that pays, else as it is.
 
-    found: where it is ``rough``, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); question:
-    of what ship and trials.
+    found: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); ship,
+    trials, captive: as of ``estimate_coefficients`` that made it; wanted: names of instruments, () for the usual ones,
+    ("none",) for none; progress: of further solves.
     Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
     other, or an instrument wanted for is unknown.
     """
     began = time.perf_counter()
-    same = CampaignFit(found, question.ship)
-    if question.wanted == ("none",):
+    same = CampaignFit(found, ship)
+    if wanted == ("none",):
         return same
-    campaigns = campaigns_of(question.trials)
-    chosen = candidates(found.problem.ship, question.wanted)
-    reason = why_not(campaigns, bool(question.wanted))
+    campaigns = campaigns_of(trials)
+    chosen = candidates(found.problem.ship, wanted)
+    reason = why_not(campaigns, bool(wanted))
     alone = len(campaigns.comparable) < 2
-    judged = found.rough or found.solution.at_end
+    judged = found.draft or found.converged
     if alone or not chosen or not judged or found.constants is not None:
         told = (*campaigns.messages, *([reason] if reason else []))
         return replace(same, messages=told)
     beside = Beside.of(found, campaigns, chosen)
     started = [i for i, c in enumerate(chosen) if c.symbols[0] in found.prior.symbols]
-    logs = kinematics_of(question.trials, found.problem.ship) if seen_by_kinematics(chosen) else None
+    logs = kinematics_of(trials, found.problem.ship) if seen_by_kinematics(chosen) else None
     differing = chances(beside, logs, campaigns.number, started, found.spread.dispersion)
-    kept = choose(found, beside, question.trials, started, differing)
+    kept = choose(found, beside, trials, started, differing)
     content = _content(campaigns, kept.table)
     same = replace(same, content=content, messages=campaigns.messages)
     if kept.numbers:
         readings = {
             beside.candidates[i].symbols[0]: r for i in kept.numbers if (r := differing[i].readings) is not None
         }
-        better_fit, scores = _refitted(
-            found, beside, kept, constants_of(beside, kept.numbers, campaigns), readings, question
-        )
+        own = constants_of(beside, kept.numbers, campaigns)
+        better_fit, scores = _refitted(found, beside, kept, own, readings, ship, trials, captive, progress)
         if better_fit is None:
             return replace(same, seconds=time.perf_counter() - began)
         same = _with_values(better_fit, scores, campaigns, content, list(campaigns.messages))
@@ -121,10 +111,14 @@ def _refitted(
     kept: KeptInstruments,
     own: ByCampaign,
     readings: Mapping[str, RunReadings],
-    question: CampaignQuestion,
+    ship: Ship,
+    trials: Sequence[Trial],
+    captive: Captive | None,
+    progress: OnProgress | None,
 ) -> tuple[CampaignFit | None, tuple[RunScores, RunScores] | None]:
     """The calibration with the constants ``own`` of what was ``kept``, if it converges and left-out runs confirm it;
-    and their scores. readings: of those constants that the kinematics measured."""
+    and their scores. readings: of those constants that the kinematics measured; ship, trials, captive, progress: as of
+    ``by_campaign``."""
     told = {symbol: r.of_campaigns(len(own.names)) for symbol, r in readings.items()}
     own = replace(own, told=told)
     at = [beside.symbols.index(s) for s in own.symbols]
@@ -136,23 +130,23 @@ def _refitted(
     values = beside.centre[at] + beside.unit[at] * np.array([start[beside.constants][beside.symbol == k] for k in at]).T
     shared = dict(zip(beside.problem.prior.symbols[: beside.problem.prior.shared], start, strict=False))
     for k, s in enumerate(beside.symbols):  # one value for all, as before
-        if s in question.ship.free and s not in own.symbols:
-            c = question.ship.coefficients[s]
+        if s in ship.free and s not in own.symbols:
+            c = ship.coefficients[s]
             value = beside.centre[k] + beside.unit[k] * means[beside.symbol == k][0]
             shared[s] = (np.clip(value, c.lower, c.upper) - c.value) / c.std
     sigma, nodes = found.sigma, beside.nodes_of(own.symbols)
     new: Calibration | None = None
-    passes = min(question.settings.passes, 1 if found.settings.loss == "gaussian" else 2)
+    passes = min(found.settings.passes, 1 if found.settings.loss == "gaussian" else 2)
     settings = replace(found.settings, starts=1, passes=passes)
     for _ in range(1 if told else SOLVES):
-        ship = with_constants(question.ship, own.symbols, mean, size)
-        prior = prior_with(ship, own, ())
+        own_ship = with_constants(ship, own.symbols, mean, size)
+        prior = prior_with(own_ship, own, ())
         place = slice(prior.shared, None)
         p = np.concatenate(
-            [[shared[s] for s in ship.free], (values.reshape(-1) - prior.mean[place]) / prior.std[place]]
+            [[shared[s] for s in own_ship.free], (values.reshape(-1) - prior.mean[place]) / prior.std[place]]
         )
         warm = {"p": p, "sigma": sigma, "nodes": nodes}
-        new = estimate_coefficients(ship, question.trials, settings, question.progress, warm, question.captive, own)
+        new = estimate_coefficients(own_ship, trials, settings, progress, warm, captive, own)
         if not new.converged or new.constants is None:
             return None, None
         wider, moved = _widths_again(new, block)
@@ -163,8 +157,8 @@ def _refitted(
         sigma, nodes = new.sigma, new.iterate["nodes"]
         shared = dict(zip(new.prior.symbols, new.p, strict=True))
     assert new is not None
-    scores = _confirmed(found, new, own, readings, question.trials)
-    return (CampaignFit(new, ship, own), scores) if scores else (None, None)
+    scores = _confirmed(found, new, own, readings, trials)
+    return (CampaignFit(new, own_ship, own), scores) if scores else (None, None)
 
 
 def _confirmed(

@@ -17,13 +17,13 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from cases.criteria.assessment import imo_figures
 from cases.shipfiles.ship_file import load_ship
+from fitting.calibrate import calibrate
 from fitting.calibration import estimate_coefficients
 from fitting.design.area import Area
 from fitting.design.plan import PlanTask, SequenceFound, search_plan
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
 from fitting.parallel import Shared, executors, kept_workers, listening, run_all, width, with_one_thread
-from fitting.pipeline import calibrate
 from fitting.prediction.figure_intervals import with_intervals
 from mmg.errors import UserError
 from mmg.progress import Progress

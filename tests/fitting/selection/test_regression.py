@@ -13,8 +13,8 @@ from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
+from fitting.calibrate import started_from
 from fitting.calibration import estimate_coefficients
-from fitting.pipeline import started_from
 from fitting.selection.candidates import candidate
 from fitting.selection.increments import increments
 from fitting.selection.regression import Regression, regress

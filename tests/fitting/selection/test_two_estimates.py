@@ -11,9 +11,9 @@ import pytest
 from cases.shipfiles.effects import freeing_effects
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
+from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration
 from fitting.identifiability.verdicts import verdict
-from fitting.pipeline import FitOptions, calibrate
 from fitting.result import FitResult
 from fitting.selection.two_estimates import answers, with_second
 from fitting.settings import Settings

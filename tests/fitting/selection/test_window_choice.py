@@ -11,8 +11,8 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
+from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.pipeline import FitOptions, calibrate
 from fitting.selection import window_choice
 from fitting.selection.window_choice import candidates_for, choose_window, errors_over, worse_kind
 from fitting.settings import Settings

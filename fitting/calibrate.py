@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,11 @@ from cases.checks.propulsion import doubtful_revolutions
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
-from fitting.prediction.band_calibration import fit_bands
+from fitting.prediction.band_calibration import Without, fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import scores_by_set
@@ -29,20 +28,15 @@ from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import (
-    CampaignFit,
-    CampaignQuestion,
-    by_campaign,
-    may_keep,
-)
+from fitting.selection.campaigns.by_campaign import CampaignFit, by_campaign, may_keep
 from fitting.selection.campaigns.sentences import not_asked
 from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Later
+from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
 from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
-from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
+from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import UserError
@@ -105,127 +99,123 @@ def calibrate(
 
     Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
     else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
-    that stopped early. Raises UserError for input from which nothing can be identified, for options that contradict
-    each other, and for an interrupted run of other data.
+    that stopped early; what Ctrl-C left out after the coefficients were solved is named in a warning. Raises UserError
+    for input from which nothing can be identified, for options that contradict each other, and for an interrupted run
+    of other data.
     """
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
-    train, remarks = training_trials(trials, validation)
-    given, ship = ship, with_instruments(ship, options.instruments, train)
-    _check_options(ship, train, options)
-    model, constants = varying_effects(ship, options.per_run)
-    if options.resume:
-        check_resumable(options.resume, ship, train, constants)
-        settings = as_chosen(settings, options.resume.settings)
-    later = Later()
-    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
-    by_day = _estimated(question, constants, options, later)
-    found, model = with_uncertain_mean(by_day.calibration, options.prior_mean), by_day.ship
+    trials, remarks = training_trials(trials, validation)
+    given, ship = ship, with_instruments(ship, options.instruments, trials)
+    _check_options(ship, trials, options)
+    made = Made()
+    fit = _estimated(ship, trials, settings, options, made, progress)
+    found = with_uncertain_mean(fit.calibration, options.prior_mean)
     second = options.second if options.asks_second(settings) and answers(options.second, given) else None
     if second and found.converged:
-        found = later.made("second estimate", lambda: with_second(found, second(given, train)), found)
-    after = Simulator(found.ship, settings.compiled)
-    scores = later.made(
-        "scores", lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)), NO_SCORES
-    )
-    content = _first_rows(found, options, scores, train, validation)
-    objects = FitObjects(found, before, after, tuple(train), tuple(validation))
-    moved = partial(moved_by, found, model, options.captive, by_day.own)
-    objects = _with_next_trial(objects, options, later)
-    uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
-    works = {
-        "worth of adaptation": partial(worth_of_past, found, after, train, validation),
-        "worth of what was left out": partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols),
-        "prediction bands": partial(prediction_bands, found, after, train),
+        make_in_turn({"second estimate": lambda: with_second(found, second(given, trials))}, made)
+        found = made.get("second estimate", found)
+
+    before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    sets, apart = {"validation": validation, "training": trials}, without_trials(found, trials)
+    parts: dict[str, Callable[[], Any]] = {
+        "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
+        "worth of what was left out": lambda: worth_of_left_out(
+            after, sets, made["scores"], found, fit.ship, options.captive, fit.own
+        ),
+        "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
+        "prediction bands": lambda: prediction_bands(found, after, trials, apart),
     }
-    adaptation, left_out, bands = (later.made(name, work, None) for name, work in works.items())
-    warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
-    warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
-    named = marked(found.ship, ship, train, options.name)
+    if options.next_trial and found.converged and np.isfinite(found.covariance).all():
+        parts["next trial"] = lambda: next_trial(found)
+    if options.bootstrap:
+        parts["--bootstrap"] = lambda: refit_rows(found, options.bootstrap)
+    if options.profile:
+        parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
+    make_in_turn(parts, made)
+    plan = made.get("next trial")
+    content = _content(fit, found, made, trials, validation, options)
+    named = marked(found.ship, ship, trials, options.name)
+    warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
+    warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
+    warnings += [left_out_message(made.missing)] if made.missing else []
+    warnings += doubtful_revolutions(ship, trials)
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
-        "identifiability": identifiability_dict(found.identifiability, objects.next_trial),
-        "messages": _message_rows(warning=warnings, notice=[*found.notices, *by_day.messages]),
-        "bands": bands,
-        "adaptation": adaptation,
-        "envelope": trial_envelope(found.ship, train),
-        "left_out": left_out,
-        "campaigns": by_day.content,
-        **uncertainty,
-        "timings_s": {
-            **found.timings,
-            "campaigns": by_day.seconds,
-            "identifiability": later.seconds.get("next trial", 0.0),
-            **{name.replace(" ", "_"): seconds for name, seconds in later.seconds.items()},
-            "wall": time.perf_counter() - began,
-        },
+        "messages": _message_rows(warning=warnings, notice=[*found.notices, *fit.messages]),
+        "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
     }
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), plan)
     return FitResult(**vars(FitRecord.of(content)), ship=named, start=ship, iterate=found.iterate, objects=objects)
 
 
-def _first_rows(
-    found: Calibration,
+def _estimated(
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: Settings,
     options: FitOptions,
-    scores: Mapping[str, ScorePair],
-    train: Sequence[Trial],
+    made: Made,
+    progress: OnProgress | None,
+) -> CampaignFit:
+    """The calibration of ``ship``, with values by campaign where they pay; without with constants of runs, or with
+    coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
+    model, constants = varying_effects(ship, options.per_run)
+    warm, held = started_from(model, options.start), tuple(options.start) if options.hold else ()
+    if options.resume:
+        check_resumable(options.resume, ship, trials, constants)
+        settings, warm = as_chosen(settings, options.resume.settings), iterate_of(options.resume, model)
+    if held or constants:
+        found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants, held)
+        messages = () if held else not_asked(trials, options.per_campaign)
+        return CampaignFit(found, model, constants, messages=messages)
+    # where values by campaign may take its place, the last solve without them would be thrown away
+    draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
+    draft = draft and settings.time_limit is None and settings.horizon is None
+    found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, draft=draft)
+    if settings.horizon and not (settings.window or options.resume):
+        make_in_turn({"windows": lambda: choose_window(found, model, trials, options.captive, progress)}, made)
+        found = made.get("windows", found)
+    wanted, captive = options.per_campaign, options.captive
+    make_in_turn({"values by campaign": lambda: by_campaign(found, model, trials, wanted, captive, progress)}, made)
+    fit = made.get("values by campaign", CampaignFit(found, model))
+    if not fit.calibration.draft:
+        return fit
+    last = estimate_coefficients(model, trials, settings, progress, found.iterate, captive)
+    timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
+    return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
+
+
+def _content(
+    fit: CampaignFit,
+    found: Calibration,
+    made: Made,
+    trials: Sequence[Trial],
     validation: Sequence[Trial],
+    options: FitOptions,
 ) -> dict[str, Any]:
-    """What is known of a calibration with its scores, by attribute of the result: all that its figures show."""
+    """What is known of the calibration ``found``, and of the ``fit`` behind it, by attribute of the result."""
+    seconds = {name.strip("-").replace(" ", "_"): value for name, value in made.seconds.items()}
+    seconds = {"campaigns": fit.seconds, "identifiability": seconds.get("next_trial", 0.0), **seconds}
     return {
         **solved(found, options.command),
         "passes": (*earlier_passes(options.resume, found), *found.passes),
-        "data": data_rows(train),
+        "data": data_rows(trials),
         "validation_data": data_rows(validation),
         "coefficients": coefficient_rows(found),
         "correlation": correlation_of(found),
-        "scores": scores,
-        "identifiability": identifiability_dict(found.identifiability),
-        "messages": [],
-        "timings_s": {},
+        "scores": made.get("scores", NO_SCORES),
+        "identifiability": identifiability_dict(found.identifiability, made.get("next trial")),
+        "bands": made.get("prediction bands"),
+        "adaptation": made.get("worth of adaptation"),
+        "envelope": trial_envelope(found.ship, trials),
+        "left_out": made.get("worth of what was left out"),
+        "campaigns": fit.content,
+        **uncertainty_rows(found),
+        **made.get("--bootstrap", {}),
+        **made.get("--profile", {}),
+        "timings_s": {**found.timings, **seconds},
     }
-
-
-def _with_next_trial(objects: FitObjects, options: FitOptions, later: Later) -> FitObjects:
-    """The ``objects`` with the next trial."""
-    found = objects.calibration
-    if options.next_trial and found.converged and np.isfinite(found.covariance).all():
-        return replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    return objects
-
-
-def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
-    """Rows of the bootstrap and the profiles that ``options`` ask for."""
-    rows: dict[str, Any] = {}
-    for number, name in ((options.bootstrap, "--bootstrap"), (len(options.profile), "--profile")):
-        asked = (number, ()) if name == "--bootstrap" else (0, options.profile)
-        if number:
-            rows = rows | later.made(name, partial(refit_rows, found, *asked), {})
-    return rows
-
-
-def _estimated(
-    question: CampaignQuestion, constants: tuple[str, ...], options: FitOptions, later: Later
-) -> CampaignFit:
-    """The calibration of the ship in ``question``, with values by campaign where they pay; without with constants of
-    runs, or with coefficients that are held."""
-    model, train, settings, progress = question.ship, question.trials, question.settings, question.progress
-    warm = iterate_of(options.resume, model) if options.resume else started_from(model, options.start)
-    held = tuple(options.start) if options.hold else ()
-    if held or constants:
-        found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
-        messages = () if held else not_asked(train, options.per_campaign)
-        return CampaignFit(found, model, constants, messages=messages)
-    rough = not settings.horizon and may_keep(question)  # a choice of windows is for an estimate that has converged
-    found = first_estimate(model, train, settings, progress, warm, options.captive, rough)
-    if settings.horizon:
-        found = finished(found, progress)
-    if settings.horizon and not (settings.window or options.resume):
-        ask = partial(choose_window, found, model, train, options.captive, progress)
-        found = later.made("windows", ask, found)
-    by_day = later.made("values by campaign", lambda: by_campaign(found, question), CampaignFit(found, model))
-    return replace(by_day, calibration=finished(by_day.calibration, progress))
 
 
 def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
@@ -261,17 +251,20 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
 
 
-def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:
-    """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out."""
-    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
-    return fit_bands(simulator, trials, draws_of(known, found.ship), without_trials(found, trials))
-
-
-def worth_of_past(
-    found: Calibration, simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial] = ()
+def prediction_bands(
+    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: Without
 ) -> dict[str, Any] | None:
-    """What the past of a window brings to predictions of ``simulator``, that of the calibration ``found``, on
-    ``validation`` trials, or where there are none on its own ``trials``, each left out in turn."""
+    """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
+    ``apart`` (``without_trials``)."""
+    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
+    return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
+
+
+def _worth_of_past(
+    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: Without
+) -> dict[str, Any] | None:
+    """What the past of a window brings to predictions of ``simulator`` on ``validation`` trials, or where there are
+    none on its own ``trials``, each left out in turn: ``apart``."""
     if any(t.has_position for t in validation):
         return adaptation_worth(simulator, validation)
-    return adaptation_worth(simulator, trials, without_trials(found, trials).run)
+    return adaptation_worth(simulator, trials, apart.run)
