@@ -120,9 +120,7 @@ def calibrate(
     sets, apart = {"validation": validation, "training": trials}, without_trials(found, trials)
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
-        "worth of what was left out": lambda: worth_of_left_out(
-            after, sets, made["scores"], found, fit.ship, options.captive, fit.own
-        ),
+        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"], found, fit.own),
         "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
         "prediction bands": lambda: prediction_bands(found, after, trials, apart),
     }
@@ -133,7 +131,6 @@ def calibrate(
     if options.profile:
         parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
     make_in_turn(parts, made)
-    plan = made.get("next trial")
     content = _content(fit, found, made, trials, validation, options)
     named = marked(found.ship, ship, trials, options.name)
     warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
@@ -146,7 +143,7 @@ def calibrate(
         "messages": _message_rows(warning=warnings, notice=[*found.notices, *fit.messages]),
         "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
     }
-    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), plan)
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
     return FitResult(**vars(FitRecord.of(content)), ship=named, start=ship, iterate=found.iterate, objects=objects)
 
 
@@ -161,14 +158,15 @@ def _estimated(
     """The calibration of ``ship``, with values by campaign where they pay; without with constants of runs, or with
     coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
     model, constants = varying_effects(ship, options.per_run)
-    warm, held = started_from(model, options.start), tuple(options.start) if options.hold else ()
+    warm = started_from(model, options.start, options.hold)
     if options.resume:
         check_resumable(options.resume, ship, trials, constants)
-        settings, warm = as_chosen(settings, options.resume.settings), iterate_of(options.resume, model)
-    if held or constants:
-        found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants, held)
-        messages = () if held else not_asked(trials, options.per_campaign)
-        return CampaignFit(found, model, constants, messages=messages)
+        settings = as_chosen(settings, options.resume.settings)
+        warm = {**(iterate_of(options.resume, model) or {}), **{k: v for k, v in warm.items() if k == "held"}}
+    if "held" in warm or constants:
+        found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants)
+        messages = () if "held" in warm else not_asked(trials, options.per_campaign)
+        return CampaignFit(found, constants, messages=messages)
     # where values by campaign may take its place, the last solve without them would be thrown away
     draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
     draft = draft and settings.time_limit is None and settings.horizon is None
@@ -176,12 +174,11 @@ def _estimated(
     if settings.horizon and not (settings.window or options.resume):
         make_in_turn({"windows": lambda: choose_window(found, model, trials, options.captive, progress)}, made)
         found = made.get("windows", found)
-    wanted, captive = options.per_campaign, options.captive
-    make_in_turn({"values by campaign": lambda: by_campaign(found, model, trials, wanted, captive, progress)}, made)
-    fit = made.get("values by campaign", CampaignFit(found, model))
+    make_in_turn({"values by campaign": lambda: by_campaign(found, trials, options.per_campaign, progress)}, made)
+    fit = made.get("values by campaign", CampaignFit(found))
     if not fit.calibration.draft:
         return fit
-    last = estimate_coefficients(model, trials, settings, progress, found.iterate, captive)
+    last = estimate_coefficients(model, trials, settings, progress, found.iterate, options.captive)
     timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
     return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
 
@@ -231,11 +228,14 @@ def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
     return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
 
 
-def started_from(ship: Ship, values: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """What ``estimate_coefficients`` takes as ``warm``, "p" (P,), to begin at ``values`` of the free coefficients of
-    ``ship``, by symbol; those that are not among them begin at their prior mean."""
-    rows = [ship.coefficients[s] for s in ship.free] if values else []
-    return {"p": np.array([(values.get(c.symbol, c.value) - c.value) / c.std for c in rows])} if values else {}
+def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) -> dict[str, np.ndarray]:
+    """What ``estimate_coefficients`` takes as ``warm``: "p" (P,), to begin at ``values`` of the free coefficients of
+    ``ship``, by symbol, and "held" (P,) to hold them there if ``hold``; the others begin at their prior mean."""
+    if not values:
+        return {}
+    rows = [ship.coefficients[s] for s in ship.free]
+    warm = {"p": np.array([(values.get(c.symbol, c.value) - c.value) / c.std for c in rows])}
+    return warm | ({"held": np.isin(ship.free, list(values))} if hold else {})
 
 
 def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:

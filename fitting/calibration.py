@@ -138,7 +138,6 @@ def estimate_coefficients(
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
     per_run: Own = (),
-    held: Sequence[str] = (),
     draft: bool = False,
 ) -> Calibration:
     """Fit the free coefficients of ``ship`` to ``trials``, jointly over all of them.
@@ -146,10 +145,11 @@ def estimate_coefficients(
     The residual's standard deviation of each state is re-estimated from solve to solve (``ResidualNoise``) until it
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
     the constraint violation; warm: ``Calibration.iterate`` of an interrupted run, which goes on as if it had not been,
-    or its "p" (P,) alone; captive: points whose forces are fitted too; per_run: coefficients of effects of the ship,
-    fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``); held:
-    coefficients that stay where the solver starts, their covariance being that of a fit in which they move; draft:
-    leave out the last solve where rough ones of all windows came before, for a calibration that another may replace;
+    or its "p" (P,) alone, and "held" (P,) where coefficients stay where the solver starts, their covariance being that
+    of a fit in which they move; captive: points whose forces are fitted too; per_run: coefficients of effects of the
+    ship, fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``);
+    draft: leave out the last solve where rough ones of all windows came before, for a calibration that another may
+    replace;
     with the iterate of a draft as ``warm`` that solve is made. Returns the calibration, whose ship is without those
     effects of runs, and has those of campaigns at their mean; a solver that stops early is no error: the best iterate
     is kept and ``converged`` is False. Raises UserError for input from which nothing can be identified.
@@ -157,7 +157,7 @@ def estimate_coefficients(
     began, warm, settings = time.perf_counter(), warm or {}, settings or Settings()
     first, x, settings, warnings, notices = prepared(ship, trials, settings, warm, captive, per_run)
     free = first.prior
-    first = holding(first, x, held)
+    first = holding(first, x, warm["held"]) if "held" in warm else first
     timings = {"prepare": time.perf_counter() - began}
     resumed = Resumption.of_arrays(warm, first)
     near = resumed is None and len(warm.get("nodes", ())) == first.B

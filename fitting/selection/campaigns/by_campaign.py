@@ -13,7 +13,6 @@ from cases.evidence.kinematics import kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.nlp.captive import Captive
 from fitting.nlp.run_constants import ByCampaign, prior_with
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.campaigns.candidates import Beside, candidates, constants_of, with_constants
@@ -37,13 +36,12 @@ SOLVES = 2
 class CampaignFit:
     """A calibration and what became of campaigns.
 
-    calibration: with constants of campaigns, or as it was; ship, own: of ``estimate_coefficients`` that made it;
+    calibration: with constants of campaigns, or as it was; own: ``per_run`` of ``estimate_coefficients`` that made it;
     content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
     took; left_out: scores of runs left out before and after, None where nothing was kept.
     """
 
     calibration: Calibration
-    ship: Ship
     own: ByCampaign | tuple[str, ...] = ()
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
@@ -52,30 +50,25 @@ class CampaignFit:
 
 
 def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
-    """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; arguments and errors as there."""
+    """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
     if wanted == ("none",) or len(campaigns_of(trials).comparable) < 2:
         return False
     return bool(candidates(ship, wanted))
 
 
 def by_campaign(
-    found: Calibration,
-    ship: Ship,
-    trials: Sequence[Trial],
-    wanted: tuple[str, ...] = (),
-    captive: Captive | None = None,
-    progress: OnProgress | None = None,
+    found: Calibration, trials: Sequence[Trial], wanted: tuple[str, ...] = (), progress: OnProgress | None = None
 ) -> CampaignFit:
     """The calibration ``found`` with a value per campaign of each instrument for which that pays, else as it is.
 
-    found: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); ship,
-    trials, captive: as of ``estimate_coefficients`` that made it; wanted: names of instruments, () for the usual ones,
-    ("none",) for none; progress: of further solves.
+    found: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); trials: that
+    it was made of; wanted: names of instruments, () for the usual ones, ("none",) for none; progress: of further
+    solves.
     Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
     other, or an instrument wanted for is unknown.
     """
     began = time.perf_counter()
-    same = CampaignFit(found, ship)
+    same = CampaignFit(found)
     if wanted == ("none",):
         return same
     campaigns = campaigns_of(trials)
@@ -98,7 +91,7 @@ def by_campaign(
             beside.candidates[i].symbols[0]: r for i in kept.numbers if (r := differing[i].readings) is not None
         }
         own = constants_of(beside, kept.numbers, campaigns)
-        better_fit, scores = _refitted(found, beside, kept, own, readings, ship, trials, captive, progress)
+        better_fit, scores = _refitted(found, beside, kept, own, readings, trials, progress)
         if better_fit is None:
             return replace(same, seconds=time.perf_counter() - began)
         same = _with_values(better_fit, scores, campaigns, content, list(campaigns.messages))
@@ -111,14 +104,14 @@ def _refitted(
     kept: KeptInstruments,
     own: ByCampaign,
     readings: Mapping[str, RunReadings],
-    ship: Ship,
     trials: Sequence[Trial],
-    captive: Captive | None,
     progress: OnProgress | None,
 ) -> tuple[CampaignFit | None, tuple[RunScores, RunScores] | None]:
     """The calibration with the constants ``own`` of what was ``kept``, if it converges and left-out runs confirm it;
-    and their scores. readings: of those constants that the kinematics measured; ship, trials, captive, progress: as of
+    and their scores. readings: of those constants that the kinematics measured; trials, progress: as of
     ``by_campaign``."""
+    ship, forces = found.problem.ship, found.problem.captive
+    captive = forces.points if forces else None
     told = {symbol: r.of_campaigns(len(own.names)) for symbol, r in readings.items()}
     own = replace(own, told=told)
     at = [beside.symbols.index(s) for s in own.symbols]
@@ -158,7 +151,7 @@ def _refitted(
         shared = dict(zip(new.prior.symbols, new.p, strict=True))
     assert new is not None
     scores = _confirmed(found, new, own, readings, trials)
-    return (CampaignFit(new, own_ship, own), scores) if scores else (None, None)
+    return (CampaignFit(new, own), scores) if scores else (None, None)
 
 
 def _confirmed(

@@ -99,7 +99,7 @@ def test_velocities_that_were_not_measured_are_left_out_and_none_is_one_line() -
 def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() -> None:
     start, values = found(True).ship(EMPTY), found(True).values
     fit = estimate_coefficients(
-        start, runs()[:1], Settings(window=30.0, passes=1), warm=started_from(start, values), held=tuple(values)
+        start, runs()[:1], Settings(window=30.0, passes=1), warm=started_from(start, values, hold=True)
     )
     assert fit.converged
     for symbol, value in values.items():
