@@ -28,9 +28,8 @@ from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import CampaignFit, by_campaign, may_keep
-from fitting.selection.campaigns.sentences import not_asked
-from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
+from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
+from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator

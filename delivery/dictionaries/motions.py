@@ -19,7 +19,7 @@ from delivery.product import Product
 from mmg.components.coefficients import names
 from mmg.components.rigid_body import Inertia, inertia
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import Model, assemble
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
@@ -90,7 +90,7 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
             said.append(f"the effect {name} belongs to the instruments and is left out")
         elif effect(name).surroundings or len(assemble(ship).states) > len(assemble(ship.without_effect(name)).states):
             why = "belongs to the surroundings" if effect(name).surroundings else "remembers"
-            raise UserError(
+            raise Unsupported(
                 f"{target} cannot hold the effect {name}, which {why}; leave it out with --without {name}, or export "
                 "the ship as c, casadi or fmu"
             )
@@ -105,7 +105,7 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
     others = set(ship.actuators) - {"n", "delta", *thrusters}
     if others or "waves" in ship.components:
         what = ", ".join(sorted(others)) or "waves"
-        raise UserError(
+        raise Unsupported(
             f"{target} holds one fixed-pitch propeller and one rudder, and calm water; {ship.name} has {what}: export "
             "it as c, casadi or fmu"
         )
@@ -142,7 +142,7 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
     n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
     inside = _inside(product.held, *flat, n, delta)
     if inside.sum() < 100:
-        raise UserError(
+        raise Unsupported(
             f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
             f"{len(inside)}: export the ship as c, casadi or fmu"
         )

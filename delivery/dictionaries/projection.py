@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from delivery.dictionaries.motions import Motions
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.messages import Message
 
 CHANNELS = (("surge", "X", "N"), ("sway", "Y", "N"), ("yaw", "N", "N m"))
@@ -49,7 +49,7 @@ def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) ->
     instead: what to do."""
     worst = max(errors, key=lambda e: e.share)
     if worst.share > WORST:
-        raise UserError(
+        raise Unsupported(
             f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the force "
             f"(RMS), more than {100 * WORST:.0f} %; {instead}"
         )

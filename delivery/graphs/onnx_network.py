@@ -17,7 +17,7 @@ import numpy as np
 
 from delivery.product import Product
 from fitting.report.run_folder import plain
-from mmg.errors import UserError
+from mmg.errors import Missing, NotInstalled
 from mmg.motion.flow import INPUTS
 from mmg.network import Layers, Network
 from mmg.ship import Ship
@@ -42,12 +42,12 @@ def write_onnx(product: Product, target: Path) -> None:
     """
     ship = product.ship
     if ship.network is None:
-        raise UserError(
+        raise Missing(
             f"{ship.name}: has no learned residual, and ONNX holds nothing else; train one with mmg train, or export "
             "the ship as c, casadi or fmu"
         )
     if find_spec("onnx") is None:
-        raise UserError("the format onnx needs the package onnx; pip install 'mmg-ident[onnx]'")
+        raise NotInstalled("the format onnx needs the package onnx; pip install 'mmg-ident[onnx]'")
     model = onnx_model(ship.network, about(ship, ship.network) | {"identifier": product.identifier})
     target.write_bytes(model.SerializeToString(deterministic=True))
 

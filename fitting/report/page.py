@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from cases.io.files import replace_text
 from cases.trial import UNITS
@@ -19,8 +19,8 @@ from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report.coefficient_table import capped, coefficient_groups, correlated_pairs, shown_number
 from fitting.report.delivered import Delivered, delivery_sections
-from fitting.report.page_figures import figures_of
 from fitting.report.plan_section import plan_section
+from fitting.report.plot_style import figures_of
 from fitting.report.structure_section import structure_section
 from fitting.report.unit_section import unit_section
 from fitting.report.words import (
@@ -56,7 +56,8 @@ DATA_SOURCES = (
 """Trial names by which a public data set is known, its licence sentence and what to cite."""
 
 PLACES = {
-    "validation": ("scores", "error_growth", "track"),
+    "errors": ("error_growth",),
+    "validation": ("scores", "track"),
     "coefficients": ("coefficients",),
     "identifiability": ("identifiability",),
     "scaling": ("scaling",),
@@ -229,11 +230,11 @@ def _differs(first: dict | None, other: dict | None) -> bool:
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
-def environment() -> Environment:
-    """Where the templates are, with their filters; what they print is escaped."""
+def environment(*packages: str) -> Environment:
+    """The templates of these ``packages`` and of this one, with their filters; what they print is escaped."""
     found = Environment(
-        loader=PackageLoader("fitting.report", "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
+        loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "fitting.report")]), autoescape=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     found.filters["number"] = shown_number
     found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cases.io.files import read_json
-from fitting.report.page_figures import figure_entry
+from fitting.report.plot_style import figure_entry
 from mmg.errors import UserError
 
 FOLDER, PLAN, MAP = "planned_trial", "plan.json", "map.png"

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from fitting.report.page_figures import figures_of
+from fitting.report.plot_style import figures_of
 
 SELECTION = "selection.json"
 WORDS = {"as given": "the ship as given", "mmg calibrated": "the ship calibrated", "chosen": "the chosen model"}

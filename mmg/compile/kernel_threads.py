@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from itertools import pairwise
 
-from mmg.errors import UserError
+from mmg.errors import BadValue
 
 
 def kernel_threads() -> int:
@@ -21,7 +21,7 @@ def kernel_threads() -> int:
     """
     asked = os.environ.get("MMG_THREADS") or "1"
     if not asked.isdecimal() or int(asked) < 1:
-        raise UserError(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
+        raise BadValue(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
     return min(int(asked), os.cpu_count() or 1)
 
 

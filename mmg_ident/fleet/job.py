@@ -32,8 +32,7 @@ from fitting.nlp.grid import default_step
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import UncertainMean, with_whole_prior
+from fitting.selection.sisters import SisterEvidence, UncertainMean, with_whole_prior
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship

@@ -9,12 +9,12 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
-from fitting.report.plot_learning import learning_plot
+from fitting.report.plot_structures import learning_plot
+from fitting.selection import learning
 from fitting.selection.candidates import candidate
-from fitting.selection.subsequences import learned
-from fitting.selection.subsequences.learning import Lesson
+from fitting.selection.learning import Lesson
 from mmg_ident.commands.main import main
-from tests.fitting.selection.subsequences.problems import ESSO, harbour
+from tests.fitting.selection.paper_problems import ESSO, harbour
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def files(tmp_path: Path) -> list[str]:
 def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learned, "SPARSITIES", (1e-1, 1e-2))
+    monkeypatch.setattr(learning, "SPARSITIES", (1e-1, 1e-2))
     out = tmp_path / "run"
     wanted = ["--objective", "paper", "--only", "sm1-order1", "--out", str(out), "--seeds", "2"]
     assert main(["select", "esso_osaka_3m", *files[:2], "--validate", files[2], *wanted]) in (0, 1)

@@ -1,25 +1,30 @@
-"""How much sisters differ: mean and width of the distribution of their coefficients, by empirical Bayes.
+"""Sister ships: coefficients that are drawn from one distribution, whose mean and width the fits of all of them say.
 
 The coefficients c_i of ship i are drawn from N(m, T), T = diag(width^2), the mean m from the prior of the start, which
-is N(0, I) in its scale. Integrated over c_i and m, the likelihood of the widths is Gaussian: restricted maximum
-likelihood, as the mean is integrated out (Patterson & Thompson 1971; for meta-analysis DerSimonian & Laird 1986). It
-uses the whole information of each ship, not her estimates one by one, so that a direction which her trials do not show
-counts for nothing.
+is N(0, I) in its scale. Near an estimate the cost of a ship's data is a quadratic in c_i. Integrated over c_i and m,
+the likelihood of the widths is Gaussian: restricted maximum likelihood, as the mean is integrated out (Patterson &
+Thompson 1971; for meta-analysis DerSimonian & Laird 1986). It uses the whole information of each ship, not her
+estimates one by one, so that a direction which her trials do not show counts for nothing.
 
 Three sisters say little of sixty widths. First one width for all is found, in units of the prior. The width of each
 coefficient then has a half-Cauchy prior at that scale (Gelman 2006): those that do not differ go to zero, and one that
 differs much is hardly held back.
+
+A sister is then calibrated with the prior N(mean, width^2), the mean being that of all sisters, herself among them: its
+optimum is where that of the whole hierarchy is. Its covariance takes the mean as known; what that is uncertain by is
+added (Kass & Steffey 1989).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
-from fitting.selection.sisters.evidence import SisterEvidence
+from fitting.calibration import Calibration
+from mmg.ship import Ship
 
 COMMON = np.geomspace(0.005, 5.0, 61)
 """Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too."""
@@ -27,6 +32,47 @@ LEAST = 0.02
 """Least width with which sisters are fitted, and least scale of the half-Cauchy prior."""
 MOST = 5.0
 """Greatest width, in the scale of the prior."""
+
+
+@dataclass(frozen=True)
+class SisterEvidence:
+    """What the trials of one ship say of the coefficients that she shares with her sisters: the cost 1/2 c'A c - b'c in
+    scaled coefficients c = (coefficient - centre) / unit.
+
+    A (P, P), b (P,): of the data alone; centre, unit: (P,) that the prior of her start has; symbols: of the
+    coefficients. Constants of runs and campaigns, and parameters of instruments, are eliminated under their own priors,
+    as these are no property of the hull. The information counts by the dispersion of the robust standard errors
+    (``fitting.uncertainty.sandwich``).
+    """
+
+    symbols: tuple[str, ...]
+    centre: np.ndarray
+    unit: np.ndarray
+    A: np.ndarray
+    b: np.ndarray
+
+    @classmethod
+    def of(cls, found: Calibration) -> SisterEvidence:
+        """The evidence of the calibration ``found``."""
+        info = found.information.shared()
+        F, slope = info.fisher.sum(axis=0), info.score.sum(axis=0)
+        F, b = 0.5 * (F + F.T), F @ info.p - slope
+        own = np.array(["." in symbol for symbol in found.prior.symbols])
+        kept, rest = np.flatnonzero(~own), np.flatnonzero(own)
+        across = F[np.ix_(kept, rest)]
+        gain = np.linalg.solve(F[np.ix_(rest, rest)] + np.eye(len(rest)), across.T).T
+        A = F[np.ix_(kept, kept)] - gain @ across.T
+        b = b[kept] - gain @ b[rest]
+        dispersion = max(found.spread.dispersion, 1.0)
+        symbols = tuple(found.prior.symbols[k] for k in kept)
+        A = 0.5 * (A + A.T) / dispersion
+        return cls(symbols, found.prior.mean[kept], found.prior.std[kept], A, b / dispersion)
+
+    def in_units(self, centre: np.ndarray, unit: np.ndarray) -> SisterEvidence:
+        """The same in other scaled coefficients. centre, unit: (P,) of these."""
+        at, factor = (centre - self.centre) / self.unit, unit / self.unit
+        A = factor[:, None] * self.A * factor
+        return SisterEvidence(self.symbols, centre, unit, A, factor * (self.b - self.A @ at))
 
 
 @dataclass(frozen=True)
@@ -161,3 +207,61 @@ def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, known: np.ndarray) ->
     size = np.sqrt(np.maximum(np.diag(spread), 0.0))
     each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)
     return each, chance
+
+
+@dataclass(frozen=True)
+class UncertainMean:
+    """Covariance (P, P) of the mean of a prior, in the units of the coefficients ``symbols`` (P,)."""
+
+    symbols: tuple[str, ...]
+    covariance: np.ndarray
+
+
+def sister_start(start: Ship, widths: SisterWidths, names: Sequence[str]) -> Ship:
+    """The ship ``start`` with the prior of her sisters, whose ``names`` are said as its source.
+
+    widths: of the group.
+    """
+    mean = widths.centre + widths.unit * widths.mean
+    std = widths.unit * widths.used_width
+    words = f"mean of the sisters {', '.join(names)}; std: how much they differ"
+    rows = dict(start.coefficients)
+    for symbol, value, width in zip(widths.symbols, mean.tolist(), std.tolist(), strict=True):
+        c = rows[symbol]
+        rows[symbol] = c.with_(value=float(np.clip(value, c.lower, c.upper)), std=width, source=words)
+    return replace(start, coefficients=rows)
+
+
+def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
+    """A calibrated ``ship`` whose priors are as wide as sisters differ and their ``mean`` is uncertain: what a refit
+    may use that does not know of the other sisters."""
+    rows = dict(ship.coefficients)
+    for symbol, variance in zip(mean.symbols, np.diag(mean.covariance).tolist(), strict=True):
+        c = rows[symbol]
+        if c.prior_std is not None:
+            rows[symbol] = c.with_(prior_std=float(np.hypot(c.prior_std, np.sqrt(variance))))
+    return replace(ship, coefficients=rows)
+
+
+def mean_of(widths: SisterWidths) -> UncertainMean:
+    """How uncertain the mean of the ``widths`` is."""
+    return UncertainMean(widths.symbols, widths.unit[:, None] * widths.mean_covariance * widths.unit)
+
+
+def estimates_of(widths: SisterWidths, number: int) -> Mapping[str, float]:
+    """Symbol -> most likely value of the sister of this ``number`` in the ``widths``, from which her fit begins."""
+    values = widths.centre + widths.unit * widths.estimate[number]
+    return dict(zip(widths.symbols, values.tolist(), strict=True))
+
+
+def with_uncertain_mean(found: Calibration, mean: UncertainMean | None) -> Calibration:
+    """The calibration ``found`` with a covariance that holds the error of its prior's ``mean`` too, as it is for None.
+
+    An error e of the mean moves the estimate by V P e, V the covariance by information and prior P alone.
+    """
+    if mean is None or not np.isfinite(found.covariance).all():
+        return found
+    at = [found.prior.symbols.index(s) for s in mean.symbols]
+    unit, shared = found.prior.std[at], slice(len(found.p))
+    pull = found.spread.model[shared, shared][:, at]
+    return found.with_estimate(found.p, pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)

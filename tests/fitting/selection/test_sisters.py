@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.widths import Marginal, sister_widths
+from fitting.selection.sisters import Marginal, SisterEvidence, sister_widths
 
 P, DIFFER = 24, 8
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,22 @@ from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import RunConstants
+from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.predict import predict_all, values_of
-from fitting.selection.campaigns.by_campaign import CampaignFit, by_campaign
-from fitting.selection.campaigns.chance import LEVEL
-from fitting.selection.campaigns.choice import better, gains
-from fitting.selection.campaigns.sentences import differences, not_asked
-from fitting.selection.campaigns.spread import Reduced, Widths
+from fitting.selection.campaigns import (
+    LEVEL,
+    CampaignFit,
+    RunReadings,
+    by_campaign,
+    differences,
+    distribution_of,
+    gains,
+    instruments,
+    not_asked,
+    readings_as_rows,
+    with_constant,
+)
+from fitting.selection.left_out_runs import estimates_without
 from fitting.settings import Settings
 from fitting.solvers import leading
 from fitting.solvers.ipopt import Guess, Solution
@@ -38,6 +48,9 @@ FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
 HIDDEN = ESSO.with_values({s: 1.08 * ESSO.coefficients[s].value for s in FREE})
 RUNS = ("zigzag:20/20", "turning:35", "zigzag:10/10")
 LAGS = (0.0, 0.9)
+NUMBER = np.array([0, 0, 1, 1])
+READ = RunReadings(np.array([0.1, 0.3, 1.0, np.nan]), np.array([0.1, 0.1, 0.2, np.nan]), NUMBER)
+OWN = ByCampaign(("gyro.T",), ("spring", "autumn"), tuple(NUMBER), {"gyro.T": READ.of_campaigns(2)})
 
 
 @lru_cache(maxsize=2)
@@ -158,7 +171,7 @@ def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_sa
     constants = fit.calibration.constants
     assert constants is not None and len(constants.value) == len(DAYS)
     value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]
-    assert np.abs(value[:2] - LAGS).max() < 0.1 and value[2] == pytest.approx(value[:2].mean(), abs=0.1)
+    assert np.abs(value[:2] - LAGS).max() < 0.1 and value[2] == pytest.approx(value[:2].mean(), abs=0.15)
     assert std[2] > 5 * std[:2].max()
     words = [str(m) for m in fit.messages]
     assert any(f"{DAYS[2]}: its runs tell nothing of gyro.T" in m and "mean of all campaigns" in m for m in words)
@@ -168,36 +181,6 @@ def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) 
     text = dump_ship(ESSO) + '\n[campaigns."spring"]\n"gyro.Tt" = 0.1\nY_v = 99.0\n'
     with pytest.raises(UserError, match=r"campaigns.*unknown coefficient 'gyro.Tt'.*outside its bounds"):
         parse_ship(text, str(tmp_path / "ship.toml"))
-
-
-def test_the_width_of_constants_is_recovered_and_small_where_they_are_equal() -> None:
-    rng = np.random.default_rng(3)
-    C, noise = 40, 0.2
-    widths = Widths((1.0,), np.zeros(C, dtype=int), np.zeros(C, dtype=int))
-    found = []
-    for width in (0.0, 0.8):
-        measured = 0.5 + width * rng.standard_normal(C) + noise * rng.standard_normal(C)
-        A = np.eye(C) / noise**2
-        found.append(widths.fitted(Reduced(A, -A @ measured), [0]).width[0])
-    assert found[0] < 0.12 and 0.6 < found[1] < 1.05
-
-
-def test_the_reduced_cost_is_that_of_a_minimum_over_the_rest() -> None:
-    rng = np.random.default_rng(0)
-    root = rng.standard_normal((6, 9))
-    H, g, p = root @ root.T, rng.standard_normal(6), rng.standard_normal(6)
-    info = Information(H[None], g[None], p, np.zeros(1, dtype=int), tuple("abcdef"), np.eye(6), p)
-    reduced = Reduced.of(info, np.array([4, 5]))
-    for d in rng.standard_normal((3, 2)):
-        change = np.zeros(6)
-        change[4:] = d - p[4:]
-        full = H.copy()
-        full[:4, :4] += np.eye(4)
-        slope = g.copy()
-        slope[:4] += p[:4]
-        change[:4] = -np.linalg.solve(full[:4, :4], slope[:4] + full[:4, 4:] @ change[4:])
-        gradient = slope[4:] + full[4:] @ change
-        np.testing.assert_allclose(reduced.A @ d + reduced.b, gradient, rtol=1e-9, atol=1e-9)
 
 
 def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_that_is_said() -> None:
@@ -218,10 +201,67 @@ def test_values_are_said_to_the_first_digit_of_their_error() -> None:
     assert said[1].startswith(f"{DAYS[1]}: its runs tell nothing of gyro.T") and len(said) == 2
 
 
-def test_only_a_gain_beyond_chance_counts() -> None:
-    before = np.array([1.0, 1.0, 1.0, 1.0])
-    assert better(before, before - np.array([0.1, 0.12, 0.08, 0.1]))
-    assert not better(before, before - np.array([0.4, -0.3, 0.2, -0.2]))
-    assert not better(before, before - 1e-4) and not better(before[:1], before[:1] - 0.5)
-    one_day = before - np.array([0.0, 0.0, 0.0, 0.3])
-    assert gains(before, one_day) and not better(before, one_day + 1e-3) and not gains(before, before + 1e-4)
+def windows(p: np.ndarray) -> Information:
+    """Four windows of four runs that say little of two constants behind a shared coefficient."""
+    fisher = np.zeros((4, 3, 3))
+    fisher[:, 0, 0] = 4.0
+    fisher[np.arange(4), 1 + NUMBER, 1 + NUMBER] = 0.5
+    score = (fisher @ (p - 0.2)[:, None])[:, :, 0]
+    return Information(fisher, score, p, np.arange(4), ("Y_v", "T@0", "T@1"), np.eye(3), p.copy())
+
+
+def test_runs_of_a_campaign_are_averaged_by_their_precision_and_one_without_reading_says_nothing() -> None:
+    (first, std), (second, other) = READ.of_campaigns(2)
+    np.testing.assert_allclose([first, std, second, other], [0.2, 0.1 / np.sqrt(2), 1.0, 0.2])
+    assert RunReadings(np.full(2, np.nan), np.full(2, np.nan), np.array([0, 1])).of_campaigns(2)[1][1] == np.inf
+
+
+def test_what_is_told_of_campaigns_multiplies_the_prior_of_their_distribution() -> None:
+    ship = with_constant(load_ship("esso_osaka_3m"), "gyro.T", 0.5, 0.4)
+    told, bare = prior_with(ship, OWN, ()), prior_with(ship, replace(OWN, told={}), ())
+    precision = np.array([200.0, 25.0]) + 1 / 0.4**2
+    np.testing.assert_allclose(told.std[-2:], precision**-0.5)
+    np.testing.assert_allclose(told.mean[-2:], (np.array([0.2 * 200, 1.0 * 25]) + 0.5 / 0.4**2) / precision)
+    np.testing.assert_array_equal(told.mean[:-2], bare.mean[:-2])
+    np.testing.assert_allclose(bare.std[-2:], 0.4)
+
+
+def test_as_rows_the_estimate_is_the_same_and_a_run_left_out_takes_its_reading_along() -> None:
+    ship = with_constant(load_ship("esso_osaka_3m"), "gyro.T", 0.5, 0.4)
+    prior = prior_with(ship.fixing([s for s in ship.free if s != "Y_v"]), OWN, ())
+    info = windows(np.array([0.3, 0.1, -0.2]))
+    rows = readings_as_rows(info, prior, OWN, {"gyro.T": READ})
+    bounds = (np.full(3, -1e3), np.full(3, 1e3))
+    whole, alone = (estimates_without(i, [(), (2,), (3,)], bounds) for i in (info, rows))
+    np.testing.assert_allclose(alone[0], whole[0], atol=1e-9)
+    np.testing.assert_allclose(alone[2], whole[2], atol=1e-9)
+    mean, std = prior.mean[-1], prior.std[-1]
+    weight = 0.5 / std**2  # of the window that is left, which says mean + 0.2 std
+    left = (weight * (mean + 0.2 * std) + 0.5 / 0.4**2) / (weight + 1 / 0.4**2)
+    np.testing.assert_allclose(mean + std * alone[1, 2], left, atol=1e-9)
+    assert mean + std * whole[1, 2] > left + 0.05
+
+
+def test_the_width_of_constants_is_recovered_and_small_where_they_are_equal() -> None:
+    rng = np.random.default_rng(3)
+    noise = np.full(40, 0.2)
+    widths = []
+    for width in (0.0, 0.8):
+        measured = 0.5 + width * rng.standard_normal(40) + noise * rng.standard_normal(40)
+        measured[3], noise[3] = 1e6, np.inf  # a campaign without a reading
+        widths.append(distribution_of(measured, noise)[1])
+    assert widths[0] < 0.12 and 0.6 < widths[1] < 1.05
+
+
+def test_what_only_one_campaign_gains_counts() -> None:
+    before = np.ones(4)
+    assert gains(before, before - np.array([0.0, 0.0, 0.0, 0.3])) and not gains(before, before + 1e-4)
+
+
+def test_an_instrument_that_no_longer_differs_by_campaign_is_refused_in_one_line() -> None:
+    with pytest.raises(UserError, match=r"--per-campaign fouling: is gone.*; choose among gyro, log_scale, or none"):
+        instruments(ESSO, ("fouling",))
+    assert [each.name for each in instruments(ESSO.with_effect("gyro").fixing(["gyro.T"]))] == [
+        "gyro scale",
+        "log_scale",
+    ]

@@ -11,17 +11,23 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from fitting.parallel import kept_workers
+from fitting.selection import learning as learning_module
 from fitting.selection.candidates import candidate
-from fitting.selection.subsequences import learned
-from fitting.selection.subsequences import learning as learning_module
-from fitting.selection.subsequences.descent import descend, regression, sparsity_path
-from fitting.selection.subsequences.learned import Method, SeededRun, learn_all, learn_one
-from fitting.selection.subsequences.learning import Learning, write_learning
-from fitting.selection.subsequences.objective import Penalties, SubsequenceObjective
-from fitting.selection.subsequences.quadratic_step import minimise_quadratic
+from fitting.selection.learning import (
+    Learning,
+    Method,
+    descent,
+    evolve,
+    follow,
+    learn_all,
+    learn_one,
+    minimise_quadratic,
+    regression,
+    write_learning,
+)
+from fitting.selection.subsequences import Penalties, SubsequenceObjective, subsequences
 from mmg.errors import UserError
-from tests.fitting.selection.subsequences.problems import ESSO, harbour, problem
+from tests.fitting.selection.paper_problems import ESSO, harbour, problem
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -47,48 +53,47 @@ def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -
     assert np.abs(x).max() <= 1
 
 
+def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
+    one = problem("sm2-order2")
+    nothing, found = one.errors(
+        np.transpose([np.zeros(one.P), regression(one)]), subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs)
+    )
+    assert found < 0.85 * nothing
+
+
 def test_the_descent_converges_where_no_slope_is_left() -> None:
     one = problem(penalties=Penalties(deviation=0.02))
-    learning = Learning(one)
     start = regression(one)
-    found = descend(one, start, learning)
-    assert found.converged
-    first, last = one.values(np.transpose([start, found.p]))
+    *_, p = descent(one, start, 200)
+    first, last = one.values(np.transpose([start, p]))
     assert last < 0.9 * first
-    assert last == pytest.approx(learning.best)
-    inside = (found.p > one.lower + 1e-9) & (found.p < one.upper - 1e-9)
-    about = one.quadratic(found.p)
+    inside = (p > one.lower + 1e-9) & (p < one.upper - 1e-9)
+    about = one.quadratic(p)
     gain = about.gradient[inside] @ np.linalg.lstsq(about.hessian[np.ix_(inside, inside)], about.gradient[inside])[0]
     assert gain < 5e-3 * last  # what a further step would bring
 
 
-def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
-    one = problem("sm2-order2")
-    nothing, found = one.errors(np.transpose([np.zeros(one.P), regression(one)]), one.cut(10.0))
-    assert found < 0.85 * nothing
-
-
 def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
-    one = problem("sm1-order2", Penalties(deviation=0.0))
-    kept: list[int] = []
-    objectives: list[float] = []
-
-    def each(weight: float, p: np.ndarray) -> None:
-        kept.append(int((p != 0).sum()))
-        objectives.append(float(one.errors(p[:, None], one.train)[0]))
-
-    sparsity_path(one, regression(one), [1e-1, 1e-2, 1e-4], each, 12)
-    assert kept[0] < kept[1] < kept[2]
-    assert objectives[0] > objectives[1] > objectives[2]
-    assert one.penalties == Penalties(deviation=0.0)
+    terms: list[int] = []
+    errors: list[float] = []
+    p = regression(problem("sm1-order2"))
+    for weight in (1e-1, 1e-2, 1e-4):
+        one = problem("sm1-order2", Penalties(0.0, weight))
+        *_, p = descent(one, p, 12)
+        terms.append(int((p != 0).sum()))
+        errors.append(float(one.errors(p[:, None], one.train)[0]))
+    assert terms[0] < terms[1] < terms[2] and errors[0] > errors[1] > errors[2]
 
 
-def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(tmp_path: Path) -> None:
+def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learning_module, "SPARSITIES", (1e-2,))
     one = problem()
     learning = Learning(one)
-    descend(one, regression(one), learning, most=5)
+    follow(learning, regression(one))
     validation = [lesson.validation for lesson in learning.lessons]
-    assert one.validate is not None
+    assert one.validate is not None and len(validation) > 3
     assert one.errors(learning.p_chosen[:, None], one.validate)[0] == pytest.approx(min(validation))
     assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
     write_learning([("sm1-order1", 0, learning.lessons)], tmp_path / "learning.csv")
@@ -97,58 +102,21 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(tmp_path
     assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
 
 
-def test_an_interrupted_evolution_goes_on_to_the_same_result(tmp_path: Path) -> None:
+def test_an_evolution_stays_in_the_box_and_follows_its_seed() -> None:
     pytest.importorskip("cma")
-    from fitting.selection.subsequences.evolution import evolve
-
-    one, state = problem(), tmp_path / "evolution.safetensors"
-    whole = Learning(one)
-    evolve(whole, 3, evaluations=1000)
-    first = Learning(one)
-    evolve(first, 3, evaluations=420, state=state)
-    assert first.best > whole.best
-    second = Learning(one)
-    ended = evolve(second, 3, evaluations=1000, state=state)
-    assert ended.limited
-    assert np.array_equal(second.p, whole.p) and np.array_equal(second.p_chosen, whole.p_chosen)
-    assert [s.objective for s in second.lessons] == [s.objective for s in whole.lessons]
-    assert [s.evaluations for s in second.lessons] == [s.evaluations for s in whole.lessons]
-    assert whole.best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
-    assert (whole.p >= one.lower).all() and (whole.p <= one.upper).all()
-
-
-def test_a_state_of_another_seed_or_a_broken_one_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("cma")
-    from fitting.selection.subsequences.evolution import evolve
-
-    one, state = problem(), tmp_path / "evolution.safetensors"
-    evolve(Learning(one), 3, evaluations=60, state=state)
-    with pytest.raises(UserError, match=r"another ship, seed, penalty or trials; start again without --resume"):
-        evolve(Learning(one), 4, evaluations=60, state=state)
-    state.write_bytes(b"nothing")
-    with pytest.raises(UserError, match="cannot be read"):
-        evolve(Learning(one), 3, evaluations=60, state=state)
+    one, runs = problem(), []
+    for seed in (3, 3, 4):
+        runs.append(Learning(one))
+        evolve(runs[-1], seed, evaluations=600)
+    assert np.array_equal(runs[0].p, runs[1].p) and not np.array_equal(runs[0].p, runs[2].p)
+    assert runs[0].best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
+    assert (runs[0].p >= one.lower).all() and (runs[0].p <= one.upper).all()
 
 
 def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    from fitting.selection.subsequences.evolution import evolve
-
     monkeypatch.setitem(sys.modules, "cma", None)
     with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install .mmg-ident"):
         evolve(Learning(problem()))
-
-
-def test_generations_are_the_same_on_processes() -> None:
-    pytest.importorskip("cma")
-    from fitting.selection.subsequences.evolution import evolve
-
-    found = []
-    for workers in (1, 2):
-        learning = Learning(problem())
-        with kept_workers(workers):
-            evolve(learning, 3, evaluations=60)
-        found.append((learning.p, learning.best, [(s.evaluations, s.objective) for s in learning.lessons]))
-    assert np.array_equal(found[0][0], found[1][0]) and found[0][1:] == found[1][1:]
 
 
 # The time limit
@@ -157,8 +125,11 @@ def test_generations_are_the_same_on_processes() -> None:
 def learned_in(seconds: float, optimizer: str = "cmaes", evaluations: int | None = None) -> dict[str, Any]:
     """``learn_one`` of a candidate of first order under a time limit."""
     runs = harbour()
-    run = SeededRun(candidate(ESSO, "sm1-order1"), 0, None)
-    return learn_one(run, (runs[:2], runs[2:]), Method(optimizer, time_limit=seconds, evaluations=evaluations))
+    return learn_one(
+        (candidate(ESSO, "sm1-order1"), 0),
+        (runs[:2], runs[2:]),
+        Method(optimizer, time_limit=seconds, evaluations=evaluations),
+    )
 
 
 def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
@@ -182,16 +153,15 @@ def test_a_run_without_an_evaluation_is_refused_and_not_the_zero_polynomial() ->
 def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A clock on which preparing alone takes longer than the limit."""
     pytest.importorskip("cma")
-    now, real = [0.0], learned.SubsequenceObjective
+    now, real = [0.0], learning_module.SubsequenceObjective
     clock = SimpleNamespace(perf_counter=lambda: now[0])
-    monkeypatch.setattr(learned, "time", clock)
     monkeypatch.setattr(learning_module, "time", clock)
 
     def slow(*arguments: Any, **more: Any) -> SubsequenceObjective:
         now[0] += 100.0
         return real(*arguments, **more)
 
-    monkeypatch.setattr(learned, "SubsequenceObjective", slow)
+    monkeypatch.setattr(learning_module, "SubsequenceObjective", slow)
     if optimizer == "cmaes":
         with pytest.raises(UserError, match="compiling and preparing took 100 s"):
             learned_in(40.0, optimizer)
@@ -202,8 +172,6 @@ def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: py
 
 def test_an_evolution_compiles_no_derivatives() -> None:
     pytest.importorskip("cma")
-    from fitting.selection.subsequences.evolution import evolve
-
     one = problem()
     evolve(Learning(one), evaluations=30)
     assert "slopes" not in vars(one)
