@@ -29,7 +29,7 @@ SHORT = (
 )
 HEAD = """# What each mechanism is worth
 
-Written {date} by `python -m benchmarks.ablation table` from `ablation.json`; each row was measured at the commit that it
+Written {date} by `python -m benchmarks.ablation table` from `ablation.json`. Each row was measured at the commit it
 names, against the product as it was then. *Gone*: the mechanism was deleted. **Bold**: more than two standard errors.
 
 ## Calibration

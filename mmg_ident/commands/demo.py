@@ -87,7 +87,7 @@ def _calibrate(
     """The calibration, in ``folder``/run, and how it compares with the hidden ship."""
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.demo_trials import SHIP, compare_with_truth
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from fitting.settings import Settings
     from mmg_ident.api import calibrate
 
