@@ -1,54 +1,98 @@
-"""Do the reported 95 % intervals hold the truth? Synthetic trials of ships drawn from the prior, 20 seeds.
+"""Do intervals hold as much of the truth as they say? Coefficients, prediction bands and manoeuvring figures.
 
-Run from the repository root: python -m benchmarks.coverage, or with the argument ``clean`` for white noise only.
+python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PART being one or more of
 
-The trials are as bad as the real ones (benchmarks/disturbed_trials.py): forces that remember, late velocities, a gyro
-that reads
-too little, an antenna off midship, coloured noise. Three intervals of the same fit of coefficients and measurement
-effects: of white noise (sigma = rms, information + prior, refitted with those weights), of the effective noise that
-the fit weighs by, and the cluster-robust ones that ``mmg fit`` reports.
+* intervals: 95 % intervals of the coefficients of ships drawn from the prior, on trials as bad as real ones
+  (benchmarks/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, and those of a bootstrap
+  by run;
+* clean: the same of the hidden ship of the demo, white noise alone;
+* figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
+  crash stop lies outside of them;
+* bands: 90 % prediction bands of records left out in five folds, without and with the past of a window;
+* manoeuvres: the same of turnings predicted from zigzags and random runs (records), and of circles from zigzags alone
+  (``benchmarks/file_faults/plant.py``, whose equations are not the package's).
+
+Each calibration is what ``mmg fit`` does by default.
 """
 
 from __future__ import annotations
 
-import sys
-import time
-from dataclasses import dataclass
+import argparse
+import math
+import multiprocessing
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.cross_validation import SHIP, fitted, folds_of, trials_of
 from benchmarks.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
-from benchmarks.record import record, table
+from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
+from benchmarks.record import Figure, keep, table
+from cases import published_splits as splits
+from cases.criteria.assessment import imo_figures
 from cases.shipfiles.effects import freeing_effects, with_effects
+from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
-from fitting.calibration import Calibration, Settings, estimate_coefficients
-from fitting.nlp.fisher_information import information
-from fitting.parallel import run_all
-from fitting.solvers.ipopt import solve
+from cases.simulation.sensors import SensorNoise
+from cases.trial import Trial
+from fitting.calibration import estimate_coefficients
+from fitting.pipeline import FitOptions
+from fitting.prediction.adaptation import Adaptation
+from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import bands_of
+from fitting.prediction.figure_intervals import with_intervals
+from fitting.prediction.predict import predict_all
+from fitting.prediction.worth_of_past import default_past
+from fitting.result import FitResult
+from fitting.settings import Settings
+from fitting.uncertainty.bootstrap import bootstrap
 from mmg.errors import UserError
+from mmg.ship import Ship
+from mmg.states import STATES
+from mmg_ident.api import calibrate
 
-SEEDS = range(100, 120)
+FIRST = 100
+"""First seed of the intervals."""
 EFFECTS = ("velocity_filter", "gyro", "antenna_offset")
-SETTINGS = Settings(step=1.0, window=50.0)
-KINDS = ("white noise", "effective noise", "cluster-robust (reported)")
+KINDS = ("of the model alone", "reported", "bootstrap by run")
+REPLICATES, DRAWS = 200, 200
+"""Of a bootstrap, and of the interval of a figure."""
+RUNS = (("zigzag:20/20", 120.0), ("zigzag:-10/10", 110.0), ("turning:35", 140.0), ("turning:-20", 140.0))
+"""Manoeuvres and durations [s] of a 3 m ship whose figures are judged."""
+WINDOWS = ((30.0, 15.0), (100.0, 100.0))
+"""Length of windows and seconds between their starts."""
+T, R = TypeVar("T"), TypeVar("R")
+Inside = dict[str, np.ndarray]
+"""Windows in words -> rows inside by state, then rows, (7,)."""
+
+
+def spread(work: Callable[[T], R], tasks: Iterable[T], workers: int) -> list[R]:
+    """What ``work`` makes of each of ``tasks``, on so many processes."""
+    if workers == 1:
+        return [work(task) for task in tasks]
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        return list(pool.map(work, tasks))
+
+
+# Intervals of coefficients
 
 
 @dataclass(frozen=True)
-class Trialled:
-    """Errors of one seed over standard errors by kind, (kinds, P), prior's share of the model-based variance (P,)."""
+class Errors:
+    """Errors of the coefficients of one seed by their standard errors, (KINDS, P); whether the fit converged."""
 
-    seed: int
     symbols: tuple[str, ...]
     errors: np.ndarray
-    share: np.ndarray
-    ratio: np.ndarray
-    converged: tuple[bool, bool]
+    converged: bool
 
 
-def one(seed: int) -> Trialled:
-    """Draw a ship and its disturbed trials (again if the ship cannot hold its course), fit, compare with the truth."""
-    base = load_ship("esso_osaka_3m")
+def disturbed_errors(seed: int) -> Errors:
+    """Of a fit of disturbed trials of a drawn ship; of another one where the ship cannot hold her course."""
+    base = load_ship(SHIP)
     for attempt in range(10):
         try:
             true = drawn_ship(base, seed + 1000 * attempt)
@@ -57,103 +101,185 @@ def one(seed: int) -> Trialled:
         except UserError:
             continue
     start = freeing_effects(base, EFFECTS)
-    found = estimate_coefficients(start, trials, SETTINGS)
-    truth, prior = with_effects(true, DEFECTS).coefficients, found.prior
-    at = np.array([truth[s].value if s in truth else start.coefficients[s].value for s in prior.symbols])
-    p = (at - prior.mean) / prior.std
-    white = found.problem.with_sigma(found.noise.rms)
-    refit = solve(white, found.solution.x, max_iterations=60)
-    narrow = np.linalg.inv(information(white, refit.x).hessian)
-    errors = [
-        (white.split(refit.x)[1] - p) / np.sqrt(np.diag(narrow)),
-        (found.p - p) / np.sqrt(np.diag(found.covariance_model)),
-        (found.p - p) / np.sqrt(np.diag(found.covariance)),
-    ]
-    ratio = np.sqrt(np.diag(found.covariance) / np.diag(narrow))
-    both = (found.converged, refit.converged)
-    return Trialled(seed, prior.symbols, np.array(errors), np.diag(found.covariance_model).copy(), ratio, both)
+    truth = {**start.coefficients, **with_effects(true, DEFECTS).coefficients}
+    found = estimate_coefficients(start, trials, Settings(step=1.0, window=50.0))
+    prior = found.prior
+    p = (np.array([truth[s].value for s in prior.symbols]) - prior.mean) / prior.std
+    drawn = bootstrap(found.information, REPLICATES, seed).covariance
+    several = (found.covariance_model, found.covariance, drawn)
+    errors = np.array([(found.p - p) / np.sqrt(np.diag(covariance)) for covariance in several])
+    return Errors(prior.symbols, errors, found.converged)
 
 
-def disturbed(seeds: range, workers: int = 2) -> list[Trialled]:
-    """One calibration of disturbed trials per seed."""
-    return run_all(one, list(seeds), workers)
+def clean_errors(seed: int) -> Errors:
+    """Of a fit of the trials of the demo, whose hidden ship is the truth."""
+    found = estimate_coefficients(load_ship(SHIP), demo_trials(seed)[0], Settings())
+    truth, symbols = hidden_ship().coefficients, found.prior.symbols
+    rows = [found.ship.coefficients[s] for s in symbols]
+    errors = [(c.value - truth[s].value) / c.std for s, c in zip(symbols, rows, strict=True)]
+    return Errors(symbols, np.array([errors]), found.converged)
+
+
+def intervals(work: Callable[[int], Errors], name: str, words: str, given: argparse.Namespace) -> dict[str, Figure]:
+    """Figure of the coverage of the reported intervals; prints that of all kinds."""
+    found = spread(work, range(FIRST, FIRST + given.seeds), given.workers)
+    inside = np.array([np.abs(one.errors) < 1.96 for one in found])
+    shares = inside.mean(axis=(0, 2))
+    kinds = KINDS if len(shares) > 1 else KINDS[1:2]
+    low = inside[:, kinds.index("reported")].mean(axis=0)
+    print(f"{words}: {sum(one.converged for one in found)} of {len(found)} fits converged")
+    print("\n".join(f"  {kind}: {share:.1%}" for kind, share in zip(kinds, shares, strict=True)))
+    print("  below 80 %:", ", ".join(f"{found[0].symbols[i]} {low[i]:.0%}" for i in np.argsort(low) if low[i] < 0.8))
+    by_seed = inside[:, kinds.index("reported")].mean(axis=1)
+    error = float(by_seed.std(ddof=1) / math.sqrt(len(found)))
+    what = f"true coefficients inside reported 95 % intervals, {words}"
+    return {name: Figure(what, float(by_seed.mean()), "%", error, note=f"{len(found)} seeds")}
+
+
+# Manoeuvring figures
+
+
+def figure_hits(seed: int) -> tuple[list[bool], list[bool]]:
+    """Whether each interval of a figure holds that of the true ship: where the trials went, and outside of that."""
+    name, length = ((SHIP, 3.0), ("kvlcc2_l7", 7.0))[seed % 2]
+    base, size, rate = load_ship(name), length / 3.0, math.sqrt(length / 3.0)
+    plain = Disturbed()
+    how = replace(plain, X=plain.X * size**3, Y=plain.Y * size**3, N=plain.N * size**4, tau=plain.tau * rate,
+                  noise=SensorNoise.for_length(length), defects=(f"velocity_filter:tau={0.7 * rate}",))  # fmt: skip
+    for attempt in range(10):
+        true = drawn_ship(base, seed + 1000 * attempt)
+        try:
+            trials = disturbed_trials(true, [(r, t * rate) for r, t in RUNS], seed, how, dt=0.1 * rate)
+            speed = float(np.mean([np.median(trial["u"][:40]) for trial in trials]))  # that of the approaches
+            truth = imo_figures(true, speed)
+        except UserError:
+            continue
+        if len(truth.runs) == 7:
+            break
+    known = {(row.run, row.figure): row.value for row in truth.rows}
+    found = calibrate(base, trials, (), None, FitOptions(next_trial=False))
+    judged = with_intervals(imo_figures(found.ship, speed), found.ship, found.to_dict(), DRAWS, seed).assessment
+    hits: tuple[list[bool], list[bool]] = [], []
+    for row in judged.rows:
+        value = known.get((row.run, row.figure))
+        if value is not None and row.interval_90 is not None:
+            hits[bool(row.extrapolated)].append(row.interval_90[0] <= value <= row.interval_90[1])
+    return hits
+
+
+def figures(given: argparse.Namespace) -> dict[str, Figure]:
+    """Coverage of manoeuvring figures, inside and outside of the motions of the trials."""
+    found = spread(figure_hits, range(500, 500 + given.seeds), given.workers)
+    made = {}
+    for outside, (name, words) in enumerate((("coverage_figures", "inside"), ("coverage_figures_outside", "outside"))):
+        hits = [hit for each in found for hit in each[outside]]
+        what = f"true manoeuvring figures inside their 90 % interval, {words} of the motions of the trials"
+        made[name] = Figure(what, float(np.mean(hits)), "%", note=f"{len(hits)} intervals of {len(found)} fits")
+    return made
+
+
+# Prediction bands
+
+
+def count_inside(found: FitResult, trials: Sequence[Trial], words: str, into: Inside, pasts: Sequence[bool]) -> None:
+    """Adds the rows of ``trials`` that the bands of ``found`` hold; the first row of a window does not count.
+
+    words: what is predicted; pasts: without, with the past of a window, or both.
+    """
+    assert found.objects is not None
+    bands, simulator = bands_of(found.to_dict(), found.ship), found.objects.after
+    assert bands is not None
+    for length, stride in WINDOWS:
+        for past in pasts:
+            adaptation = Adaptation.of(found.ship, default_past(found.ship)) if past else None
+            made = predict_all(simulator, trials, length, stride, length > 50, adaptation=adaptation, bands=bands)
+            rows = into.setdefault(f"{words}, {length:g} s{', with a past' if past else ''}", np.zeros(7))
+            for trial, (windows, _) in zip(trials, made, strict=True):
+                for w in windows:
+                    assert w.std is not None
+                    error = w.error(trial.states)[1:]
+                    known = np.isfinite(error).all(axis=1)
+                    rows[:6] += (np.abs(error[known]) < NORMAL * w.std[1:][known]).sum(axis=0)
+                    rows[6] += known.sum()
+
+
+def band_figures(counted: Inside, name: str) -> dict[str, Figure]:
+    """Figures of the rows ``counted``, called by ``name`` and the length of the windows; prints all."""
+    shares = {words: rows[:6] / rows[6] for words, rows in counted.items()}
+    rows = [[words, *(f"{x:.3f}" for x in share), f"{share.mean():.3f}"] for words, share in shares.items()]
+    print("\n".join(table(["rows inside the 90 % band", *STATES, "mean"], rows)))
+    made = {}
+    for words, share in shares.items():
+        mark = f"{name}_{words.split(', ')[1].split()[0]}" + "_past" * words.endswith("past")
+        made[mark] = Figure(f"rows inside the 90 % band, mean of the states: {words}", float(share.mean()), "%")
+    return made
+
+
+def bands() -> dict[str, Figure]:
+    """All records, each predicted by a calibration on the other folds."""
+    trials, counted = trials_of(splits.TRAIN_TZRB_PLUS), dict[str, np.ndarray]()
+    for out in folds_of(trials):
+        found = fitted("default", [t for i, t in enumerate(trials) if i not in out])
+        count_inside(found, [trials[i] for i in out], "records left out", counted, (False, True))
+    return band_figures(counted, "bands_records")
+
+
+def plant_trials(seed: int) -> tuple[Ship, list[Trial], list[Trial]]:
+    """A start ship, zigzags and circles of a plant that is not the package's."""
+    rng, hull = np.random.default_rng(seed), Hull(7.0, 1.27, 0.46, 0.81, 1.2, 10.0, 0.2)
+    sets: list[list[Trial]] = []
+    for orders in ([(zigzag, a) for a in (10, -10, 20, -20, 15)], [(circle, 35), (circle, -35)]):
+        made = []
+        for number, (order, angle) in enumerate(orders):
+            heading = float(rng.uniform(-math.pi, math.pi))
+            weather = Weather(1.0, float(rng.uniform(-math.pi, math.pi)), 0.3)
+            true = run(Plant(hull, weather, rng), order(angle, heading, 15.0), 180.0, 0.2, heading)
+            noise = {"x": 0.02, "y": 0.02, "psi": 1.7e-3, "u": 0.005, "v": 0.005, "r": 0.9e-3}
+            true |= {name: true[name] + sd * rng.standard_normal(len(true["t"])) for name, sd in noise.items()}
+            true["n"] = np.full(len(true["t"]), hull.revolutions)
+            made.append(Trial(f"{order.__name__}_{number}", true, kind="zigzag" if order is zigzag else "turning"))
+        sets.append(made)
+    return new_ship("plant", {"L": 7.0, "B": 1.27, "d": 0.46, "C_b": 0.81, "U_0": 1.2}), sets[0], sets[1]
+
+
+def manoeuvres() -> dict[str, Figure]:
+    """Manoeuvres of a kind that the calibration did not have."""
+    records, plants = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    trials = trials_of([n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT])
+    found = fitted("default", [t for t in trials if t.kind in ("zigzag", "random")])
+    turnings = [t for t in trials if t.kind == "turning"]
+    count_inside(found, turnings, "turnings from zigzags and random runs", records, (False,))
+    for seed in (41, 42, 43):
+        ship, zigzags, circles = plant_trials(seed)
+        found = calibrate(ship, zigzags, (), None, FitOptions(next_trial=False))
+        count_inside(found, circles, "circles of a plant from zigzags", plants, (False,))
+    return band_figures(records, "bands_turnings") | band_figures(plants, "bands_plant")
 
 
 def main() -> None:
-    began = time.perf_counter()
-    found = disturbed(SEEDS)
-    inside = np.array([np.abs(f.errors) < 1.96 for f in found])
-    share = np.array([f.share for f in found])
-    groups = {
-        "all coefficients": np.ones(share.shape, dtype=bool),
-        "of the ship": np.broadcast_to([s.split(".")[0] not in EFFECTS for s in found[0].symbols], share.shape),
-        "of the measurement": np.broadcast_to([s.split(".")[0] in EFFECTS for s in found[0].symbols], share.shape),
-        "data decide (prior's share below 50 %)": share < 0.5,
-        "prior decides": share >= 0.5,
+    """Measures the parts that are named."""
+    parts: dict[str, Callable[[argparse.Namespace], dict[str, Figure]]] = {
+        "intervals": lambda given: intervals(disturbed_errors, "coverage_disturbed", "disturbed trials", given),
+        "clean": lambda given: intervals(clean_errors, "coverage_clean", "white noise", given),
+        "figures": figures,
+        "bands": lambda given: bands(),
+        "manoeuvres": lambda given: manoeuvres(),
     }
-    rows = [
-        [name, f"{mask.sum() / len(found):.0f}", *(f"{inside[:, k][mask].mean():.1%}" for k in range(len(KINDS)))]
-        for name, mask in groups.items()
-    ]
-    how = Disturbed()
-    low = inside[:, 2].mean(axis=0)
-    worst = [f"{found[0].symbols[i]} {low[i]:.0%}" for i in np.argsort(low) if low[i] < 0.8]
-    lines = [
-        f"{len(found)} seeds ({SEEDS.start} to {SEEDS.stop - 1}), coefficients from the prior; {len(TRAIN)} runs, "
-        f"Ornstein-Uhlenbeck forces {how.X:g} N, {how.Y:g} N, {how.N:g} N m of {how.tau:g} s; defects "
-        f"{', '.join(how.defects)}; noise white and of {how.noise_tau:g} s. {sum(f.converged[0] for f in found)} fits "
-        f"converged ({sum(f.converged[1] for f in found)} with white noise); {time.perf_counter() - began:.0f} s.",
-        "",
-        *table(["truth inside the 95 % interval", "number", *KINDS], rows),
-        "",
-        "By seed, reported: " + ", ".join(f"{v:.0%}" for v in inside[:, 2].mean(axis=1)) + ".",
-        f"Reported over white-noise standard error, median: {np.median([f.ratio for f in found]):.1f}.",
-        f"Below 80 %: {', '.join(worst) or 'none'}.",
-    ]
-    record("Coverage under autocorrelated forces and bad sensors", "python -m benchmarks.coverage", lines)
-
-
-def held(calibration: Calibration) -> dict[str, bool]:
-    """Coefficient -> does its 95 % interval hold the hidden value of the demo's ship."""
-    truth = hidden_ship().coefficients
-    return {
-        s: bool(
-            abs(calibration.ship.coefficients[s].value - truth[s].value) <= 1.96 * calibration.ship.coefficients[s].std
-        )
-        for s in calibration.prior.symbols
-    }
-
-
-def clean_one(seed: int) -> tuple[dict[str, bool], np.ndarray, bool]:
-    found = estimate_coefficients(load_ship("esso_osaka_3m"), demo_trials(seed)[0], Settings())
-    return held(found), np.diag(found.covariance_model).copy(), found.converged
-
-
-def clean() -> None:
-    """The demo's hidden ship, white noise only."""
-    found = run_all(clean_one, list(SEEDS), 2)
-    symbols = list(found[0][0])
-    shares = np.array([[hit[s] for s in symbols] for hit, _, _ in found])
-    base, truth = load_ship("esso_osaka_3m").coefficients, hidden_ship().coefficients
-    moved = np.array([truth[s].value != base[s].value for s in symbols])
-    data = np.mean([share for _, share, _ in found], axis=0) < 0.5
-    rows = [
-        ["all coefficients", str(shares.shape[1]), f"{shares.mean():.1%}"],
-        ["moved coefficients", str(moved.sum()), f"{shares[:, moved].mean():.1%}"],
-        ["data decide (prior's share below 50 %)", str(data.sum()), f"{shares[:, data].mean():.1%}"],
-        ["prior decides", str((~data).sum()), f"{shares[:, ~data].mean():.1%}"],
-    ]
-    low = [f"{s} {v:.0%}" for s, v in zip(symbols, shares.mean(axis=0), strict=True) if v < 0.8]
-    lines = [
-        f"{len(found)} noise seeds ({SEEDS.start} to {SEEDS.stop - 1}), all converged: {all(f[2] for f in found)}; "
-        f"by seed {', '.join(f'{v:.0%}' for v in shares.mean(axis=1))}.",
-        "",
-        *table(["", "number", "truth inside the 95 % interval"], rows),
-        "",
-        f"Below 80 %: {', '.join(low) or 'none'}.",
-    ]
-    record("Coverage of the intervals on synthetic truth", "python -m benchmarks.coverage clean", lines)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.coverage", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("parts", nargs="+", choices=tuple(parts))
+    parser.add_argument("--seeds", type=int, default=20, help="synthetic ships")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
+    given = parser.parse_args()
+    for part in given.parts:
+        made = parts[part](given)
+        print("\n".join(f"{figure.what}: {figure.value:.3f} ({figure.note})" for figure in made.values()))
+        if given.record:
+            options = f" --seeds {given.seeds}" if part not in ("bands", "manoeuvres") else ""
+            keep(made, f"python -m benchmarks.coverage {part}{options}")
 
 
 if __name__ == "__main__":
-    clean() if "clean" in sys.argv[1:] else main()
+    main()

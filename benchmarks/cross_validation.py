@@ -1,19 +1,15 @@
-"""Runs left out of a calibration, refitted in full: mean of files by kind of manoeuvre, with jackknife errors.
+"""Errors on runs that a calibration has not seen: all records left out in five folds, or the five hold-outs.
 
-All 35 records of Train-TZRB+ in folds that spread each day and kind (``--folds 5``), or whole days and kinds left out
-(``--folds day-kind``); records that share rows stay together. Each fold is what ``mmg fit`` does by default, or with
-the options named, on the other records; its ship predicts the records left out, 30 s windows and 100 s restarts, in
-units of the sigma of all records, without and with 30 s of past. Variants are compared with the first one, file by
-file. Broken stretches (``mmg check``: frozen or jumping columns, a ship moved by hand while her propeller rests) are
-left out of what is fitted and what is scored, as by ``mmg fit`` and ``mmg score``; ``--unchecked`` leaves none out.
-This is a measure and trains nothing that is judged on the five hold-outs; ``--without-hold-outs`` leaves them out
-altogether, which choices of method must do; ``--hold-outs`` scores them once by ships fitted on Train-TZRB and on the
-rest of Train-TZRB+, with the sigma of Train-TZRB.
+All 35 records of Train-TZRB+ in folds that spread each day and kind; records that share rows stay together. Each fold
+is what ``mmg fit`` does by default, or with the options of a variant, on the other records; its ship predicts the
+records left out, 30 s windows and 100 s restarts, in units of the sigma of all records, without and with 30 s of past.
+Means of files with their jackknife errors; variants are compared with the first one, file by file.
+--hold-outs: five records by the captive ship and by ships fitted on Train-TZRB and on the rest of Train-TZRB+, in units
+of their own sigma. Nothing is chosen by them. Broken stretches are left out, as by ``mmg fit`` and ``mmg score``.
 
-Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...], VARIANT being "default" or options as
-"loss=student,window=50,estimator=windows,measurement=velocity_filter+gyro,campaigns=none". rows=all fits broken
-stretches too, but scores as the others do; runs=train-tzrb fits those of Train-TZRB alone. Finished folds are kept in
---rows and not made again.
+Run from the repository root: python -m benchmarks.cross_validation [VARIANT ...] [--hold-outs] [--record], VARIANT
+being "default" or settings and options as "loss=student,window=50,estimator=windows,instruments=velocity_filter+gyro".
+Finished folds are kept in the file --rows and not made again.
 """
 
 from __future__ import annotations
@@ -22,240 +18,186 @@ import argparse
 import hashlib
 import json
 import tempfile
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.record import record, table
-from benchmarks.sound_records import trials_of
+from benchmarks.record import Figure, keep, table
 from cases import published_splits as splits
-from cases.checks.trusted import as_they_are
+from cases.checks.duplicates import duplicates
+from cases.checks.trusted import without_broken
 from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.pipeline import FitOptions
-from fitting.prediction.score import pooled_sigma, score
-from fitting.selection.left_out_runs import METRICS, Jackknifed, RunScores, folds_by, sharing_rows
+from fitting.prediction.score import Score, pooled_sigma
+from fitting.result import FitResult
 from fitting.settings import Settings
-from mmg_ident.api import calibrate
+from mmg_ident.api import calibrate, score
 
-ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
-LABELS = {"window": "30 s windows", "paper": "100 s restarts"}
-SETTINGS = {"loss": str, "weight": float, "window": float, "step": float, "horizon": float, "passes": int}
-"""Options of a variant that are settings of the calibration; OTHERS are the others."""
-OTHERS = ("estimator", "rows", "runs", "measurement", "campaigns")
+SHIP = "esso_osaka_3m"
+FOLDS = 5
 PAST = 30.0
 """s before a window that a prediction may use."""
-WITH_PAST = ", past"
-"""Ending of the names of scores with that past."""
+METRICS = {"30": "30 s windows", "100": "100 s restarts"}
+ROWS = Path(tempfile.gettempdir()) / "mmg_cross_validation.jsonl"
+Files = dict[str, tuple[float, float]]
+"""Record -> errors of its 30 s windows and of its 100 s restarts, NaN without a whole window."""
 
 
-def options_of(variant: str) -> dict[str, Any]:
-    """Options named by a ``variant``. Raises SystemExit for one that is not known."""
-    found: dict[str, Any] = {}
+def trials_of(names: Sequence[str]) -> list[Trial]:
+    """Records by their ``names`` without their broken stretches, as the commands take them."""
+    return without_broken(read_trials(splits.find(names)))
+
+
+def fitted(variant: str, train: Sequence[Trial]) -> FitResult:
+    """What ``mmg fit`` makes of the trials ``train`` with the options of a ``variant``. Raises SystemExit for one that
+    is not known."""
+    settings: dict[str, Any] = {}
+    options: dict[str, Any] = {"next_trial": False}
     for word in [] if variant == "default" else variant.split(","):
         key, _, value = word.partition("=")
-        if key in ("estimator", "rows", "runs"):
-            found[key] = value
-        elif key == "measurement":
-            found[key] = tuple(v for v in value.split("+") if v != "none")
-        elif key == "campaigns":
-            found[key] = tuple(value.split("+"))
-        elif key in SETTINGS and hasattr(Settings(), key):
-            found[key] = SETTINGS[key](value)
+        if key in {f.name for f in fields(Settings)}:
+            settings[key] = value if value.isalpha() else int(value) if value.isdigit() else float(value)
+        elif key in {f.name for f in fields(FitOptions)}:
+            options[key] = value if key == "estimator" else tuple(v for v in value.split("+") if v != "none")
         else:
-            raise SystemExit(f"{variant}: {key!r} is none of {', '.join([*SETTINGS, *OTHERS])}")
-    return found
+            raise SystemExit(f"{variant}: {key!r} is no field of Settings or FitOptions")
+    return calibrate(load_ship(SHIP), list(train), (), Settings(**settings), FitOptions(**options))
 
 
-def grouped(trials: Sequence[Trial]) -> tuple[list[str], list[int]]:
-    """Day and kind of each of ``trials``, and a number that those share which hold the same rows."""
-    days = group_trials(trials, "day")
+def by_file(found: Score) -> Files:
+    """Errors of the records of a score."""
+    return {r.name: (r.window, r.paper) if r.windows else (np.nan, np.nan) for r in found.trials}
+
+
+def folds_of(trials: Sequence[Trial]) -> list[list[int]]:
+    """Numbers of ``trials`` in folds that spread each day and kind; those that share rows stay together."""
+    days, groups = group_trials(trials, "day"), list(range(len(trials)))
+    position = {t.name: i for i, t in enumerate(trials)}
+    for i, (copies, _) in enumerate(duplicates(trials)):
+        for copy in copies:
+            pair = (groups[i], groups[position[copy["other"]]])
+            groups = [min(pair) if g in pair else g for g in groups]
     labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
-    return labels, sharing_rows(trials)
+    heads = sorted(set(groups), key=lambda i: (labels[i], i))
+    fold = {group: k % FOLDS for k, group in enumerate(heads)}
+    return [[i for i, g in enumerate(groups) if fold[g] == k] for k in range(FOLDS)]
 
 
-def fold_score(variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict[str, Any]:
-    """Scores of the trials ``out`` by a ship fitted on ``train`` with the options of a ``variant``; sigma (6,)."""
-    began, chosen = time.perf_counter(), options_of(variant)
-    if chosen.pop("runs", "every") == "train-tzrb":
-        train = [t for t in train if t.name in splits.TRAIN_TZRB]
-    if chosen.pop("rows", "sound") == "all":
-        train = as_they_are(read_trials([Path(t.path) for t in train]))
-    options = FitOptions(next_trial=False, estimator=chosen.pop("estimator", "both"))
-    if "measurement" in chosen:
-        options = replace(options, instruments=chosen.pop("measurement"))
-    if "campaigns" in chosen:
-        options = replace(options, per_campaign=chosen.pop("campaigns"))
-    found = calibrate(
-        load_ship("esso_osaka_3m"), train, (), Settings(**{"loss": None, "weight": None} | chosen), options
-    )
-    assert found.objects is not None
-    seconds = time.perf_counter() - began
-    files = {}
-    for past in (None, PAST):
-        rows = score(found.objects.after, out, sigma, adapt=past).trials
-        files["files" + (WITH_PAST if past else "")] = {r.name: [r.window, r.paper, r.windows] for r in rows}
-    return {"converged": found.converged, "seconds": seconds, **files}
+def fold_errors(
+    variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray, path: Path
+) -> tuple[Files, Files]:
+    """Errors of the trials ``out`` by a ship fitted on ``train`` with the options of a ``variant``, without and with a
+    past; sigma (6,); path: of the file of finished folds."""
+    content = json.dumps([variant, [t.sha256 for t in train], [t.sha256 for t in out]])
+    mark = hashlib.sha256(content.encode()).hexdigest()[:16]
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    row = next((r for r in map(json.loads, lines) if r["key"] == mark), None)
+    if row is None:
+        found = fitted(variant, train)
+        files = [by_file(score(found, list(out), sigma, adapt)) for adapt in (None, PAST)]
+        row = {"key": mark, "variant": variant, "converged": found.converged, "files": files}
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+        print(f"{variant}: {len(out)} of {len(out) + len(train)} files, converged {found.converged}", flush=True)
+    return row["files"][0], row["files"][1]
 
 
-class Rows:
-    """Results kept in a file of lines, by a key of what made them."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        self.known = {row["key"]: row for row in map(json.loads, lines)}
-
-    def made(self, key: str, variant: str, train: Sequence[Trial], out: Sequence[Trial], sigma: np.ndarray) -> dict:
-        """The row of ``fold_score``, made now unless it is known."""
-        names = json.dumps([key, variant, [t.sha256 for t in train], [t.sha256 for t in out]])
-        mark = hashlib.sha256(names.encode()).hexdigest()[:16]
-        if mark not in self.known:
-            row = {"key": mark, "variant": variant, **fold_score(variant, train, out, sigma)}
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-            self.known[mark] = row
-            mean = np.nanmean([w for w, _, n in row["files"].values() if n])
-            print(
-                f"{variant}: {len(out)} of {len(out) + len(train)} files, {mean:.4f}, {row['seconds']:.0f} s",
-                flush=True,
-            )
-        return self.known[mark]
-
-
-def cross_validated(
-    rows: Rows, mark: str, variant: str, trials: Sequence[Trial], folds: Sequence[Sequence[int]], ending: str = ""
-) -> tuple[RunScores, float, bool]:
-    """Scores of all ``trials`` by ships that did not see them, mean seconds of a fit, whether all fits converged; with
-    the past of a window where the ``ending`` says so."""
-    sigma, found, seconds, converged = pooled_sigma(trials), {}, [], True
-    for out in folds:
+def cross_validated(variant: str, path: Path) -> tuple[Files, Files]:
+    """Errors of all records by ships that did not see them, without and with a past; path: of finished folds."""
+    trials, bare, past = trials_of(splits.TRAIN_TZRB_PLUS), {}, {}
+    sigma = pooled_sigma(trials)
+    for out in folds_of(trials):
         rest = [t for i, t in enumerate(trials) if i not in out]
-        row = rows.made(mark, variant, rest, [trials[i] for i in out], sigma)
-        found |= row["files" + ending]
-        seconds.append(row["seconds"])
-        converged &= row["converged"]
-    window, paper, count = np.array([found[t.name] for t in trials]).T
-    bare = [np.where(count > 0, v, np.nan) for v in (window, paper)]
-    scores = RunScores(tuple(t.name for t in trials), tuple(t.kind for t in trials), *bare, count, sigma)
-    return scores, float(np.mean(seconds)), converged
+        files = fold_errors(variant, rest, [trials[i] for i in out], sigma, path)
+        bare |= files[0]
+        past |= files[1]
+    return bare, past
 
 
-def lines_of(scores: dict[str, RunScores]) -> list[str]:
-    """Tables of both metrics by kind and variant, changes against the first variant."""
-    first, lines = next(iter(scores.values())), []
-    kinds = list(dict.fromkeys(first.kinds))
-    for metric in METRICS:
-        body = []
-        for kind in (*kinds, None):
-            count = int(np.isfinite(first.of(metric, kind)).sum())
-            cells = [_cell(s.mean(metric, kind), first.change(s, metric, kind), s is first) for s in scores.values()]
-            body.append([f"{kind or 'all'} ({count})", *cells])
-        lines += [f"{LABELS[metric]}:", "", *table(["kind (files)", *scores], body), ""]
+def jackknifed(values: np.ndarray) -> tuple[float, float]:
+    """Mean of ``values`` (R,) over files, those that are NaN left out, and its jackknife error."""
+    good = values[~np.isnan(values)]
+    return float(good.mean()), float(good.std(ddof=1) / np.sqrt(len(good)))
+
+
+def change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """mean(after) / mean(before) - 1 over the files (R,) that both have, and its jackknife error over files."""
+    good = ~(np.isnan(before) | np.isnan(after))
+    a, b, n = before[good], after[good], int(good.sum())
+    without = (b.sum() - b) / (a.sum() - a)
+    return float(b.mean() / a.mean() - 1), float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
+
+
+def lines_of(errors: Mapping[str, Files]) -> list[str]:
+    """Tables of both metrics by kind and variant, with the change against the first variant."""
+    first, lines = next(iter(errors.values())), []
+    kinds = {name: name.split("_")[0] for name in first}
+    for metric, words in enumerate(METRICS.values()):
+        rows = []
+        for kind in [*dict.fromkeys(kinds.values()), "all"]:
+            names = [name for name in first if kind in ("all", kinds[name])]
+            values = {v: np.array([files[name][metric] for name in names]) for v, files in errors.items()}
+            cells = ["{:.4f} ± {:.4f}".format(*jackknifed(column)) for column in values.values()]
+            before = next(iter(values.values()))
+            for k, column in enumerate(list(values.values())[1:], 1):
+                cells[k] += " ({:+.1f} ± {:.1f} %)".format(*(100 * x for x in change(before, column)))
+            rows.append([f"{kind} ({len(names)})", *cells])
+        lines += [f"{words}:", "", *table(["kind (files)", *errors], rows), ""]
     return lines
 
 
-def _cell(mean: Jackknifed, change: Jackknifed, first: bool) -> str:
-    words = f"{mean.value:.4f} ± {mean.error:.4f}"
-    return words if first else f"{words} ({100 * change.value:+.1f} ± {100 * change.error:.1f} %)"
-
-
-def scores_of_folds(
-    variants: Sequence[str], made: Callable[[str, Sequence[Trial], Sequence[Trial], np.ndarray], dict], ending: str
-) -> tuple[dict[str, RunScores], list[dict]]:
-    """Scores by variant of all records of Train-TZRB+, left out in five folds, and the rows that hold them.
-
-    made: from the name of a fold, trials to fit, trials left out and sigma (6,) a row whose "files" has the scores of
-    each of the ``variants`` with an ``ending`` to its name.
-    """
-    trials = trials_of(splits.TRAIN_TZRB_PLUS)
-    labels, groups = grouped(trials)
-    sigma, rows = pooled_sigma(trials), []
-    for k, out in enumerate(folds_by(labels, groups, 5)):
-        rest = [t for i, t in enumerate(trials) if i not in out]
-        rows.append(made(f"fold {k}", rest, [trials[i] for i in out], sigma))
-    names, kinds = tuple(t.name for t in trials), tuple(t.kind for t in trials)
-    scores = {}
-    for variant in variants:
-        files = {name: found for row in rows for name, found in row["files"][variant + ending].items()}
-        window, paper, count = np.array([files[name] for name in names]).T
-        window, paper = (np.where(count > 0, v, np.nan) for v in (window, paper))
-        scores[variant] = RunScores(names, kinds, window, paper, count, sigma)
-    return scores, rows
-
-
-def hold_out_lines(rows: Rows, mark: str, variants: Sequence[str], unchecked: bool) -> list[str]:
-    """Tables of the five hold-outs by ships fitted on Train-TZRB and on the rest of Train-TZRB+."""
-    held, small = (trials_of(names, unchecked) for names in (splits.DEVELOPMENT_HOLDOUT, splits.TRAIN_TZRB))
-    large = trials_of([n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT], unchecked)
-    columns: dict[str, dict] = {}
-    for variant in variants:
-        for words, train in (("Train-TZRB", small), ("Train-TZRB+ without them", large)):
-            row = rows.made(mark, variant, train, held, pooled_sigma(small))
-            for ending in ("", WITH_PAST):
-                columns[f"{words}, {variant}{ending}"] = row["files" + ending]
-    body = [[t.name, *(f"{c[t.name][0]:.4f} / {c[t.name][1]:.4f}" for c in columns.values())] for t in held]
-    means = [np.mean([v[:2] for v in c.values()], axis=0) for c in columns.values()]
-    body.append(["mean of files", *(f"{a:.4f} / {b:.4f}" for a, b in means)])
-    return [
-        "30 s windows / 100 s restarts, in units of the sigma of Train-TZRB:",
-        "",
-        *table(["hold-out", *columns], body),
-    ]
-
-
-def fold_lines(rows: Rows, mark: str, variants: Sequence[str], trials: Sequence[Trial], how: str) -> list[str]:
-    """Tables of all ``trials`` left out in folds; how: number of folds, or day-kind."""
-    labels, groups = grouped(trials)
-    if how == "day-kind":
-        folds = [tuple(i for i, k in enumerate(labels) if k == label) for label in dict.fromkeys(labels)]
-    else:
-        folds = folds_by(labels, groups, int(how))
-    lines, remarks = [], []
-    for ending in ("", WITH_PAST):
-        found, remarks = {}, []
-        for variant in variants:
-            found[variant], seconds, converged = cross_validated(rows, mark, variant, trials, folds, ending)
-            remarks.append(f"{variant}: {seconds:.0f} s a fit, {'all' if converged else 'NOT all'} converged")
-        lines += [f"With {PAST:g} s of past:" if ending else "Without a past:", "", *lines_of(found)]
-    head = f"{len(trials)} records in {len(folds)} folds, refitted in full; mean of files ± jackknife error over "
-    head += f"files; in brackets the change against the first variant and its error. {'; '.join(remarks)}."
-    return [head, "", *lines]
+def hold_outs(variant: str) -> tuple[list[str], dict[str, Figure]]:
+    """Lines and figures of the five hold-outs, the ships being fitted with the options of a ``variant``."""
+    held = trials_of(splits.DEVELOPMENT_HOLDOUT)
+    sigma, rest = pooled_sigma(held), [n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT]
+    scores = {"captive": ("captive model tests", score(SHIP, held, sigma))}
+    for name, words, names in (("tzrb", "Train-TZRB", splits.TRAIN_TZRB), ("plus", "Train-TZRB+ without them", rest)):
+        found = fitted(variant, trials_of(names))
+        scores[name] = words, score(found, held, sigma)
+        scores[f"{name}_past"] = f"{words}, {PAST:g} s of past", score(found, held, sigma, adapt=PAST)
+    figures: dict[str, Figure] = {}
+    for name, (words, found) in scores.items():
+        for metric, value in zip(METRICS, (found.window, found.paper), strict=True):
+            figures[f"holdout_{name}_{metric}"] = Figure(f"hold-outs, {METRICS[metric]}, pooled: {words}", value)
+    files = [by_file(found) for _, found in scores.values()]
+    body = [[name, *("{:.4f} / {:.4f}".format(*each[name]) for each in files)] for name in files[0]]
+    body.append(["pooled", *(f"{s.window:.4f} / {s.paper:.4f}" for _, s in scores.values())])
+    return table([" / ".join(METRICS.values()), *(words for words, _ in scores.values())], body), figures
 
 
 def main() -> None:
+    """Measures, prints, and records the figures of the first variant."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.cross_validation", description=__doc__)
     parser.add_argument("variants", nargs="*", default=["default"])
-    parser.add_argument("--folds", default="5", help="number of folds, or day-kind: each of them left out as a whole")
-    parser.add_argument("--without-hold-outs", action="store_true")
     parser.add_argument("--hold-outs", action="store_true", help="score the five hold-outs instead")
-    parser.add_argument("--unchecked", action="store_true", help="fit and score broken stretches too")
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of finished folds")
-    parser.add_argument("--mark", default="", help="word kept with the rows: others are made for another one")
-    parser.add_argument("--title", help="record the tables in RESULTS.md under this title")
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
-    for variant in given.variants:
-        options_of(variant)
-    rows, mark = Rows(given.rows), given.mark + ("unchecked" if given.unchecked else "checked")
-    options = ["--unchecked"] * given.unchecked
     if given.hold_outs:
-        options += ["--hold-outs"]
-        lines = hold_out_lines(rows, mark, given.variants, given.unchecked)
+        lines, figures = hold_outs(given.variants[0])
     else:
-        options += [f"--folds {given.folds}", *["--without-hold-outs"] * given.without_hold_outs]
-        names = [n for n in splits.TRAIN_TZRB_PLUS if not (given.without_hold_outs and n in splits.DEVELOPMENT_HOLDOUT)]
-        lines = fold_lines(rows, mark, given.variants, trials_of(names, given.unchecked), given.folds)
-    command = " ".join(["python -m benchmarks.cross_validation", *given.variants, *options])
-    if given.title:
-        record(given.title, command, lines)
-    else:
-        print("\n".join(lines))
+        pairs = {variant: cross_validated(variant, given.rows) for variant in given.variants}
+        lines, figures = [], {}
+        for k, (ending, words) in enumerate((("", "without a past"), ("past_", f"{PAST:g} s of past"))):
+            lines += [f"{words}:", "", *lines_of({variant: pair[k] for variant, pair in pairs.items()})]
+            values = np.array(list(pairs[given.variants[0]][k].values()))
+            for column, (metric, name) in zip(values.T, METRICS.items(), strict=True):
+                what = f"cross-validation over 35 records, {name}, mean of files: {words}"
+                figures[f"cv_{ending}{metric}"] = Figure(what, *_value_error(column))
+    print("\n".join(lines))
+    if given.record:
+        keep(figures, "python -m benchmarks.cross_validation" + " --hold-outs" * given.hold_outs)
+
+
+def _value_error(column: np.ndarray) -> tuple[float, str, float]:
+    value, error = jackknifed(column)
+    return value, "", error
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from cases.simulation.gusts import Wind
 from cases.simulation.sensors import SensorNoise, logged, wrap
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from mmg.effects.disturbance import LATENT_STATES
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.runge_kutta import rk4_step
@@ -71,19 +70,14 @@ def disturbed_trial(ship: Ship, trial: Trial, how: Disturbed, seed: int) -> Tria
     Raises UserError when the motion diverges.
     """
     rng = np.random.default_rng([8, seed])
-    pushed = ship.with_effect("disturbance", {"X": how.X, "Y": how.Y, "N": how.N, "tau": how.tau})
-    model = assemble(pushed, symbols=())
+    model = assemble(ship.with_effect("tow", {}), symbols=("tow.X", "tow.Y", "tow.N"))
     t = trial.t
     dt = float(np.median(np.diff(t)))
-    forces = np.column_stack([process(len(t), dt, how.tau, rng) for _ in LATENT_STATES])
-    latent = [model.states.index(name) for name in LATENT_STATES]
+    forces = np.column_stack([size * process(len(t), dt, how.tau, rng) for size in (how.X, how.Y, how.N)])
     inputs = model_inputs(trial, model.controls).array
-    z, c, d = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", inputs.shape[1]), ca.SX.sym("d", len(latent))
-    held = ca.SX(z)
-    for i, position in enumerate(latent):
-        held[position] = d[i]
-    step = ca.Function("step", [z, c, d], [rk4_step(lambda s, _: model.rates(s, c, []), held, dt)], {"cse": True})
-    begin = np.array(model.initial(trial.states[0], inputs[0], [])).ravel()
+    z, c, d = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", inputs.shape[1]), ca.SX.sym("d", 3)
+    step = ca.Function("step", [z, c, d], [rk4_step(lambda s, _: model.rates(s, c, d), z, dt)], {"cse": True})
+    begin = np.array(model.initial(trial.states[0], inputs[0], forces[0])).ravel()
     path = np.array(step.mapaccum("run", len(t) - 1)(begin, inputs[:-1].T, forces[:-1].T)).T
     states = np.vstack([begin, path])[:, :6]
     if not np.isfinite(states).all() or np.abs(states[:, 3:5]).max() > 10 * np.abs(trial.states[:, 3:5]).max() + 1:

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.faults import Fault, faults
-from benchmarks.record import record, table
+from benchmarks.record import Figure, keep, table
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -37,80 +37,15 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-EQUIVALENT = Path(__file__).with_suffix(".toml")
-EFFECTS = ("tests/mmg/effects/test_formulas.py", "tests/mmg/effects/test_effects.py")
-COMPONENTS, MOTION = "tests/mmg/components", "tests/mmg/motion"
-PRINTED = f"{COMPONENTS}/test_printed_values.py"
-EVERY = (f"{COMPONENTS}/test_all_models.py",)
-WHOLE = (
-    "tests/mmg/test_steady_turns.py",
-    f"{COMPONENTS}/test_symmetry_and_rest.py",
-    f"{COMPONENTS}/test_check_values.py",
-)
+KEPT = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+"""Tests by room, and faults that change nothing."""
+ROOMS: dict[str, list[str]] = KEPT["rooms"]
 LIBRARIES = (
     "casadi", "numpy", "scipy.optimize", "scipy.integrate", "scipy.interpolate", "scipy.signal", "pandas", "pytest",
     "hypothesis", "hypothesis.strategies", "matplotlib.pyplot", "pydantic", "tomlkit", "jinja2", "typer",
     "safetensors.numpy", "xdist",
 )  # fmt: skip
 """What the tests import besides this project: once, before the forks."""
-ROOMS: dict[str, tuple[str, ...]] = {
-    "mmg/components/hull/unified.py": (f"{COMPONENTS}/test_wake_and_inflow.py", *WHOLE, *EVERY),
-    "mmg/components/hull/polynomial.py": (
-        f"{COMPONENTS}/test_polynomial_hull.py",
-        f"{COMPONENTS}/test_kvlcc2.py",
-        *EVERY,
-    ),
-    "mmg/components/hull/abkowitz.py": (f"{COMPONENTS}/test_abkowitz.py", *EVERY),
-    "mmg/components/propeller/four_quadrant.py": (PRINTED, f"{COMPONENTS}/test_four_quadrant.py", *EVERY),
-    "mmg/components/propeller/b_series.py": (
-        f"{COMPONENTS}/test_four_quadrant.py",
-        f"{COMPONENTS}/test_cpp.py",
-        *EVERY,
-    ),
-    "mmg/components/propeller/cpp.py": (f"{COMPONENTS}/test_cpp.py", *EVERY),
-    "mmg/components/propeller/kang.py": (
-        f"{COMPONENTS}/test_vectwin.py",
-        f"{COMPONENTS}/test_vectwin_ship.py",
-        *EVERY,
-    ),
-    "mmg/components/propeller": (
-        PRINTED,
-        f"{COMPONENTS}/test_standard_propulsion.py",
-        f"{COMPONENTS}/test_wake_and_inflow.py",
-        *WHOLE,
-        *EVERY,
-    ),
-    "mmg/components/rudder/vectwin.py": (
-        f"{COMPONENTS}/test_vectwin_ship.py",
-        f"{COMPONENTS}/test_vectwin.py",
-        *EVERY,
-    ),
-    "mmg/components/rudder": (
-        f"{COMPONENTS}/test_standard_rudder.py",
-        f"{COMPONENTS}/test_wake_and_inflow.py",
-        *WHOLE,
-        *EVERY,
-    ),
-    "mmg/components/thruster": (f"{COMPONENTS}/test_thrusters.py", *EVERY),
-    "mmg/components/wind": (PRINTED, f"{COMPONENTS}/test_wind_models.py", *WHOLE, *EVERY),
-    "mmg/components/waves": (f"{COMPONENTS}/test_wind_models.py", *EVERY),
-    "mmg/components/actuators": (f"{COMPONENTS}/test_actuators_and_roll.py",),
-    "mmg/components/roll": (f"{COMPONENTS}/test_actuators_and_roll.py",),
-    "mmg/components/twin.py": EVERY,
-    "mmg/components/empirical.py": (f"{COMPONENTS}/test_empirical.py",),
-    "mmg/components/rigid_body.py": (*WHOLE, f"{COMPONENTS}/test_abkowitz.py"),
-    "mmg/effects": EFFECTS,
-    "mmg/motion/froude.py": (f"{MOTION}/test_froude.py",),
-    "mmg/motion/memory.py": (
-        "tests/mmg/effects/test_formulas.py",
-        f"{COMPONENTS}/test_actuators_and_roll.py",
-        *EFFECTS,
-    ),
-    "mmg/motion": (f"{MOTION}/test_smooth.py", f"{MOTION}/test_frames.py", *EFFECTS, *EVERY, *WHOLE),
-    "mmg/runge_kutta.py": ("tests/mmg/test_runge_kutta.py",),
-    "mmg/model.py": (*EFFECTS, *WHOLE, f"{COMPONENTS}/test_actuators_and_roll.py"),
-}
-"""Where the physics is -> the tests that are run on its faults, the closest first. The longest match counts."""
 LONGEST = 240.0
 """Time [s] after which a test that does not end counts as one that fails."""
 
@@ -121,7 +56,7 @@ def physics() -> list[str]:
     return sorted(file.relative_to(ROOT).as_posix() for file in found if file.name != "__init__.py")
 
 
-def room_tests(path: str) -> tuple[str, ...]:
+def room_tests(path: str) -> list[str]:
     """The test files of the physics file ``path``."""
     return ROOMS[max((place for place in ROOMS if path.startswith(place)), key=len)]
 
@@ -139,8 +74,7 @@ def drawn(seed: int, count: int) -> list[Fault]:
 
 def equivalent() -> dict[str, str]:
     """Faults that change nothing, by their key: the reason."""
-    rows = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["fault"]
-    return {f"{row['file']}: {row['line']} -> {row['faulty']}": row["reason"] for row in rows}
+    return {f"{row['file']}: {row['line']} -> {row['faulty']}": row["reason"] for row in KEPT["fault"]}
 
 
 class Faulty(importlib.abc.MetaPathFinder):
@@ -181,7 +115,7 @@ def noticed(fault: Fault | None, tests: Sequence[str], folder: str) -> int:
     return int(pytest.main([*quiet, *tests]))
 
 
-def outcomes(work: Sequence[tuple[Fault | None, tuple[str, ...]]], workers: int) -> Iterator[tuple[int, int]]:
+def outcomes(work: Sequence[tuple[Fault | None, list[str]]], workers: int) -> Iterator[tuple[int, int]]:
     """Number of a piece of ``work`` and exit code of its tests (-1: not ended in time), as they end."""
     waiting, running = list(enumerate(work)), dict[int, tuple[int, float]]()
     with tempfile.TemporaryDirectory() as folder:
@@ -219,7 +153,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, value in (("sample", 200), ("seed", 14), ("least", 85), ("workers", os.cpu_count() or 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
-    parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")
+    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     parser.add_argument("--of", default="", help="only of files whose path begins so")
     given = parser.parse_args()
     os.chdir(ROOT)
@@ -229,8 +163,7 @@ def main() -> int:
     sample = [f for f in drawn(given.seed, given.sample) if f.path.startswith(given.of)]
     chosen = [fault for fault in sample if fault.key not in reasons]
     every = sorted({test for fault in chosen for test in room_tests(fault.path)})
-    begin = time.monotonic()
-    for number, code in outcomes([(None, (test,)) for test in every], given.workers):
+    for number, code in outcomes([(None, [test]) for test in every], given.workers):
         if code:
             print(f"{every[number]} fails without any fault")
             return 1
@@ -239,15 +172,13 @@ def main() -> int:
         codes[number] = code
         if code == 0:
             print("not noticed:", chosen[number].key, flush=True)
-    lines = summary(sample, chosen, codes)
+    print("\n".join(summary(sample, chosen, codes)))
     killed = sum(code != 0 for code in codes.values())
     score = 100 * killed / max(len(chosen), 1)
-    last = f"{killed} of {len(chosen)} faults noticed: {score:.1f} % (least {given.least} %)"
+    print(f"{killed} of {len(chosen)} faults noticed: {score:.1f} % (least {given.least} %)")
     if given.record:
-        command = f"python -m benchmarks.mutants --sample {given.sample} --seed {given.seed}"
-        record("Faults in the physics that the tests notice", command, [*lines, "", last])
-    else:
-        print("\n".join([*lines, last, f"{time.monotonic() - begin:.0f} s"]))
+        figure = Figure("faults in the physics that the tests notice", killed, of=len(chosen))
+        keep({"mutants": figure}, f"python -m benchmarks.mutants --sample {given.sample} --seed {given.seed}")
     return 0 if score >= given.least else 1
 
 

@@ -1,50 +1,84 @@
-"""Keeps benchmark results in RESULTS.md, one section per benchmark, with the command that made it."""
+"""The record of the benchmarks, record.json: each figure with its command, date, commit and machine.
+
+A benchmark that is given ``--record`` hands its figures to ``keep``; ``python -m benchmarks.pages`` writes RESULTS.md
+and the table of README.md from the record.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import platform
 import re
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-RESULTS = Path(__file__).with_name("RESULTS.md")
+import mmg_ident
+
+RECORD = Path(__file__).with_name("record.json")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured figure.
+
+    what: in words; value; unit: "" for a plain number, "%" for a share that is given as one of 1; error: standard error
+    in the same unit; of: for a count, out of how many; note: what else is to be known.
+    """
+
+    what: str
+    value: float
+    unit: str = ""
+    error: float | None = None
+    of: int | None = None
+    note: str = ""
+
+
+def keep(figures: Mapping[str, Figure], command: str) -> None:
+    """Put ``figures``, by their anchor, into the record as measured now by ``command`` with the code that is checked
+    out."""
+    made = {"command": command, "date": date.today().isoformat(), "commit": commit(), "machine": machine(),
+            "version": mmg_ident.__version__}  # fmt: skip
+    known = kept() | {name: asdict(figure) | made for name, figure in figures.items()}
+    rows = {
+        name: {key: value for key, value in known[name].items() if value not in ("", None)} for name in sorted(known)
+    }
+    RECORD.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def kept() -> dict[str, dict[str, Any]]:
+    """All figures of the record, by their anchor."""
+    return dict(json.loads(RECORD.read_text(encoding="utf-8"))) if RECORD.exists() else {}
+
+
+def commit() -> str:
+    """Short name of the commit that is checked out, with "+" where files differ from it; "" without git."""
+    here = RECORD.parent
+    try:
+        head, changed = (
+            subprocess.run(["git", *words], cwd=here, capture_output=True, text=True, check=True).stdout.strip()
+            for words in (["rev-parse", "--short=7", "HEAD"], ["status", "--porcelain", "--untracked-files=no"])
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return head + "+" * bool(changed)
 
 
 def machine() -> str:
-    """Processor and core count in words."""
-    import os
-
+    """Processor, number of cores and version of Python in words."""
     model = platform.processor() or platform.machine()
     try:
-        found = re.search(r"model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text())
-        model = found.group(1) if found else model
+        line = re.search(r"model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text())
+        model = line.group(1) if line else model
     except OSError:
         pass
     return f"{model}, {os.cpu_count()} cores, Python {platform.python_version()}"
 
 
-def record(title: str, command: str, lines: list[str]) -> None:
-    """Print a section and put it into RESULTS.md in place of the one with the same title."""
-    body = "\n".join([f"## {title}", "", f"`{command}` on {date.today()}, {machine()}", "", *lines, ""])
-    print(body)
-    text = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else "# Benchmark results\n\n"
-    pattern = re.compile(rf"^## {re.escape(title)}\n.*?(?=^## |\Z)", re.S | re.M)
-    text = pattern.sub(lambda _: body + "\n", text) if pattern.search(text) else text.rstrip() + "\n\n" + body + "\n"
-    RESULTS.write_text(text, encoding="utf-8")
-
-
-def kept_row(path: Path, name: str) -> dict[str, Any] | None:
-    """The row called ``name`` among the JSON lines of the file at ``path``; None without one."""
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    return next((dict(row) for row in map(json.loads, lines) if row["name"] == name), None)
-
-
-def table(header: list[str], rows: list[list[str]]) -> list[str]:
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a markdown table."""
-    return [
-        "| " + " | ".join(header) + " |",
-        "|" + "---|" * len(header),
-        *["| " + " | ".join(row) + " |" for row in rows],
-    ]
+    return [f"| {' | '.join(row)} |" for row in (header, ["---"] * len(header), *rows)]

@@ -1,9 +1,8 @@
 """Faults of files put into simulated trials of other ships: does mmg check say what it is, and is its advice right?
 
-``python -m benchmarks.trial_faults [--seed N]``: 8 sets of ship and manoeuvres (3 m to 320 m, mild to hard, 1 to 20 Hz,
-rounded positions, with and without wind), each fault in each set. Named: the first contradiction that the report of any
-file of the set gives has one of the fault's codes, and no other. Harmful: it has another one, whose advice would leave
-the data wrong. False alarm: a contradiction in a set as it is.
+``python -m benchmarks.trial_faults [--seed N] [--record]``: 8 sets of ship and manoeuvres (3 m to 320 m, mild to hard,
+1 to 20 Hz, rounded positions, with and without wind), each fault in each set. Named: the contradictions in the reports
+of the set have codes of the fault, and no other. False alarm: a contradiction in a set as it is.
 """
 
 from __future__ import annotations
@@ -16,12 +15,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.file_faults.faults import FAULTS as OF_FILES
+from benchmarks.file_faults.faults import KNOT, Change, both, earth, scaled, swapped
+from benchmarks.record import Figure, keep
 from cases.checks import check
 from cases.criteria.simulated_trial import simulated_trial
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-
-KNOT, RPM = 1.943844, 60.0
 
 SETS = {
     "3 m, hard, 10 Hz": ("esso_osaka_3m", ("zigzag:20/20", "turning:35"), None, 0.1, 0.0),
@@ -38,65 +38,37 @@ SETS = {
 Fault = Callable[[Trial], Trial]
 
 
-def _scaled(**by: float) -> Fault:
-    return lambda t: t.with_columns(**{name: t[name] * factor for name, factor in by.items()})
+def _made(change: Change) -> Fault:
+    """A ``change`` of the columns of a file as one of a trial."""
+    draws = np.random.default_rng(0)
+    return lambda t: t.with_columns(**change(t.columns, 0.0, 0.0, draws))
 
 
-def _rounded(trial: Trial, grain: float) -> Trial:
-    return trial.with_columns(**{name: np.round(trial[name] / grain) * grain for name in ("x", "y")})
-
-
-def _also(first: Fault, then: Fault) -> Fault:
-    return lambda trial: then(first(trial))
-
-
-def _earth(swap: bool) -> Fault:
-    def made(t: Trial) -> Trial:
-        w = (t["u"] + 1j * t["v"]) * np.exp(1j * t["psi"])
-        return t.with_columns(u=w.imag, v=w.real) if swap else t.with_columns(u=w.real, v=w.imag)
-
-    return made
-
-
-DEG = 180 / math.pi
+SAME = (
+    "velocities earth-fixed", "velocities earth-fixed, east first", "v positive to port", "r positive to port",
+    "psi counter-clockwise", "y positive to west", "psi, v, r mirrored", "rudder positive to port",
+    "u positive astern", "x and y swapped", "heading from east, counter-clockwise", "heading from east, clockwise",
+    "milliseconds as s", "knots as m/s", "psi in deg as rad", "r in deg/s as rad/s", "delta in deg as rad",
+    "rpm as rps",
+)  # fmt: skip
+"""Faults of files that are made here, too."""
 FAULTS: dict[str, tuple[Fault, tuple[str, ...]]] = {
-    "earth-fixed velocities": (_earth(False), ("velocity_frame",)),
-    "earth-fixed, east first": (_earth(True), ("velocity_frame",)),
-    "v to port": (_scaled(v=-1), ("sway_sign", "v_sign")),
-    "r to port": (_scaled(r=-1), ("r_sign",)),
-    "psi counter-clockwise": (_scaled(psi=-1), ("heading_sign",)),
-    "psi, r counter-clockwise": (_scaled(psi=-1, r=-1), ("heading_sign", "mirrored_frame")),
-    "y to west": (_scaled(y=-1), ("mirrored_frame",)),
-    "psi, v, r mirrored": (_scaled(psi=-1, v=-1, r=-1), ("mirrored_frame",)),
-    "rudder to port": (_scaled(delta=-1), ("rudder_sign",)),
-    "u astern": (_scaled(u=-1), ("u_sign",)),
-    "x and y swapped": (lambda t: t.with_columns(x=t["y"], y=t["x"]), ("swapped_positions",)),
-    "heading from east": (lambda t: t.with_columns(psi=math.pi / 2 - t["psi"], r=-t["r"]), ("heading_from_east",)),
-    "heading from east, clockwise": (lambda t: t.with_columns(psi=t["psi"] - math.pi / 2), ("heading_from_east",)),
-    "milliseconds as seconds": (_scaled(t=1000.0), ("unit",)),
-    "knots as m/s": (_scaled(u=KNOT, v=KNOT), ("unit",)),
-    "m/s as knots": (_scaled(u=1 / KNOT, v=1 / KNOT), ("unit",)),
-    "degrees of psi as rad": (lambda t: t.with_columns(psi=np.mod(t["psi"] * DEG, 360.0)), ("unit",)),
-    "degrees of r as rad": (_scaled(r=DEG), ("unit",)),
-    "degrees of delta as rad": (_scaled(delta=DEG), ("unit",)),
-    "km/h as m/s": (_scaled(u=3.6, v=3.6), ("unit",)),
-    "m/s as km/h": (_scaled(u=1 / 3.6, v=1 / 3.6), ("unit",)),
-    "rpm as rps": (_scaled(n=RPM), ("unit",)),
+    **{name: (_made(OF_FILES[name].change), OF_FILES[name].codes) for name in SAME},
+    "psi and r counter-clockwise": (_made(scaled(psi=-1, r=-1)), ("heading_sign", "mirrored_frame")),
+    "m/s as knots": (_made(scaled(u=1 / KNOT, v=1 / KNOT)), ("unit",)),
+    "km/h as m/s": (_made(scaled(u=3.6, v=3.6)), ("unit",)),
+    "m/s as km/h": (_made(scaled(u=1 / 3.6, v=1 / 3.6)), ("unit",)),
     "frozen turn rate": (lambda t: t.with_columns(r=np.full(len(t), 0.001)), ("frozen_channel",)),
-    "y and rudder mirrored": (_scaled(y=-1, delta=-1), ("mirrored_frame", "rudder_sign")),
-    "earth-fixed, rudder to port": (_also(_earth(False), _scaled(delta=-1)), ("velocity_frame", "rudder_sign")),
-    "earth-fixed, knots": (_also(_earth(False), _scaled(u=KNOT, v=KNOT)), ("velocity_frame", "unit")),
-    "swapped, rudder to port": (
-        lambda t: t.with_columns(x=t["y"], y=t["x"], delta=-t["delta"]),
-        ("swapped_positions", "rudder_sign"),
-    ),
+    "y and rudder mirrored": (_made(scaled(y=-1, delta=-1)), ("mirrored_frame", "rudder_sign")),
+    "earth-fixed, rudder to port": (_made(both(earth(False), scaled(delta=-1))), ("velocity_frame", "rudder_sign")),
+    "earth-fixed, knots": (_made(both(earth(False), scaled(u=KNOT, v=KNOT))), ("velocity_frame", "unit")),
+    "swapped, rudder to port": (_made(both(swapped, scaled(delta=-1))), ("swapped_positions", "rudder_sign")),
     "earth-fixed, 5 deg off": (
-        lambda t: _earth(False)(t.with_columns(psi=t["psi"] + math.radians(5))),
-        ("velocity_frame",),
+        _made(both(lambda c, *_: {"psi": c["psi"] + math.radians(5)}, earth(False))), ("velocity_frame",),
     ),
-    "v, rudder to port": (_scaled(v=-1, delta=-1), ("sway_sign", "v_sign", "rudder_sign")),
-    "r in deg/min as deg/s": (_scaled(r=60.0), ("unit", "gain")),
-}
+    "v, rudder to port": (_made(scaled(v=-1, delta=-1)), ("sway_sign", "v_sign", "rudder_sign")),
+    "r in deg/min as deg/s": (_made(scaled(r=60.0)), ("unit", "gain")),
+}  # fmt: skip
 """Fault -> what makes it, and the codes that name it."""
 
 
@@ -110,7 +82,7 @@ def sets(seed: int) -> dict[str, list[Trial]]:
             for k, maneuver in enumerate(maneuvers)
         ]
         if grain:
-            trials = [_rounded(t, grain) for t in trials]
+            trials = [t.with_columns(**{n: np.round(t[n] / grain) * grain for n in "xy"}) for t in trials]
         out[name] = [replace(t, name=f"run_{k}") for k, t in enumerate(trials)]
     return out
 
@@ -127,7 +99,9 @@ def main() -> None:
     """Prints a row per fault: in how many sets it is named, missed, or taken for something else."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=17)
-    cases = sets(parser.parse_args().seed)
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
+    given = parser.parse_args()
+    cases = sets(given.seed)
     alarms = {name: contradictions(trials) for name, trials in cases.items()}
     print("false alarms:", {name: codes for name, codes in alarms.items() if codes} or "none")
     total: Counter[str] = Counter()
@@ -146,6 +120,12 @@ def main() -> None:
         count = sum(row[k] for k in ("named", "missed", "other"))
         print(f"{fault:30s} {row['named']} of {count}", *(k for k in row if k.startswith("[")))
     print(f"named {total['named']} of {sum(total.values())}, taken for something else {total['other']}")
+    if given.record:
+        named = Figure("faults of simulated trials named", total["named"], of=sum(total.values()))
+        loud = sum(bool(codes) for codes in alarms.values())
+        false = Figure("false alarms in sound simulated trials", loud, of=len(cases))
+        command = f"python -m benchmarks.trial_faults --seed {given.seed}"
+        keep({"files_own": named, "files_own_alarms": false}, command)
 
 
 if __name__ == "__main__":

@@ -246,8 +246,7 @@ class Findings(DiagnosisRecord):
     """The whole answer.
 
     ship: refitted, with the named effects. None after reading a folder: before (the ship refitted without effects),
-    null, final (the fits behind both), data (the training trials as arranged). drawn: PNG files of figures by name,
-    where they are drawn already.
+    null, final (the fits behind both), data (the training trials as arranged).
     """
 
     inputs: DiagnosisInputs
@@ -256,7 +255,6 @@ class Findings(DiagnosisRecord):
     null: Estimate | None = None
     final: Estimate | None = None
     data: GriddedTrials | None = None
-    drawn: Mapping[str, bytes] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def notices(self) -> tuple[str, ...]:

@@ -55,7 +55,7 @@ def with_learned(
 
     As given where nothing is left unexplained, and without test trials. Where it cannot be measured, a warning says
     why. options, progress: as of ``diagnose``; started: of ``start_learning``, for the ship of ``found``. Returns the
-    diagnosis with ``learned``, and where another process measures it, with the figures that are drawn meanwhile.
+    diagnosis with ``learned``.
     """
     if not tests or not (found.verdict == "unknown" or found.remainder):
         return found
@@ -65,7 +65,6 @@ def with_learned(
         LOGGER.info("learning the unexplained remainder from the training trials")
         started = started or start_learning(found.ship, found.data, trials, tests, options)
         if started is not None:
-            found = found.with_figures()
             rest = started.value
         else:
             rest = _learned(found.ship, _reading(found.data, options), trials, tests, options, progress)

@@ -19,7 +19,6 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, ship_of_all
 from fitting.nlp.windows import Segments
 from fitting.parallel import with_one_thread
-from fitting.selection.robust_choice import OpenWeighting, Weighting
 from fitting.settings import Settings, Start
 from fitting.solvers.interrupts import finishing
 from fitting.solvers.ipopt import Solution
@@ -43,9 +42,9 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; weighting: how loss
-    and weight of the runs were chosen, None where given; rough: its last solve is left out, ``solution`` is where that
-    begins; unfinished: ``finished`` has still to make that solve, to certify it and to say what is wrong.
+    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; rough: its last
+    solve is left out, ``solution`` is where that begins; unfinished: ``finished`` has still to make that solve, to
+    certify it and to say what is wrong.
     """
 
     ship: Ship
@@ -66,7 +65,6 @@ class Calibration:
     problem: Problem
     resumption: Resumption
     constants: RunConstants | None
-    weighting: Weighting | None = None
     rough: bool = False
     unfinished: bool = False
 
@@ -228,15 +226,10 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool, 
     free = first.prior
     first = holding(first, x, question.held)
     timings = {"prepare": time.perf_counter() - began}
-    deciding = OpenWeighting(question.trials, settings)
     resumed = Resumption.of_arrays(warm or {}, first)
     near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
-    course = Course(resumed, deciding.choose, near, certify, rough)
+    course = Course(resumed, near, certify, rough)
     solves = solve_with_noise_estimation(first, x, settings, began, progress, course)
-    weighting = deciding.weighting(solves.solution)
-    if weighting:
-        settings = replace(settings, loss=weighting.loss, weight=weighting.weight)
-        notices = [*notices, Message(weighting.sentence, "weighting_chosen")]
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(solves.problem, solves.solution, settings, began, progress)
     statistics = _statistics(solves.problem.with_changes(prior=free), best, question.per_run)
@@ -252,7 +245,6 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool, 
         notices=tuple(dict.fromkeys(notices)),
         timings=timings,
         resumption=solves.resumption,
-        weighting=weighting,
         rough=solves.rough,
         unfinished=True,
     )

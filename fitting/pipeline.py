@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients, finished, first_estimate
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
-from fitting.parallel import ProcessBeside, begun_beside, width, with_one_thread
+from fitting.parallel import ProcessBeside, begun_beside, with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
@@ -27,27 +26,15 @@ from fitting.prediction.score import scores_by_set
 from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
-from fitting.report.beside import FigureProcess, prepare_figures
-from fitting.report.drawn_ahead import ask_figures, ask_the_rest
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns.by_campaign import (
-    CampaignFit,
-    CampaignQuestion,
-    by_campaign,
-    may_keep,
-    with_kinematics,
-)
-from fitting.selection.campaigns.sentences import not_asked
-from fitting.selection.cross_validation import ModelSelection, select
-from fitting.selection.disturbance_choice import choose_disturbance
-from fitting.selection.sisters.start import UncertainMean, with_uncertain_mean
+from fitting.selection.campaigns import CampaignFit, CampaignQuestion, by_campaign, may_keep, not_asked
+from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, begin_second, with_second
-from fitting.selection.window_choice import choose_window
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Later, unless_interrupted
-from fitting.solvers.resumed import as_chosen, check_resumable, earlier_passes, iterate_of
+from fitting.solvers.interrupts import Later
+from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import moved_by, worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
@@ -65,15 +52,13 @@ class FitOptions:
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
     constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
-    the usual ones, ("none",) for none; try_disturbance: random forces along the runs are kept where runs left out
-    become better with them; instruments: effects of the instruments that are fitted along; captive: points of captive
-    tests that are fitted too; auto: choose the model by cross-validation, within auto_limit [s]; start: values from
-    which the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume:
-    an interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command
-    that made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that
-    of the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it; beside:
-    the process that does meanwhile what can wait, and draws figures; None: this one does all, and they are drawn when
-    the result is saved. estimator: "both" takes the mean with a ``second`` estimator of the same coefficients, where
+    the usual ones, ("none",) for none; instruments: effects of the instruments that are fitted along; captive: points
+    of captive tests that are fitted too; start: values from which the solver begins, by symbol; hold: these stay, and
+    only what else is free and the noise is estimated; resume: an interrupted run of the same data and ship, from whose
+    iterate to go on; command: what is stored as the command that made the result; name: of the ship and her
+    calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
+    the mean of the prior is, where other ships told it; beside: the process that does meanwhile what can wait; None:
+    this one does all. estimator: "both" takes the mean with a ``second`` estimator of the same coefficients, where
     there is one and nothing else is fitted than coefficients to trials, "windows" what multiple shooting gives.
     """
 
@@ -82,11 +67,8 @@ class FitOptions:
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
     per_campaign: tuple[str, ...] = ()
-    try_disturbance: bool = False
     instruments: tuple[str, ...] = ("velocity_filter",)
     captive: Captive | None = None
-    auto: bool = False
-    auto_limit: float = 480.0
     start: Mapping[str, float] = field(default_factory=dict)
     hold: bool = False
     resume: FitResult | None = None
@@ -100,7 +82,7 @@ class FitOptions:
     def asks_second(self, settings: Settings) -> bool:
         """Whether the second estimator is asked: it knows no other data than trials, and refits, profiles and held
         values are those of multiple shooting alone; settings: of the solver."""
-        asked = (self.captive, self.per_run, self.bootstrap, self.profile, self.try_disturbance, self.auto, self.hold)
+        asked = (self.captive, self.per_run, self.bootstrap, self.profile, self.hold)
         return self.estimator == "both" and not any(asked) and settings.time_limit is None
 
 
@@ -115,29 +97,21 @@ def calibrate(
 ) -> FitResult:
     """Calibrate the free coefficients of ``ship`` on ``trials`` and judge the result, also on ``validation`` trials.
 
-    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver, by default
-    with loss and weight of the runs chosen by runs left out; options: what
+    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
     else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
     that stopped early. Raises UserError for input from which nothing can be identified, for options that contradict
     each other, and for an interrupted run of other data.
     """
     began = time.perf_counter()
-    settings, options = settings or Settings(loss=None, weight=None), options or FitOptions()
+    settings, options = settings or Settings(), options or FitOptions()
     train, remarks = training_trials(trials, validation)
     given, ship = ship, with_instruments(ship, options.instruments, train)
     _check_options(ship, train, options)
     model, constants = varying_effects(ship, options.per_run)
     if options.resume:
         check_resumable(options.resume, ship, train, constants)
-        settings = as_chosen(settings, options.resume.settings)
-    choice: ModelSelection | None = None
-    if options.auto:
-        choice = select(ship, train, _spread(settings), options.captive, options.auto_limit, progress)
-        ship = model = choice.ship
-        settings = replace(choice.settings, workers=settings.workers)
     later = Later()
-    asked = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
-    question = asked if options.hold or options.per_run else with_kinematics(asked, options.beside)
+    question = CampaignQuestion(model, train, settings, options.captive, options.per_campaign, progress)
     before, sets = Simulator(ship, settings.compiled), {"validation": validation, "training": train}
     other = begin_second(options.second if options.asks_second(settings) else None, given, train, options.beside)
     first = begun_beside(options.beside, partial(scores_by_set, before, sets))
@@ -154,22 +128,18 @@ def calibrate(
     past = begun_beside(options.beside, partial(worth_of_past, found, after, train, validation))
     moved = partial(moved_by, found, model, options.captive, by_day.own)
     worth = begun_beside(options.beside, partial(worth_of_left_out, after, sets, scores, moved, found.prior.symbols))
-    objects = _with_next_trial(objects, content, options, later)
+    objects = _with_next_trial(objects, options, later)
     uncertainty = uncertainty_rows(found) | _refitted(found, options, later)
     awaited = (("worth of adaptation", past), ("worth of what was left out", worth), ("prediction bands", bands_of))
     adaptation, left_out, bands = (later.made(name, partial(getattr, one, "value"), None) for name, one in awaited)
     warnings = [*found.warnings, *remarks, *worth_message(left_out), *shared_rows(train, validation)]
     warnings += [*_of_scores(scores), *later.left_out, *doubtful_revolutions(ship, train)]
-    weighting = _weighting(found, options.resume)
-    notices = [*found.notices, *_said_before(found, weighting), *by_day.messages, *(choice.notices if choice else ())]
     named = marked(found.ship, ship, train, options.name)
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
         "identifiability": identifiability_dict(found.identifiability, objects.next_trial),
-        "messages": _message_rows(warning=warnings, notice=notices),
-        "auto": choice.table if choice else None,
-        "weighting": weighting,
+        "messages": _message_rows(warning=warnings, notice=[*found.notices, *by_day.messages]),
         "bands": bands,
         "adaptation": adaptation,
         "envelope": envelope.value,
@@ -209,16 +179,12 @@ def _first_rows(
     }
 
 
-def _with_next_trial(objects: FitObjects, content: Mapping[str, Any], options: FitOptions, later: Later) -> FitObjects:
-    """The ``objects`` with the next trial, and with the figures of ``content`` where a process draws them meanwhile."""
-    found, figures = objects.calibration, None
-    if options.beside and not options.profile:
-        figures = FigureProcess(options.beside)
-        unless_interrupted(partial(ask_figures, figures, content, objects))
+def _with_next_trial(objects: FitObjects, options: FitOptions, later: Later) -> FitObjects:
+    """The ``objects`` with the next trial."""
+    found = objects.calibration
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
-        objects = replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
-    drawn = unless_interrupted(partial(ask_the_rest, figures, content, objects)) if figures else None
-    return drawn or objects  # what Ctrl-C leaves out here is said when the result is saved
+        return replace(objects, next_trial=later.made("next trial", lambda: next_trial(found), None))
+    return objects
 
 
 def _refitted(found: Calibration, options: FitOptions, later: Later) -> dict[str, Any]:
@@ -243,21 +209,8 @@ def _estimated(
         found = estimate_coefficients(model, train, settings, progress, warm, options.captive, constants, held)
         messages = () if held else not_asked(train, options.per_campaign)
         return CampaignFit(found, model, constants, messages=messages)
-    if options.beside:
-        begun_beside(options.beside, prepare_figures)
-    converged = settings.horizon or options.try_disturbance  # what is for an estimate that has
-    rough = not converged and may_keep(question)
-    found = first_estimate(model, train, settings, progress, warm, options.captive, rough)
-    if converged:
-        found = finished(found, progress)
-    if settings.horizon and not (settings.window or options.resume):
-        ask = partial(choose_window, found, model, train, options.captive, progress)
-        found = later.made("windows", ask, found)
-    if options.try_disturbance:
-        choose = partial(choose_disturbance, found, model, train, options.captive, progress)
-        found, model = later.made("random forces", choose, (found, model))
-    question, as_it_is = replace(question, ship=model), CampaignFit(found, model)
-    by_day = later.made("values by campaign", lambda: by_campaign(found, question), as_it_is)
+    found = first_estimate(model, train, settings, progress, warm, options.captive, may_keep(question))
+    by_day = later.made("values by campaign", lambda: by_campaign(found, question), CampaignFit(found, model))
     return replace(by_day, calibration=finished(by_day.calibration, progress))
 
 
@@ -282,10 +235,6 @@ def started_from(ship: Ship, values: Mapping[str, float]) -> dict[str, np.ndarra
 
 
 def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:
-    if options.auto and options.per_run:
-        raise UserError(
-            "--auto does not choose among models with constants of their own: leave out --auto or --per-run"
-        )
     if options.per_run and options.per_campaign not in ((), ("none",)):
         raise UserError(
             f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
@@ -296,21 +245,6 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
     if options.per_run and len(train) == 1:
         same = f"--with {' --with '.join(options.per_run)}"
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
-
-
-def _spread(settings: Settings) -> Settings:
-    """The ``settings`` with all cores where ``workers`` is left at 1."""
-    return settings if width(settings.workers) > 1 else replace(settings, workers=min(os.cpu_count() or 1, 8))
-
-
-def _weighting(found: Calibration, resumed: FitResult | None) -> Mapping[str, Any] | None:
-    """How loss and weight of the runs were chosen, now or before the run was interrupted."""
-    return found.weighting.to_dict() if found.weighting else resumed.weighting if resumed else None
-
-
-def _said_before(found: Calibration, weighting: Mapping[str, Any] | None) -> list[Message]:
-    """The notice of a ``weighting`` that was chosen before the run was interrupted."""
-    return [Message(weighting["sentence"], "weighting_chosen")] if weighting and not found.weighting else []
 
 
 def prediction_bands(found: Calibration, simulator: Simulator, trials: Sequence[Trial]) -> dict[str, Any] | None:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score_pairs import ScorePair
-from fitting.report.plot_style import Drawn
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import UserError
@@ -155,11 +154,10 @@ class MessageRow:
 
 @dataclass(frozen=True, kw_only=True)
 class FitRecord:
-    """What a calibration found, as result.json holds it; ``docs/files.md`` lists the keys.
+    """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
-    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.limits``);
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
-    weighting: the loss and the weight of the runs, chosen by runs left out (``fitting.selection.robust_choice``);
     left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``);
     campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship
     scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
@@ -202,8 +200,6 @@ class FitRecord:
     uncertainty: dict[str, Any] | None = None
     bootstrap: dict[str, Any] | None = None
     profiles: tuple[dict[str, Any], ...] | None = None
-    auto: tuple[dict[str, Any], ...] | None = None
-    weighting: dict[str, Any] | None = None
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
     envelope: dict[str, list[float]] | None = None
@@ -246,8 +242,7 @@ class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
     before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored; drawn: figures that another
-    process draws; without any they are drawn from the rest.
+    next_trial: possible trials and what they would add, None where none were scored.
     """
 
     calibration: Calibration
@@ -256,7 +251,6 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
-    drawn: tuple[Drawn, ...] = ()
 
 
 @cache
@@ -277,8 +271,11 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
         raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
+    content = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
+    if isinstance(settings := content.get("settings"), dict):  # a loss still to be chosen was null in earlier versions
+        content["settings"] = {key: value for key, value in settings.items() if value is not None}
     try:
-        return FitRecord.of({RENAMED.get(str(key), str(key)): value for key, value in content.items()})
+        return FitRecord.of(content)
     except ValidationError as error:
         names = {name: key for key, name in RENAMED.items()}
         faults = []

@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as changed
 from functools import partial
@@ -21,6 +22,7 @@ from safetensors.numpy import save_file
 
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.trial import Trial
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import (
@@ -38,9 +40,10 @@ from fitting.report.run_folder import (
     write_json,
     write_whole,
 )
-from fitting.solvers.interrupts import Later, left_out_message
-from mmg.errors import name_fault
+from fitting.solvers.interrupts import left_out_message, unless_interrupted
+from mmg.errors import UserError, name_fault
 from mmg.notebook import html_table
+from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -98,11 +101,12 @@ class FitResult(FitRecord):
         replace: bool = False,
         beside: Callable[[Path], None] | None = None,
         numbers: Callable[[FitResult], None] | None = None,
+        report: bool = True,
     ) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
         beside: writes further files that belong to it, which appear together with it, into the folder that it is given;
-        numbers: called with the result when all but figures and page is written.
+        numbers: called with the result when all but figures and page is written; report: with figures and page.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
         and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
@@ -112,10 +116,11 @@ class FitResult(FitRecord):
         if not replace:
             check_target(target)
         named = self._named(target)
-        write_whole(target, partial(named._fill, beside=beside), replace)
+        pending = (MessageRow("warning", PENDING.code, PENDING),) if report and self.objects else ()
+        write_whole(target, partial(named._fill, pending=pending, beside=beside), replace)
         if numbers:
             numbers(named)
-        return changed(named._illustrated(target), folder=target)
+        return changed(named._illustrated(target) if report else named, folder=target)
 
     def _named(self, folder: Path) -> FitResult:
         """The result with the name of its ``folder`` for a calibration that has none."""
@@ -128,7 +133,9 @@ class FitResult(FitRecord):
         mark = changed(mark, name=self.ship.name if name_fault(own) else own)
         return changed(self, ship=changed(self.ship, mark=mark), mark=dict(vars(mark)))
 
-    def _fill(self, scratch: Path, beside: Callable[[Path], None] | None) -> None:
+    def _fill(
+        self, scratch: Path, pending: tuple[MessageRow, ...] = (), beside: Callable[[Path], None] | None = None
+    ) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.title}, {state} by mmg fit; std is the standard error of each estimate."
         if self.scaling is not None:
@@ -146,44 +153,67 @@ class FitResult(FitRecord):
             shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
         if self.model is not None:
             (scratch / MODEL).mkdir()
-            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL, None)
+            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL)
         if beside:
             beside(scratch)
-        messages = (MessageRow("warning", PENDING.code, PENDING), *self.messages)
-        write_json(scratch / RESULT, (changed(self, figures=(), messages=messages) if self.objects else self).to_dict())
+        saved = changed(self, figures=(), messages=(*pending, *self.messages)) if self.objects else self
+        write_json(scratch / RESULT, saved.to_dict())
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
         from fitting.report.delivered import Delivered  # late: matplotlib is slow to import
         from fitting.report.page import build_page, write_page
-        from fitting.report.plot_identifiability import write_identifiability_figures
         from fitting.report.plots import write_figures
 
-        began, done, written = time.perf_counter(), self, FigureFolder(folder / FIGURES)
-        failed: tuple[MessageRow, ...] = ()
-        missing: tuple[MessageRow, ...] = ()
-        if objects := self.objects:
-            later = Later()
-            ways = (partial(write, written, self, objects) for write in (write_figures, write_identifiability_figures))
-            for way in (partial(written.take, objects.drawn),) if objects.drawn else ways:
-                with written.making("figures"):
-                    later.made("figures", way, None)
-            wall = self.timings_s.get("wall", 0.0) + time.perf_counter() - began
-            figures = tuple(FigureRow(**row) for row in written.rows)
-            failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
-            missing = tuple(MessageRow("warning", m.code, m) for m in later.left_out)
-            messages = (*failed, *missing, *self.messages)
-            done = changed(self, figures=figures, messages=messages, timings_s={**self.timings_s, "wall": wall})
+        began, done, written, objects = time.perf_counter(), self, FigureFolder(folder / FIGURES), self.objects
+        if objects:
+            models, history = (objects.before, objects.after), objects.calibration.solution.history
+            draw = partial(write_figures, written, self, models, objects.trials, objects.validation, history)
+            with written.making("figures"):
+                if unless_interrupted(lambda: (draw(),)) is None:
+                    written.failures.append(left_out_message(["figures"]))
+            done = self._with_figures(written, time.perf_counter() - began)
         with written.making(PAGE):
-            trials = (*self.objects.trials, *self.objects.validation) if self.objects else ()
+            trials = (*objects.trials, *objects.validation) if objects else ()
             write_page(build_page([(done, done.ship, folder)], [Delivered(trials)]), folder / PAGE)
-        if self.objects:  # last, as it says that all is there
-            if len(written.failures) > len(failed):
-                failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
-                done = changed(done, messages=(*failed, *missing, *self.messages))
+        if objects:  # last, as it says that all is there
+            done = self._with_figures(written, time.perf_counter() - began)
             with written.making(RESULT):
                 write_json(folder / RESULT, done.to_dict())
         return done
+
+    def with_late_figures(self, trials: Sequence[Trial]) -> FitResult:
+        """The result with figures drawn into its ``folder``, where it was saved without a report.
+
+        trials: its own that are at hand, for tracks and the growth of errors. As given where it has figures already.
+        """
+        from cases.checks import ready
+        from fitting.report.plots import write_figures
+
+        if self.figures or self.scaling is not None or self.folder is None:
+            return self
+        names = {row.name for row in self.validation_data}
+        train, held_out = ([t for t in trials if (t.name in names) is held] for held in (False, True))
+        with suppress(UserError):  # fitted all the same (--unchecked)
+            train, held_out = ready(train, held_out)
+        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)
+        written = FigureFolder(self.folder / FIGURES)
+        with written.making("figures"):
+            write_figures(written, self, models, train, held_out)
+            write_json(self.folder / RESULT, (done := self._with_figures(written, 0.0)).to_dict())
+            return done
+        return self
+
+    def _with_figures(self, written: FigureFolder, seconds: float) -> FitResult:
+        """The result with the figures that were ``written`` in so many ``seconds``, and what failed."""
+        failed = (MessageRow("warning", m.code, m) for m in written.failures)
+        wall = self.timings_s.get("wall", 0.0) + seconds
+        return changed(
+            self,
+            figures=tuple(FigureRow(**row) for row in written.rows),
+            messages=(*failed, *self.messages),
+            timings_s={**self.timings_s, "wall": wall},
+        )
 
 
 def read_fit(folder: str | Path) -> FitResult:
@@ -214,6 +244,7 @@ def write_report(
 
     results = [read_fit(folder) for folder in folders]
     known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
+    results = [r.with_late_figures(one.trials) for r, one in zip(results, known, strict=True)]
     text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)
     write_page(text, Path(out))
     return text

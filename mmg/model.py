@@ -153,9 +153,7 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-KEPT = 16
-"""Models that are remembered."""
-_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=KEPT)
+_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
 
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:

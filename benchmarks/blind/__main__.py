@@ -1,7 +1,7 @@
 """Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
 
 Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2] [--scheduler ADDRESS]
-[--kinds mix,pair,misfit] [--sets mixed] [--world pond] [--out runs/blind_1] [--white] [--record].
+[--kinds mix,pair,misfit] [--sets mixed] [--world pond] [--out runs/blind_1] [--record].
 Begun again with the same arguments it goes on where it stopped.
 """
 
@@ -17,14 +17,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.controls import own_floors, report, white_rankings
 from benchmarks.blind.generator.deal import KINDS
 from benchmarks.blind.generator.world import WORLDS
-from benchmarks.blind.musts import musts
-from benchmarks.blind.rows import Refused, Row, rows_of, with_own
-from benchmarks.blind.score import scored
+from benchmarks.blind.rows import Refused, Row, rows_of
+from benchmarks.blind.score import figures, scored
 from benchmarks.blind.solve import cases_of, solve
-from benchmarks.record import record
+from benchmarks.record import keep
 from fitting.parallel.dask_cluster import dask_cluster
 from mmg.errors import UserError
 
@@ -39,38 +37,36 @@ def main(arguments: list[str] | None = None) -> int:
     parts = [(kind, chosen) for chosen in given.sets.split(",") for kind in given.kinds.split(",")]
     try:
         with dask_cluster(given.scheduler) if given.scheduler else nullcontext():
-            lines = _answered(out, parts, given)
+            rows, lines = _answered(out, parts, given)
     except (Refused, UserError) as error:
         print(error, file=sys.stderr)
         return 2
     (out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))
     words = list(sys.argv[1:] if arguments is None else arguments)
     for option in ("--out", "--scheduler"):  # a path of this machine, an address
         if option in words:
             del words[words.index(option) : words.index(option) + 2]
     if given.record:
-        record(
-            f"Blind diagnosis: {given.kinds}; {given.sets} manoeuvres; world {given.world}",
-            shlex.join(["python", "-m", "benchmarks.blind", *words]),
-            lines[:-1],
-        )
-    else:
-        print("\n".join(lines))
+        keep(figures(rows, given.world), shlex.join(["python", "-m", "benchmarks.blind", *words]))
     return 0
 
 
-def _answered(out: Path, parts: list[tuple[str, str]], given: argparse.Namespace) -> list[str]:
-    """Generates and solves the cases of all ``parts``; returns the lines of the score."""
+def _answered(out: Path, parts: list[tuple[str, str]], given: argparse.Namespace) -> tuple[list[Row], list[str]]:
+    """Generates and solves the cases of all ``parts``; returns them, and the lines of the score."""
     digests = {part: sealed(out, *part, given.cases, given.seed, given.world) for part in parts}
     answers = {part: solve(_cases(out, *part), _answers(out, *part), given.workers, _say) for part in parts}
+    every: list[Row] = []
     lines = []
     for chosen in given.sets.split(","):
-        here = [part for part in parts if part[1] == chosen]
-        rows, white = _rows(out, here, digests, answers, given)
-        hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind, _ in here)
-        lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *musts(rows), *scored(rows), ""]
-        lines += [*report(rows, white), ""]
-    return lines
+        rows = []
+        for part in (part for part in parts if part[1] == chosen):
+            here = rows_of(_cases(out, *part), digests[part], answers[part])
+            rows += [replace(row, case=f"{part[0]}/{row.case}") for row in here]
+        hashes = ", ".join(f"{kind} {digests[kind, chosen][:16]}..." for kind in given.kinds.split(","))
+        lines += [f"Manoeuvres: {chosen}. Keys (SHA-256): {hashes}.", "", *scored(rows), ""]
+        every += rows
+    return every, lines
 
 
 def _parsed(arguments: list[str] | None) -> argparse.Namespace:
@@ -83,8 +79,7 @@ def _parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
     parser.add_argument("--world", default="pond", help="ship, noise and numerics: " + ", ".join(WORLDS))
     parser.add_argument("--out", type=Path, help="folder (default: runs/blind_SEED, with the world)")
-    parser.add_argument("--white", action="store_true", help="also rank without the latent force (first 20 cases)")
-    parser.add_argument("--record", action="store_true", help="put the table into RESULTS.md")
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     return parser.parse_args(arguments)
 
 
@@ -121,23 +116,6 @@ def sealed(out: Path, kind: str, chosen: str, count: int, seed: int, world: str 
         notes.write_text(json.dumps(made | {folder.name: known}, indent=1) + "\n", encoding="utf-8")
     _say(f"{folder.name}: {len(cases_of(folder))} cases, SHA-256 of the key {known['sha256']}")
     return str(known["sha256"])
-
-
-def _rows(
-    out: Path, parts: list[tuple[str, str]], digests: dict, answers: dict, given: argparse.Namespace
-) -> tuple[list[Row], dict[str, list[str]]]:
-    """All cases of one manoeuvre set and, if asked, their rankings without the latent force; a case is kind/name."""
-    rows: list[Row] = []
-    white: dict[str, list[str]] = {}
-    own: dict[str, float] = {}
-    for part in parts:
-        folder = _cases(out, *part)
-        here = rows_of(folder, digests[part], answers[part])
-        rows += [replace(r, case=f"{part[0]}/{r.case}") for r in here]
-        own |= {f"{part[0]}/{k}": v for k, v in own_floors(folder, digests[part], given.workers).items()}
-        if given.white and any(r.kind == "library" for r in here):
-            white |= {f"{part[0]}/{k}": v for k, v in white_rankings(folder, given.workers).items()}
-    return with_own(rows, own), white
 
 
 if __name__ == "__main__":

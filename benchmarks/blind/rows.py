@@ -1,16 +1,10 @@
 """Cases with their truth and their answer, and what an answer got right.
 
-About the two floors. ``sealed/case_*.json`` holds the error of the true model, with its hidden effects and real
-actuators, over 30 s windows that begin every 30 s at the *true* state, without the random force. The diagnosis measures
-windows that begin every 15 s at the *logged* row, with errors of each state cut at 1000 of its scales. The scales and
-the 30 s are the same; the noise of the logged start makes the diagnosis's number greater (1.2 to 2.6 times) also for
-the true model, so closure by the sealed floor is a bound from below. The *own* floor is the error of the package's
-model with the true coefficients and effects, measured as the diagnosis measures (``controls.own_floors``); where the
-library does not hold the truth (foreign, misfit) it is the sealed one times the median ratio of the other cases. It is
-too high where the library's form of an effect is not the generator's (a bank: 4 to 6 times the sealed one): there
-closure by it flatters and may exceed 1. "Error before / floor" is by the own floor.
-
-Closure counts what is handed over: an error stays as it was unless the verdict is "named".
+``sealed/case_*.json`` holds the floor: the error of the true model, with its hidden effects and real actuators, over
+30 s windows that begin every 30 s at the *true* state, without the random force. The diagnosis measures windows that
+begin every 15 s at the *logged* row, whose noise makes its number 1.2 to 2.6 times greater for the true model too, so
+closure by the floor is a bound from below. It counts what is handed over: an error stays as it was unless the verdict
+is "named".
 """
 
 from __future__ import annotations
@@ -18,17 +12,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 SAME = 6.0
 """Candidates within this of the best in BIC form the equivalence class where nothing is named."""
-VISIBLE, GAP = 1.1, 1.15
-"""Error before / floor above which a foreign effect is counted as visible, and a gap as one to close."""
+GAP = 1.15
+"""Error before / floor above which there is a gap to close."""
 Z90 = 1.645
 MISFIT = "misfit"
 
@@ -41,8 +32,7 @@ class Refused(Exception):
 class Row:
     """A case: its truth from the key (effects that the library holds: name -> parameters), its answer, its floor.
 
-    label: the truth in words; floor: the sealed one; own: measured as the diagnosis measures, if known; ship: its file;
-    conditions: what a case of a wide world drew for itself, by name.
+    label: the truth in words; floor: the sealed one.
     """
 
     case: str
@@ -52,9 +42,6 @@ class Row:
     truth: Mapping[str, Mapping[str, float]]
     answer: Mapping[str, Any]
     floor: float
-    own: float | None = None
-    ship: str = "esso_osaka_3m"
-    conditions: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
@@ -86,11 +73,6 @@ class Row:
         held = self.answer.get("held_out")
         return None if held is None else held["mse_before"]
 
-    @property
-    def excess(self) -> float | None:
-        """Held-out error without any effect over the own floor (the sealed one if that is not known)."""
-        return None if self.before is None else self.before / (self.own or self.floor)
-
 
 def opened(folder: Path, digest: str) -> dict[str, Any]:
     """The key of a benchmark folder; Refused unless it and all files it commits to are those behind ``digest``."""
@@ -118,26 +100,8 @@ def rows_of(folder: Path, digest: str, answers: Mapping[str, Mapping[str, Any]])
         sealed = json.loads((folder / "sealed" / f"{name}.json").read_text(encoding="utf-8"))
         strength = effects[0]["strength"] if effects else ""
         label = " + ".join(e["name"] for e in effects)
-        rows.append(
-            Row(
-                name,
-                entry["kind"],
-                label,
-                strength,
-                truth,
-                answers[name],
-                sealed["floor"],
-                ship=key.get("ship", "esso_osaka_3m"),
-                conditions=entry.get("conditions", {}),
-            )
-        )
+        rows.append(Row(name, entry["kind"], label, strength, truth, answers[name], sealed["floor"]))
     return rows
-
-
-def with_own(rows: Sequence[Row], own: Mapping[str, float]) -> list[Row]:
-    """Rows with floors measured as the diagnosis measures; the others have the median ratio to the sealed ones."""
-    ratio = float(np.median([own[r.case] / r.floor for r in rows if r.case in own])) if own else 1.0
-    return [replace(r, own=own.get(r.case, r.floor * ratio)) for r in rows]
 
 
 def top1(row: Row) -> bool:
@@ -177,33 +141,12 @@ def right(row: Row) -> bool:
     return set(row.named) == set(row.truth) if row.kind == "pair" else rightly_named(row)
 
 
-def closure(row: Row, own: bool = False) -> float | None:
-    """Share of the held-out error above the (sealed or own) floor that the named takes away; None without a gap."""
-    floor = row.own if own and row.own is not None else row.floor
-    if row.before is None or row.before / floor <= GAP:
+def closure(row: Row) -> float | None:
+    """Share of the held-out error above the floor that the named takes away; None without a gap."""
+    if row.before is None or row.before / row.floor <= GAP:
         return None
     after = row.answer["held_out"]["mse_after"] if row.named else row.before
-    return float((row.before - after) / (row.before - floor))
-
-
-@cache
-def _sizes(name: str, ship: str) -> dict[str, tuple[float, float]]:
-    """Neutral value and typical size of each parameter of an effect."""
-    from benchmarks.blind.solve import blind_ship
-    from diagnosis.estimation.candidates import parameters
-
-    return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(ship), name)}
-
-
-def errors_off(row: Row) -> float:
-    """By how many standard errors of these trials the truth is off neutral, by the parameter that shows it best; of two
-    effects that which shows less."""
-    found = []
-    for name, values in row.truth.items():
-        seen: Mapping[str, float] = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
-        off = [3 * abs(values[s] - _sizes(name, row.ship)[s][0]) / size for s, size in seen.items() if s in values]
-        found.append(max(off, default=0.0))
-    return min(found, default=0.0)
+    return float((row.before - after) / (row.before - row.floor))
 
 
 def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
@@ -214,18 +157,6 @@ def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
         for s, p in e["parameters"].items()
         if s in row.truth.get(e["name"], {})
     ]
-
-
-def size_error(row: Row) -> float | None:
-    """Length of the error of the parameters over the length of the true ones (from neutral), each in typical sizes."""
-    triples = [
-        (value - true, true - _sizes(e, row.ship)[s][0], _sizes(e, row.ship)[s][1])
-        for e, s, true, value, _ in shared(row)
-    ]
-    if not triples:
-        return None
-    off, size, typical = np.array(triples).T
-    return float(np.linalg.norm(off / typical) / np.linalg.norm(size / typical))
 
 
 def covered(rows: Sequence[Row]) -> tuple[int, int]:

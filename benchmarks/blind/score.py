@@ -7,28 +7,22 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.generator.wide import RANGES, halves
 from benchmarks.blind.rows import (
     MISFIT,
-    VISIBLE,
     Row,
     closure,
     covered,
-    errors_off,
     in_group,
     one_too_many,
     right,
     rightly_named,
-    size_error,
     top1,
     unnamed_seen,
     wrongly_named,
 )
-from benchmarks.record import table
+from benchmarks.record import Figure, table
 
 STRENGTHS = ("weak", "medium", "strong")
-CLEAR = 3.0
-"""Standard errors of the truth from which a case is counted as one that the trials show."""
 
 
 def interval(k: int, n: int) -> tuple[float, float]:
@@ -81,21 +75,16 @@ def measures(rows: Sequence[Row]) -> list[list[str]]:
 
 def _library(rows: Sequence[Row]) -> list[list[str]]:
     named = [r for r in rows if rightly_named(r)]
-    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("library: first candidate right (top-1)", rows, top1),
-        rate(f"library: the same where the truth is {CLEAR:g} standard errors off", clear, top1),
         rate("library: verdict named", rows, lambda r: r.verdict == "named"),
         rate("library: named, and the right one first", rows, rightly_named),
         rate("library: verdict none", rows, lambda r: r.verdict == "none"),
         rate("library: truth in the equivalence class", rows, in_group),
         _line("library: size of the class, mean", rows, _mean_size),
-        middle("rightly named: relative error of its size, median", named, size_error),
         _line("rightly named: parameters inside 90 % intervals", named, lambda part: cell(*covered(part))),
-        middle("library: closure by the sealed floor, median", rows, closure),
-        middle("library: closure by the own floor, median", rows, lambda r: closure(r, own=True)),
-        middle("rightly named: closure by the sealed floor, median", named, closure),
-        middle("rightly named: closure by the own floor, median", named, lambda r: closure(r, own=True)),
+        middle("library: closure, median", rows, closure),
+        middle("rightly named: closure, median", named, closure),
     ]
 
 
@@ -108,48 +97,23 @@ def _null(rows: Sequence[Row]) -> list[list[str]]:
         rate("null: false alarm", rows, lambda r: r.verdict != "none"),
         rate("null: of these, named", rows, lambda r: r.verdict == "named"),
         rate("null: of these, unknown", rows, lambda r: r.verdict == "unknown"),
-        middle("null: error before / floor, median", rows, lambda r: r.excess),
     ]
 
 
 def _foreign(rows: Sequence[Row]) -> list[list[str]]:
-    visible = [r for r in rows if r.excess is not None and r.excess > VISIBLE]
-    quiet = [r for r in rows if r.verdict == "none"]
     return [
         rate("foreign: unknown, or named with a remainder", rows, unnamed_seen),
-        rate(f"foreign: the same where error before / floor > {VISIBLE}", visible, unnamed_seen),
         rate("foreign: none", rows, lambda r: r.verdict == "none"),
         rate("foreign: named with nothing left over", rows, wrongly_named),
-        middle("foreign: error before / floor, median", rows, lambda r: r.excess),
-        middle("foreign: the same where the answer is none", quiet, lambda r: r.excess),
     ]
 
 
 def _pair(rows: Sequence[Row]) -> list[list[str]]:
-    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("pair: both named, nothing else", rows, lambda r: set(r.named) == set(r.truth)),
-        rate(
-            f"pair: the same where both are {CLEAR:g} standard errors off",
-            clear,
-            lambda r: set(r.named) == set(r.truth),
-        ),
         rate("pair: both named", rows, lambda r: set(r.truth) <= set(r.named)),
         rate("pair: the first name is one of the two", rows, rightly_named),
     ]
-
-
-def by_halves(rows: Sequence[Row]) -> list[str]:
-    """A table of the false alarms by halves of what the cases of a wide world drew; [] without such cases."""
-    null = [r for r in rows if r.kind == "null" and r.conditions]
-    lines = []
-    for name, (low, high) in RANGES.items() if null else ():
-        middle = halves(name)
-        sides = [[r for r in null if (r.conditions[name] >= middle) == upper] for upper in (False, True)]
-        rates = [cell(sum(r.verdict != "none" for r in side), len(side)) for side in sides]
-        lines.append([name, f"{low:g} to {high:g}", f"{middle:.3g}", *rates])
-    head = ["false alarms by what a case drew", "range", "halved at", "lower half", "upper half"]
-    return ["", *table(head, lines)] if lines else []
 
 
 def misses(rows: Sequence[Row]) -> list[str]:
@@ -171,12 +135,25 @@ def scored(rows: Sequence[Row]) -> list[str]:
         + ("." if len(codes) == 1 else ": THE ANSWERS WERE NOT ALL MADE BY THE SAME CODE."),
         "",
         *table(["measure", *STRENGTHS, "all"], measures(rows)),
-        *by_halves(rows),
-        "",
-        "Floors: the error of the true model from the true state (sealed), and that of the package's model with the "
-        "true values, measured as the diagnosis measures (own); benchmarks/blind/rows.py says how they compare.",
         "",
         "Cases not answered as they should be:",
         "",
         *(misses(rows) or ["none"]),
     ]
+
+
+def figures(rows: Sequence[Row], name: str) -> dict[str, Figure]:
+    """Figures for the record of all ``rows``, their anchors ending with ``name``: what each kind is to be answered."""
+    made = {}
+    for kind, words in (("null", "nothing there: none"), ("foreign", "a cause without a name: unknown or a remainder"),
+                        ("pair", "two effects: both named, nothing else"), ("library", "an effect: named"),
+                        (MISFIT, "an effect on a ship of another structure: named")):  # fmt: skip
+        some = [r for r in rows if r.kind == kind]
+        for strength in STRENGTHS if kind == "library" else ("",):
+            part = [r for r in some if not strength or r.strength == strength]
+            if part:
+                mark = "_".join(word for word in ("blind", kind, strength, name) if word)
+                what = f"blind cases, {name}: {strength + ' ' if strength else ''}{words}"
+                made[mark] = Figure(what, sum(map(right, part)), of=len(part))
+    wrong = sum(map(wrongly_named, rows))
+    return made | {f"blind_wrong_{name}": Figure(f"blind cases, {name}: a name that is not there", wrong, of=len(rows))}

@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.file_faults.faults import FAULTS, Fault
 from benchmarks.file_faults.fleet import SETS, drawn
+from benchmarks.record import Figure, keep
 from cases.checks import CheckReport, check
 from cases.io.read import read_trials
 from cases.trial import UNITS, Trial
@@ -142,6 +143,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEALED))
     parser.add_argument("--faults", default="", help="only those whose name holds these words")
     parser.add_argument("--sets", default="", help="only those whose name holds these words")
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     args = parser.parse_args()
     names = [name for name in SETS if args.sets in name]
     worlds = {(name, seed): drawn(name, seed) for seed in args.seeds for name in names}
@@ -169,6 +171,13 @@ def main() -> None:
     named = sum(v for k, v in total.items() if k.startswith("named"))
     missed = sum(v for k, v in total.items() if k.startswith("missed"))
     print(f"named {named} of {count} ({named / max(count, 1):.1%}), missed {missed}, harmful {harms}, {dict(total)}")
+    if args.record:
+        made = {
+            "files_foreign": Figure("faults of files of another plant named", named, of=count),
+            "files_foreign_harmful": Figure("advice on files of another plant that would harm", harms, of=count),
+            "files_foreign_alarms": Figure("false alarms in sound files", alarms["alarm"], of=sum(alarms.values())),
+        }
+        keep(made, f"python -m benchmarks.file_faults --seeds {' '.join(map(str, args.seeds))}")
 
 
 if __name__ == "__main__":

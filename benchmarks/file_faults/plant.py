@@ -8,7 +8,7 @@ at the speed of approach. Wind by constant coefficients of the areas, gusts as a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,38 +163,3 @@ def circle(angle: float, heading: float, begin: float) -> Order:
     """A turn with ``angle`` [deg] from ``begin`` [s]; before that the ``heading`` [rad] is kept."""
     keep = zigzag(1.0, heading, 1e9)
     return lambda t, s: math.radians(angle) if t >= begin else keep(t, s)
-
-
-def program(parts: Sequence[tuple[str, float, float]], heading: float, rest: float) -> Order:
-    """Manoeuvres in one run, each after the course has been kept for ``rest`` [s], first at the ``heading`` [rad].
-
-    parts: ("zigzag", angle, switch heading) of five executes, or ("turning", angle, change of heading), all in deg;
-    what follows keeps the course that the ship has when it ends.
-    """
-    now = {"part": 0, "since": 0.0, "on": False, "course": heading, "side": 1.0, "executes": 0}
-
-    def begin(t: float, kind: str, angle: float) -> None:
-        now.update(on=True, since=t, side=math.copysign(1.0, angle), executes=1)
-
-    def end(t: float, course: float) -> None:
-        now.update(on=False, since=t, course=course, part=now["part"] + 1)
-
-    def order(t: float, s: np.ndarray) -> float:
-        if now["on"]:
-            kind, angle, change = parts[int(now["part"])]
-            size, turned = math.radians(abs(angle)), now["side"] * (s[2] - now["course"])
-            if kind == "turning" and turned >= math.radians(change):
-                end(t, s[2])
-            elif kind == "zigzag" and turned >= math.radians(change):
-                now.update(side=-now["side"], executes=now["executes"] + 1)
-                if now["executes"] > 5:
-                    end(t, now["course"])
-            if now["on"]:
-                return now["side"] * size
-        elif now["part"] < len(parts) and t - now["since"] >= rest:
-            begin(t, *parts[int(now["part"])][:2])
-            return now["side"] * math.radians(abs(parts[int(now["part"])][1]))
-        off = s[2] - now["course"]
-        return float(np.clip(-1.0 * off - 2.0 * s[5] * rest / 20, -0.3, 0.3))
-
-    return order

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import sys
 import tempfile
@@ -17,6 +16,8 @@ from benchmarks.fuzz.damage import numbered
 from benchmarks.fuzz.outcome import outcome, strict_warnings
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.reproducers import REPRODUCERS
+from benchmarks.record import Figure, keep
+from benchmarks.record import table as markdown
 
 
 def piece(name: str, reader: Reader, numbers: Sequence[int]) -> dict[str, Any]:
@@ -40,7 +41,7 @@ def piece(name: str, reader: Reader, numbers: Sequence[int]) -> dict[str, Any]:
 
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Lines of a table that adds up the pieces ``rows``, by reader."""
-    heads = (
+    heads = [
         "reader",
         "numbers",
         "inputs",
@@ -50,8 +51,8 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
         "slowest [s]",
         "per CPU second",
         "peak [MB]",
-    )
-    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    ]
+    lines = []
     for name in dict.fromkeys(row["reader"] for row in rows):
         own = [row for row in rows if row["reader"] == name]
         inputs, read, refused = (sum(row[key] for row in own) for key in ("inputs", "read", "refused"))
@@ -60,8 +61,8 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
         span = f"{min(row['first'] for row in own)} to {last}"
         slowest, peak = max(row["slowest_s"] for row in own), max(row["peak_MB"] for row in own)
         cells = (name, span, inputs, read, refused, inputs - read - refused, slowest, f"{speed:.0f}", peak)
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return lines
+        lines.append([*map(str, cells)])
+    return markdown(heads, lines)
 
 
 def main() -> None:
@@ -69,24 +70,21 @@ def main() -> None:
     parser.add_argument("--inputs", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--reader", choices=sorted(REPRODUCERS), nargs="*")
-    parser.add_argument("--log", type=Path)
-    parser.add_argument("--table", type=Path)
+    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     given = parser.parse_args()
-    if given.table:
-        print("\n".join(table([json.loads(line) for line in given.table.read_text().splitlines()])))
-        return
-    rows = []
     with tempfile.TemporaryDirectory() as scratch:
-        found = readers(Path(scratch) / "fuzz")
-        for name in given.reader or found:
-            rows.append(piece(name, found[name], range(given.first, given.first + given.inputs)))
-            if given.log:
-                with given.log.open("a") as file:
-                    file.write(json.dumps(rows[-1]) + "\n")
+        found, numbers = readers(Path(scratch) / "fuzz"), range(given.first, given.first + given.inputs)
+        rows = [piece(name, found[name], numbers) for name in given.reader or found]
     print("\n".join(table(rows)))
     for row in rows:
-        for words, numbers in row["strange"].items():
-            print(f"{row['reader']}, --first {numbers[0]} ({len(numbers)} such): {words}")
+        for words, some in row["strange"].items():
+            print(f"{row['reader']}, --first {some[0]} ({len(some)} such): {words}")
+    if given.record:
+        wrong = sum(len(some) for row in rows for some in row["strange"].values())
+        figure = Figure(
+            f"unexpected answers of {len(rows)} readers to damaged files", wrong, of=len(rows) * given.inputs
+        )
+        keep({"fuzz": figure}, f"python -m benchmarks.fuzz --inputs {given.inputs} --first {given.first}")
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Raw logs as people have them, of many formats, clocks and units, into canonical trial files (docs/import.md)."""
+"""Raw logs of many formats, clocks and units, made canonical trial files (docs/how-to/import.md)."""

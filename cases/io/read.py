@@ -1,4 +1,4 @@
-"""Trial files into ``Trial``: headers, units, signs and reference points (docs/trials.md).
+"""Trial files into ``Trial``: headers, units, signs and reference points (docs/reference/trials.md).
 
 ``trials = read_trials(paths)`` takes files and folders, CSV and Parquet. Everything that is converted,
 derived or left out is said in the trial's notices; whatever cannot be read safely is a UserError of one line.

@@ -1,4 +1,4 @@
-"""Units that trial files may use (docs/trials.md), and their conversion to SI and radians.
+"""Units that trial files may use (docs/reference/trials.md), and their conversion to SI and radians.
 
 A few spellings ("degrees", "knots", "1/s") are read as the unit they plainly mean.
 """

@@ -2,7 +2,7 @@
 
 A part that is damaged is left out and said: overwritten bytes are seen where its writer kept a checksum of each page
 (``write_page_checksum`` of pyarrow), else where they cannot be decoded. So is what overlaps or runs backwards in time.
-Headers, units and the sidecar ``trials.toml`` are those of trial files (docs/trials.md).
+Headers, units and the sidecar ``trials.toml`` are those of trial files (docs/reference/trials.md).
 """
 
 from __future__ import annotations

@@ -86,8 +86,8 @@ VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
 
 
 def varies(name: str) -> bool:
-    """Whether each run may have its own constants of the effect ``name``; ``disturbance`` is a process already."""
-    return name in VARIES or (EFFECTS[name].surroundings and name != "disturbance")
+    """Whether each run may have its own constants of the effect ``name``."""
+    return name in VARIES or EFFECTS[name].surroundings
 
 
 def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, ...]]:
@@ -107,9 +107,10 @@ def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, 
                 f"{where}: {name} is in the model already; name it once, in --with, --measurement or --per-run"
             )
         if not varies(name):
-            because = "is a process along each run already" if name == "disturbance" else "belongs to the ship"
             known = ", ".join(e for e in EFFECTS if varies(e))
-            raise UserError(f"{where}: {name} {because}, use --with {name}; each run may have its own {known}")
+            raise UserError(
+                f"{where}: {name} belongs to the ship, use --with {name}; each run may have its own {known}"
+            )
         ship = ship.with_effect(name, values)
         rows = {}
         for p in parameters(ship, name):

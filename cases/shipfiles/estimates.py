@@ -2,7 +2,7 @@
 
 The linear derivatives are means of six regressions. Common factors (CORRECTIONS) bring turning circles and zigzags of
 the ships in benchmarks/literature to the published ones as far as one set for all ships can; they are determined by
-``python -m benchmarks.own_ships``, which also leaves out each ship in turn. The standard deviations are as wide as the
+``benchmarks.own_ships`` of 5f878e7, which also leaves out each ship in turn. The standard deviations are as wide as the
 errors of the ships left out demand.
 """
 
@@ -146,7 +146,7 @@ def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, fl
     found = {}
     for symbol, (value, share, source) in rows.items():
         factor = CORRECTIONS[hull].get(symbol.removesuffix("_plus").removesuffix("_minus"), 1.0)
-        words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py)"
+        words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py of 5f878e7)"
         least = scatter[symbol] if symbol in LINEAR else 0.0
         found[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
     return found

@@ -15,7 +15,7 @@ import numpy as np
 
 from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
-from diagnosis.estimation.candidates import EXCLUDED, Candidate, Column, parameters
+from diagnosis.estimation.candidates import Candidate, Column, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
@@ -41,7 +41,7 @@ def with_effect_tests(result: FitResult, ship: Ship) -> FitResult:
     As given where none was, and for a result that was read. What fails is a warning, and the result stays.
     """
     free = set(result.coefficients)
-    names = [e for e in ship.effects if e not in EXCLUDED and any(s.startswith(f"{e}.") for s in free)]
+    names = [e for e in ship.effects if any(s.startswith(f"{e}.") for s in free)]
     if not names or result.objects is None:
         return result
     began = time.perf_counter()
@@ -67,8 +67,6 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     if result.per_run:
         raise UserError("runs have constants of their own (--per-run)")
     ship = result.ship.without_network() if result.ship.network is not None else result.ship
-    for name in (e for e in EXCLUDED if e in ship.effects):
-        ship = ship.without_effect(name)
     candidates = [_freed(ship, result, name) for name in names]
     symbols = [s for c in candidates for s in c.symbols]
     neutral = np.concatenate([c.neutral for c in candidates])

@@ -14,8 +14,6 @@ from mmg.ship import Ship
 
 LOCAL = ("current", "wind_sensor_bias", "tow")
 """Effects of the surroundings that may differ from run to run."""
-EXCLUDED = ("disturbance",)
-"""Effects that are no candidates: the latent force itself."""
 FITTED_ALONG = ("velocity_filter", "gyro")
 """Faults of instruments that belong into the measurement model before the dynamics are tested."""
 TIMES = {"control_delay": "tau", "rudder_lag": "T"}
@@ -130,7 +128,7 @@ def ship_with_all_effects(
     has_wind = trials is None or any(t.has_wind for t in trials)
     known = site or {}
     for name, e in EFFECTS.items():
-        if name in EXCLUDED or name in ship.effects:
+        if name in ship.effects:
             continue
         missing = [role for role in e.needs if role not in ship.components]
         if missing:

@@ -59,6 +59,14 @@ def region_words(row: Mapping[str, Any]) -> str:
     return words.replace("-", "−")
 
 
+def band_words(band: Mapping[str, Any]) -> str:
+    """A row ``band`` of where["bands"] by its periods."""
+    if band["words"]:
+        return "constant through a run"
+    slow, fast = (1 / band[key] if band[key] > 0 else math.inf for key in ("from_hz", "to_hz"))
+    return f"periods of {fast:.2g} to {slow:.3g} s"
+
+
 def first_channel(d: Findings) -> str:
     """The channel with most of the gap of ``d``."""
     channels = d.where.get("channels", {})

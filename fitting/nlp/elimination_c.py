@@ -1,7 +1,7 @@
 """The elimination of the nodes of all windows, and the way back, in C: one window after the other, its rows in cache.
 
-The same as ``fitting.nlp.fisher_information.Eliminated`` without states that jump, and as ``carried`` of the condensing
-method, which are in numpy for what has no compiler.
+The same as ``fitting.nlp.fisher_information.Eliminated``, and as ``carried`` of the condensing method, which are in
+numpy for what has no compiler.
 """
 
 from __future__ import annotations

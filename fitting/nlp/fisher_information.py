@@ -2,10 +2,9 @@
 
 Windows are independent given the coefficients p. Over one window the cost is minimised over the node states from the
 last node backwards (dynamic programming on the linearised problem, Bellman 1957). What remains at a node is a quadratic
-in the state there and p; the sensitivities of a shooting interval carry it from the interval's end to its start. A
-latent process may jump at every node at a cost: minimising over the jump adds its variance, as the prediction of an
-information filter does. The result is the Schur complement of the window's Gauss-Newton KKT matrix and, at a solution,
-by the envelope theorem the exact gradient of the window's profiled cost.
+in the state there and p; the sensitivities of a shooting interval carry it from the interval's end to its start. The
+result is the Schur complement of the window's Gauss-Newton KKT matrix and, at a solution, by the envelope theorem the
+exact gradient of the window's profiled cost.
 """
 
 from __future__ import annotations
@@ -90,8 +89,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
-    price = problem.jump_weight[:, None] * problem.scale[problem.random] ** 2
-    left = Eliminated.of(seg, parts, problem.random, price, problem.kernels.elimination)
+    left = Eliminated.of(seg, parts, problem.kernels.elimination)
     shared = parts.shared + left.shared_by_window(seg)
     solved = np.linalg.solve(
         left.rows[:, :, :S], np.concatenate([left.rows[:, :, S:], left.slope[:, :S, None]], axis=2)
@@ -111,7 +109,7 @@ class Eliminated:
     """Cost of each window over its first state and p, all later states eliminated from the last one backwards.
 
     rows: (W, S, S + L) of the first states, slope: (W, S + L). The quadratic in p is what the samples alone have there
-    and, for each interval, A^T B + B^T A of ``factors`` = A, B (M, S or more, L). ahead: (M, S, S + L) rows and pull:
+    and, for each interval, A^T B + B^T A of ``factors`` = A, B (M, S, L). ahead: (M, S, S + L) rows and pull:
     (M, S) slope of the cost-to-go at the end of each interval.
     """
 
@@ -122,38 +120,34 @@ class Eliminated:
     pull: np.ndarray
 
     @classmethod
-    def of(
-        cls, seg: Segments, parts: Quadratics, random: np.ndarray, price: np.ndarray, code: Elimination | None
-    ) -> Eliminated:
-        """random: (R,) states that may jump at a node; price: (M, R) of the squares of their jumps; code: compiled, for
-        no such states."""
+    def of(cls, seg: Segments, parts: Quadratics, code: Elimination | None) -> Eliminated:
+        """seg: the windows; parts: their quadratics; code: compiled, None to do it here."""
         S, n = parts.maps.shape[1:]
-        if code and not len(random):
+        if code:
             inside = (parts.inside, parts.inside_slope) if parts.inside.shape[2] == n else None
             found = code.eliminated(seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside)
             rows, slope, B, ahead, pull = found
             return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
-        W, M, R, L = len(seg.run), len(parts.maps), len(random), n - S
+        W, M, L = len(seg.run), len(parts.maps), n - S
         rows, slope = np.zeros((W, S, n)), np.zeros((W, n))
         ahead, pull = np.empty((M, S, n)), np.empty((M, S))
-        A, B = np.empty((2, M, S + R, L))
+        B = np.empty((M, S, L))
         for depth, i in enumerate(intervals_by_level(seg)):
             w, start, T = seg.window[i], seg.start[i], parts.maps[i]
             if depth == 0:
                 rows[w], slope[w] = parts.nodes[seg.end[i]], parts.node_slope[seg.end[i]]
             H, v = rows[w], slope[w]
             ahead[i], pull[i] = H, v[:, :S]
-            H, v, A[i, S:], B[i, S:] = minimised_over_jumps(H, v, random, price[i])
-            v += (np.swapaxes(H, 1, 2) @ parts.off[i][:, :S, None])[:, :, 0]
+            v = v + (np.swapaxes(H, 1, 2) @ parts.off[i][:, :S, None])[:, :, 0]
             through = H[:, :, :S] @ T
-            A[i, :S], B[i, :S] = T[:, :, S:], 0.5 * through[:, :, S:] + H[:, :, S:]
+            B[i] = 0.5 * through[:, :, S:] + H[:, :, S:]
             through[:, :, S:] += H[:, :, S:]
             turned = np.swapaxes(T, 1, 2)
             rows[w] = turned[:, :S] @ through + parts.inside[i] + parts.nodes[start]
             carried = (turned @ v[:, :S, None])[:, :, 0]
             carried[:, S:] += v[:, S:]
             slope[w] = carried + parts.inside_slope[i] + parts.node_slope[start]
-        return cls(rows, slope, (A, B), ahead, pull)
+        return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
 
     def shared_by_window(self, seg: Segments) -> np.ndarray:
         """What the elimination adds to the quadratic in p, by window (W, L, L)."""
@@ -259,39 +253,11 @@ def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndar
 
 def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and what the end is off the next
-    node, (M, S + L), a latent state taken where it would be without a jump."""
-    S, L, random = problem.S, problem.L, problem.random
+    node, (M, S + L)."""
+    S, L = problem.S, problem.L
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
-    off[:, random] = problem.process_jumps(nodes) / problem.scale[random]
     unit = problem.columns.unit(problem.scale, problem.std, problem.columns.interval)
     T = problem.slopes(x)[0] * (unit / problem.scale[:, None])
-    T[:, random] = 0.0
-    T[:, random, random] = problem.decay[:, None]
     return T, off
-
-
-def minimised_over_jumps(
-    H: np.ndarray, v: np.ndarray, r: np.ndarray, price: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows H (m, S, n) of the states' quadratics in (state, p) and slopes v (m, n), after minimising over jumps of the
-    states ``r`` (R,); the quadratic in p changes by A^T B + B^T A of the last two (m, R, n - S).
-
-    price: (m, R) cost of the square of each jump.
-    """
-    S = H.shape[1]
-    if not len(r):
-        return H, v.copy(), H[:, :0, S:], H[:, :0, S:]
-    inner, own = H[:, r[:, None], r].copy(), np.arange(len(r))
-    inner[:, own, own] += price
-    K, G = np.linalg.inv(inner), H[:, r]
-    KG, Kv = K @ G, (K @ v[:, r, None])[:, :, 0]
-    rows = H - H[:, :, r] @ KG
-    slope = v - (np.swapaxes(G, 1, 2) @ Kv[:, :, None])[:, :, 0]
-    rows[:, r] = price[:, :, None] * KG
-    rows[:, :, r] = np.swapaxes(rows[:, r, :S], 1, 2)
-    rows[:, r[:, None], r] = -price[:, :, None] * K * price[:, None, :]
-    rows[:, r, r] += price
-    slope[:, r] = price * Kv
-    return rows, slope, G[:, :, S:], -0.5 * KG[:, :, S:]

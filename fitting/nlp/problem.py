@@ -25,7 +25,6 @@ from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting
 from fitting.nlp.sparsity import Pattern, sparsity_patterns, upper_triangle
 from fitting.nlp.windows import Segments
-from mmg.effects.disturbance import LATENT_STATES
 from mmg.model import assemble, states_behind
 from mmg.ship import Ship
 
@@ -60,14 +59,7 @@ class Problem:
         self.shooting = Shooting(kernels, *held, kernels.interval)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
-        latent = [i for i, name in enumerate(kernels.model.states) if name in LATENT_STATES]
-        self.random = np.array(latent, dtype=int)
-        self.fixed = np.array([i for i in range(self.S) if i not in self.random], dtype=int)
-        self.D, self.n = len(self.fixed), self.S * self.B + self.P
-        self.m = self.D * self.M
-        self.decay = self.jump_weight = np.zeros(self.M)
-        if len(self.random):
-            self.decay, self.jump_weight = segments.latent_process(ship.coefficients["disturbance.tau"].value)
+        self.n, self.m = self.S * self.B + self.P, self.S * self.M
         at_nodes, inside = segments.variances(self.sigma, self.loss.tau)
         self.node_weight, self.weight = segments.pinned() / at_nodes, segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
@@ -96,15 +88,10 @@ class Problem:
         points, compiled = self.captive.points if self.captive else None, not self.kernels.interpreted_because
         return Problem.of, (self.ship, self.prior, self.segments, self.sigma, self.loss, points, compiled)
 
-    def process_jumps(self, nodes: np.ndarray) -> np.ndarray:
-        """Change of the latent process over each interval beyond its decay, (M, number of its states)."""
-        seg = self.segments
-        return self.decay[:, None] * nodes[seg.start][:, self.random] - nodes[seg.end][:, self.random]
-
     @cached_property
     def patterns(self) -> tuple[Pattern, Pattern]:
         """Where the nonzeros of the constraint Jacobian and of the Hessian's upper triangle lie, and their order."""
-        return sparsity_patterns(self.segments, self.S, self.P, self.fixed, self.random, self.columns)
+        return sparsity_patterns(self.segments, self.S, self.P, self.columns)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Node states (B, S) in SI and scaled coefficients p (P,)."""
@@ -164,18 +151,14 @@ class Problem:
         e, ei = self.errors(x)
         nodes, p, _, _ = self.evaluate(x)
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
-        jumps = self.jump_weight[:, None] * self.process_jumps(nodes) ** 2
         samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
         captive = 2 * self.captive.cost(self.captive_coefficients(p)) if self.captive else 0.0
-        return 0.5 * float(samples + memory.sum() + jumps.sum() + captive + p @ p)
+        return 0.5 * float(samples + memory.sum() + captive + p @ p)
 
     def defects(self, x: np.ndarray) -> np.ndarray:
-        """End of interval minus next node, divided by the channel's scale, shape (D M,), interval by interval.
-
-        States of the latent process are free to jump: D of S are not.
-        """
+        """End of interval minus next node, divided by the channel's scale, shape (S M,), interval by interval."""
         nodes, _, end, _ = self.evaluate(x)
-        return ((end.T - nodes[self.segments.end]) / self.scale)[:, self.fixed].reshape(-1)
+        return ((end.T - nodes[self.segments.end]) / self.scale).reshape(-1)
 
     def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the interval ends (M, S, S + L) to start node and coefficients, and the gradient (M, S + L)
@@ -213,7 +196,7 @@ class Problem:
         return points, theta, lambda values: values.reshape(steps, self.M, *values.shape[1:])
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        (_, slope), seg, S, columns = self.slopes(x), self.segments, self.S, self.columns
+        (_, slope), S, columns = self.slopes(x), self.S, self.columns
         nodes, p = self.split(x)
         e = self.errors(x)[0]
         pulled = self.loss.weight(self.node_weight, e) * e
@@ -222,10 +205,7 @@ class Problem:
         if self.captive:
             d_theta[0, : columns.shared] += self.captive.gradient(self.captive_coefficients(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
-        pushed = self.jump_weight[:, None] * self.process_jumps(nodes)
-        d_nodes[seg.start[:, None], self.random] += self.decay[:, None] * pushed
-        d_nodes[seg.end[:, None], self.random] -= pushed
-        d_nodes[seg.start] += slope[:, :S]
+        d_nodes[self.segments.start] += slope[:, :S]
         return np.concatenate([(d_nodes * self.scale).reshape(-1), columns.vector(d_theta * self.std, self.P) + p])
 
     def _theta(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -235,11 +215,10 @@ class Problem:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``patterns``."""
-        sensitivity = self.slopes(x)[0][:, self.fixed]
-        scale = self.scale[self.fixed]
-        block = sensitivity[:, :, : self.S] * (self.scale[None, :] / scale[:, None])
+        sensitivity, scale = self.slopes(x)[0], self.scale[:, None]
+        block = sensitivity[:, :, : self.S] * (self.scale / scale)
         std = self.columns.each(self.std, self.columns.interval)[:, None, :]
-        theta = sensitivity[:, :, self.S :] * (std / scale[:, None])
+        theta = sensitivity[:, :, self.S :] * (std / scale)
         ends = np.full(self.m, -1.0)
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self.patterns[0][1]]
 
@@ -249,12 +228,12 @@ class Problem:
 
     def hessian_parts(
         self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same by blocks: rows of the nodes (B, S, S + L), latent states across intervals, coefficients (P, P);
-        middle: as of ``Shooting.hessian``."""
-        seg, S, columns, lam = self.segments, self.S, self.columns, np.zeros((self.S, self.M))
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same by blocks: rows of the nodes (B, S, S + L), coefficients (P, P); middle: as of
+        ``Shooting.hessian``."""
+        S, columns = self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
-        lam[self.fixed] = (multipliers.reshape(self.M, self.D) / self.scale[self.fixed]).T
+        lam = np.ascontiguousarray((multipliers.reshape(self.M, S) / self.scale).T)
         shared, nodes = self._curved(x, factor, lam, middle)
         if self.captive:
             shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
@@ -269,14 +248,10 @@ class Problem:
             nodes[:, :, np.concatenate([np.arange(S), S + own])] += H[:, :S]
             shared[:, own[:, None], own] += columns.total(H[:, S:, S:], columns.node)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
-        q = factor * np.repeat(self.jump_weight[:, None], len(self.random), axis=1)
-        np.add.at(nodes, (seg.start[:, None], self.random, self.random), self.decay[:, None] ** 2 * q)
-        np.add.at(nodes, (seg.end[:, None], self.random, self.random), q)
-        across = -self.decay[:, None] * q * self.scale[self.random] ** 2
         t = self.std[:, None, :]
         nodes *= self.scale[:, None] * columns.unit(self.scale, self.std, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
-        return nodes, across, shared
+        return nodes, shared
 
     def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> tuple[np.ndarray, np.ndarray]:
         """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),

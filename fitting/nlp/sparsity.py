@@ -12,42 +12,38 @@ Pattern = tuple[ca.Sparsity, np.ndarray]
 """A compressed-column pattern, and the order that sorts values, as they are assembled, into it."""
 
 
-def sparsity_patterns(
-    seg: Segments, S: int, P: int, fixed: np.ndarray, random: np.ndarray, columns: Columns
-) -> tuple[Pattern, Pattern]:
-    """Patterns of the Jacobian (D M, S B + P) and of the upper triangle of the Hessian, over the intervals of ``seg``.
+def sparsity_patterns(seg: Segments, S: int, P: int, columns: Columns) -> tuple[Pattern, Pattern]:
+    """Patterns of the Jacobian (S M, S B + P) and of the upper triangle of the Hessian, over the intervals of ``seg``.
 
-    S, P: numbers of states and coefficients; fixed: (D,) states whose continuity is a constraint; random: those that
-    may jump at a node. Nodes and intervals border on the ``columns`` of their group.
+    S, P: numbers of states and coefficients. Nodes and intervals border on the ``columns`` of their group.
     """
-    D, M, B = len(fixed), seg.intervals, len(seg.nodes)
-    n, m = S * B + P, D * M
-    i, j = np.meshgrid(np.arange(D), np.arange(S), indexing="ij")
-    rows = D * np.arange(M)[:, None, None]
+    M, B = seg.intervals, len(seg.nodes)
+    n, m = S * B + P, S * M
+    i, j = np.meshgrid(np.arange(S), np.arange(S), indexing="ij")
+    rows = S * np.arange(M)[:, None, None]
     block = (rows + i, S * seg.start[:, None, None] + j)
-    ends = (D * np.arange(M)[:, None] + np.arange(D), S * seg.end[:, None] + fixed)
+    ends = (S * np.arange(M)[:, None] + np.arange(S), S * seg.end[:, None] + np.arange(S))
     at = columns.at[columns.interval][:, None, :]
-    dense = np.broadcast_arrays(rows + np.arange(D)[:, None], S * B + at)
+    dense = np.broadcast_arrays(rows + np.arange(S)[:, None], S * B + at)
     r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
     c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
     jacobian = _sparsity(r, c, m, n)
-    across = (S * seg.start[:, None] + random, S * seg.end[:, None] + random)
     iu, ju = np.triu_indices(S)
     own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
     at = columns.at[columns.node][:, None, :]
     border = np.broadcast_arrays(S * np.arange(B)[:, None, None] + np.arange(S)[:, None], S * B + at)
     pu, qu = np.triu_indices(P)
-    r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), across[0].reshape(-1), S * B + pu])
-    c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), across[1].reshape(-1), S * B + qu])
+    r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), S * B + pu])
+    c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), S * B + qu])
     return jacobian, _sparsity(r, c, n, n)
 
 
-def upper_triangle(nodes: np.ndarray, across: np.ndarray, shared: np.ndarray) -> np.ndarray:
+def upper_triangle(nodes: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """Values of the Hessian's upper triangle in the order in which its pattern assembles them: of rows of the nodes
-    (B, S, S + L), of states across intervals (M, R) and of the coefficients ``shared`` (P, P)."""
+    (B, S, S + L) and of the coefficients ``shared`` (P, P)."""
     S = nodes.shape[1]
     i, j = np.triu_indices(S)
-    parts = (nodes[:, i, j], nodes[:, :, S:], across, shared[np.triu_indices(len(shared))])
+    parts = (nodes[:, i, j], nodes[:, :, S:], shared[np.triu_indices(len(shared))])
     return np.concatenate([part.reshape(-1) for part in parts])
 
 

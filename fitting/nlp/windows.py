@@ -75,13 +75,6 @@ class Segments:
         more = self.variance * tau
         return own + more[self.node_window], own[None, :, None] + more[self.window].T[None]
 
-    def latent_process(self, tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """Of a latent process with the time constant ``tau`` [s], over each interval (M,): what is left of it, as the
-        Runge-Kutta method has it, and 1 / variance of its change."""
-        x = self.h / tau
-        left = (1 - x + x**2 / 2 - x**3 / 6 + x**4 / 24) ** self.steps
-        return left, 1 / (1 - left**2)
-
     def pinned(self) -> np.ndarray:
         """Node mask (B, 6) in which a channel that a window never measures is pinned at the window's first node."""
         mask = self.node_mask.copy()

@@ -1,4 +1,4 @@
-"""One restrained look for all figures: colours, line styles, dressed axes.
+"""One restrained look for all figures: colours, line styles, dressed axes; their files, and how a page holds them.
 
 No pyplot, no backend and no rcParams are touched. Measured is black, before the calibration orange and dashed, after
 it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print).
@@ -6,12 +6,13 @@ it blue (after Okabe & Ito: distinct for colour-blind readers and in grey print)
 
 from __future__ import annotations
 
+import base64
 import io
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from mmg.messages import Message
 from mmg.progress import LOGGER
@@ -33,6 +34,9 @@ DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1,
 HATCH = "////"
 """Of bars whose colour alone would not tell them from others."""
 WIDTH, DPI = 8.2, 110
+COLOURS = 128
+"""Of a PNG file: shades of few inks."""
+PNG = b"\x89PNG\r\n\x1a\n"
 LETTERS: dict[Any, Any] = {"text.hinting": "none"}
 """Letters as their outlines are: to fit them to pixels takes a sixth of the time of all figures."""
 
@@ -81,28 +85,6 @@ def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> f
     return min(max(widths, default=0.0) + 0.12, 0.5 * WIDTH)
 
 
-class Drawn(Protocol):
-    """A figure that is drawn elsewhere: ``png`` gives its content, or raises what kept it from being drawn."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def title(self) -> str: ...
-
-    @property
-    def caption(self) -> str: ...
-
-    def png(self) -> bytes: ...
-
-
-class TakesFigures(Protocol):
-    """Where figures go: a ``FigureFolder``, or a process that draws them (``fitting.report.beside``)."""
-
-    def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
-        """Take the figure ``name`` that ``draw`` gives, with its ``title`` and ``caption``."""
-
-
 class FigureFolder:
     """Figures and pages of a run whose numbers are written already: what fails is a warning, never a loss.
 
@@ -130,17 +112,6 @@ class FigureFolder:
         with self.making(f"figure {name}"):
             self.put(name, png_of(draw), title, caption)
 
-    def take(self, figures: Iterable[Drawn]) -> None:
-        """Write ``figures`` that another process draws, in order; the last ones, which it has not begun, are drawn here
-        meanwhile."""
-        figures = list(figures)
-        for figure in reversed(figures):
-            with suppress(Exception):  # said below
-                figure.png()
-        for figure in figures:
-            with self.making(f"figure {figure.name}"):
-                self.put(figure.name, figure.png(), figure.title, figure.caption)
-
     def put(self, name: str, png: bytes, title: str, caption: str) -> None:
         """Write the content ``png`` of a figure as ``name``.png, with its ``title`` and ``caption``."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -165,8 +136,38 @@ def png_of(draw: Callable[[], Figure]) -> bytes:
             figure.set_layout_engine("none")
         canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # the figure is white below
-    image.save(out, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))  # a tenth larger, in two thirds of the time
+    few = image.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)  # a third of the bytes
+    few.save(out, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))  # a tenth larger, in two thirds of the time
     return out.getvalue()
+
+
+def figures_of(folder: Path, listed: Any) -> list[dict]:
+    """The figures ``listed`` in result.json with their content, from ``folder``/figures, as a data URI.
+
+    ``image`` is None for one that is missing.
+    """
+    figures = []
+    for entry in listed or []:
+        path = folder / "figures" / Path(str(entry.get("file", ""))).name
+        try:
+            content = path.read_bytes()
+        except OSError:
+            content = b""
+        title, caption = entry.get("title", path.stem), entry.get("caption", "")
+        figures.append(figure_entry(content, path.stem, title, caption, path.name))
+    return figures
+
+
+def figure_entry(content: bytes, name: str, title: str, caption: str, file: str = "") -> dict[str, Any]:
+    """One figure as the template takes it, with ``image`` None where ``content`` is no PNG file.
+
+    name: by which it finds its section; title, caption: in words; file: its name in the run folder.
+    """
+    good = content.startswith(PNG)
+    uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
+    size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
+    return {"title": title, "caption": caption, "image": uri, "name": name, "file": file,
+            "width": size[0], "height": size[1]}  # fmt: skip
 
 
 def literal(text: str) -> str:

@@ -1,1 +1,1 @@
-"""IPOPT, several starts, and the iteration over noise and latent forces."""
+"""IPOPT, several starts, and the iteration over the noise."""

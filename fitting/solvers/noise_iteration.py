@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -11,15 +11,11 @@ import numpy as np
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
 from fitting.solvers.ipopt import ROUGH, Solution, solve
-from fitting.solvers.latent_forces import free_axes, typical_sizes, update_sizes
 from fitting.solvers.leading import UNCERTIFIED, certified, solve_led
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from fitting.solvers.residual_noise import ResidualNoise, estimate_noise
-from mmg.effects.disturbance import LATENT_STATES
 from mmg.progress import OnProgress
 
-FORCE_PASSES = 3
-"""Further solves when sizes of latent forces are estimated, which settle more slowly than the noise."""
 NEVER = 1e300
 """A limit that is never wider."""
 FEW_WINDOWS = 12
@@ -33,9 +29,8 @@ class Resumption:
     """Where the last of the solves in turn began, so that they can go on as if they had not been stopped.
 
     number, count: of that solve, and of all that there are to be, (1,) each; x, best: where it began and where it
-    ended, (n,) of all windows; sigma, tau: noise that it assumed, (6,); sizes: of the latent forces of the ship;
-    limits: iterations and seconds (2,), those that stopped it, else 0; NEVER where it cannot end better from where it
-    began.
+    ended, (n,) of all windows; sigma, tau: noise that it assumed, (6,); limits: iterations and seconds (2,), those that
+    stopped it, else 0; NEVER where it cannot end better from where it began.
     """
 
     number: np.ndarray
@@ -44,7 +39,6 @@ class Resumption:
     best: np.ndarray
     sigma: np.ndarray
     tau: np.ndarray
-    sizes: np.ndarray
     limits: np.ndarray
 
     @classmethod
@@ -65,16 +59,15 @@ class Resumption:
             "Maximum_WallTime_Exceeded": (0.0, settings.time_limit or 0.0),
         }
         reached |= dict.fromkeys(("Solve_Succeeded", "User_Requested_Stop"), (0.0, 0.0))
-        sizes = [problem.ship.coefficients[s].value for s in _sizes(problem)]
         limits, noise = reached.get(status, (NEVER, NEVER)), (problem.sigma, problem.loss.tau)
-        values = ([number], [count], x, best, *noise, sizes, limits)
+        values = ([number], [count], x, best, *noise, limits)
         return cls(*(np.array(value, dtype=float) for value in values))
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray], problem: Problem) -> Resumption | None:
         """That in ``arrays``, as ``arrays`` gives them; None where they are not of this ``problem``."""
         n = (problem.n,)
-        shapes = dict(zip(_NAMES, ((1,), (1,), n, n, (6,), (6,), (len(_sizes(problem)),), (2,)), strict=True))
+        shapes = dict(zip(_NAMES, ((1,), (1,), n, n, (6,), (6,), (2,)), strict=True))
         found = {name: arrays.get(f"solve.{name}", np.zeros(int(name == "count"))) for name in _NAMES}
         return cls(**found) if all(found[name].shape == shape for name, shape in shapes.items()) else None
 
@@ -86,22 +79,12 @@ class Resumption:
     def restored(self, problem: Problem, settings: Settings) -> tuple[int, Problem, np.ndarray]:
         """The number of the solve, the whole ``problem`` as it had it, and where it begins (n,): as before, or at the
         best where the limits of ``settings`` would stop it there again."""
-        ship = problem.ship.with_values(dict(zip(_sizes(problem), map(float, self.sizes), strict=True)))
         wider = (settings.max_iterations, settings.time_limit or np.inf) > self.limits
-        full = problem.with_changes(ship=ship).with_sigma(self.sigma, self.tau)
+        full = problem.with_sigma(self.sigma, self.tau)
         return int(self.number[0]), full, self.x if wider.all() else self.best
 
 
 _NAMES = tuple(field.name for field in fields(Resumption))
-
-
-def _sizes(problem: Problem) -> list[str]:
-    """Symbols of the sizes of the ship's latent forces."""
-    return [symbol for symbol in LATENT_STATES if symbol in problem.ship.coefficients]
-
-
-Choose = Callable[[Problem, np.ndarray], tuple[str, float]]
-"""From a problem and its rough solution x (n,): the loss, and the share of its information with which a run counts."""
 
 
 def _row(problem: Problem, solution: Solution, restarted: bool) -> dict:
@@ -117,26 +100,16 @@ def _row(problem: Problem, solution: Solution, restarted: bool) -> dict:
     }
 
 
-def reweighed(problem: Problem, x: np.ndarray, loss: str, weight: float = 1.0) -> Problem:
-    """The ``problem`` with a ``loss``, and the noise that its residuals at x (n,) have for it, all counting with the
-    share ``weight`` of their information."""
-    floor, changed = 1e-6 * problem.scale[:6], replace(problem.loss, name=loss)
-    noise = estimate_noise(problem.segments, *problem.errors(x), floor=floor, robust=changed.robust)
-    return problem.with_changes(loss=changed).with_sigma(*noise.counted(weight))
-
-
 @dataclass(frozen=True)
 class Course:
     """How solves in turn go.
 
-    resumed: the solve to go on with; choose: called before the last one; where it names another loss than the problem
-    has, a rough solve more settles the noise; near: they begin near a solution; certify: IPOPT ends the last one; else
-    the leading method may, until ``NoiseSolves.certified``; rough: the last one is left out where a rough one of all
+    resumed: the solve to go on with; near: they begin near a solution; certify: IPOPT ends the last one; else the
+    leading method may, until ``NoiseSolves.certified``; rough: the last one is left out where a rough one of all
     windows came before it.
     """
 
     resumed: Resumption | None = None
-    choose: Choose | None = None
     near: bool = False
     certify: bool = True
     rough: bool = False
@@ -212,7 +185,7 @@ def solve_with_noise_estimation(
     progress: OnProgress | None,
     course: Course | None = None,
 ) -> NoiseSolves:
-    """Rough solves that estimate the noise and the sizes of latent forces, then one to full tolerance.
+    """Rough solves that estimate the noise, then one to full tolerance.
 
     problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``; course: see
     there. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a solution, and others
@@ -222,15 +195,10 @@ def solve_with_noise_estimation(
     Returns the last solve, and what is kept of all.
     """
     course = course or Course()
-    choose, near = course.choose, course.near
+    near = course.near
     passes: list[dict] = []
-    axes = free_axes(problem.ship)
-    count = 1 if settings.sigma and not axes else max(1, settings.passes) + (FORCE_PASSES if axes else 0)
+    count = 1 if settings.sigma else max(1, settings.passes)
     full, p = problem, problem.split(x)[1]
-    weight, choose = settings.weight or 1.0, None if settings.sigma else choose
-    if axes:
-        typical = typical_sizes(problem.ship)
-        full = problem.with_changes(ship=problem.ship.with_values({f"disturbance.{a}": typical[a] for a in axes}))
     number = 0
     if course.resumed:
         number, full, x = course.resumed.restored(full, settings)
@@ -264,20 +232,9 @@ def solve_with_noise_estimation(
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break
-        x = solution.x
-        if axes:
-            problem, x = update_sizes(problem, x, axes)
-            full = full.with_changes(ship=problem.ship)
-        x = x if problem.segments is full.segments else full.start(p)
-        if not settings.sigma:
-            full = full.with_sigma(*noise.counted(weight))
+        x = solution.x if problem.segments is full.segments else full.start(p)
+        full = full.with_sigma(*noise.counted(settings.weight))
         number += 1
-        if choose and number == count - 1 and problem.segments is not full.segments:
-            count += 1  # a choice needs a rough solution of all windows
-        elif choose and number == count - 1:
-            name, weight = choose(full, x)
-            count += name != full.loss.name
-            full, choose = reweighed(full, x, name, weight), None
     if problem.segments is not full.segments:  # stopped early: carried over with nodes on the measurements
         problem, x = full, full.start(p)
         violation = float(np.abs(full.defects(x)).max())

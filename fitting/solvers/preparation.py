@@ -13,7 +13,7 @@ from cases.trial import Trial
 from fitting.identifiability.data_checks import against_captive, contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
-from fitting.nlp.loss import LOSSES, Loss
+from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, Own, neutral_values, prior_with, symbols_of
 from fitting.nlp.windows import Segments, cut
@@ -50,7 +50,7 @@ def prepared(
     """
     _check_inputs(ship, trials)
     step = settings.step or default_step(trials, ship.particulars["L"])
-    window = settings.window or settings.horizon or 100.0 * step
+    window = settings.window or 100.0 * step
     if window < 10 * step:
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
@@ -65,7 +65,7 @@ def prepared(
     sigma = np.asarray(settings.sigma or rough, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():
         raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss or LOSSES[0]), captive, settings.compiled)
+    problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss), captive, settings.compiled)
     if problem.captive:
         shared = prior.positions(ship)[: prior.shared]
         warnings += against_captive(problem.captive, neutral_values(ship, own), shared, prior.common)

@@ -72,7 +72,6 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     part.node_weight = node_weight[kept_nodes] * at_nodes[:, None]
     part.memory_weight = part.memory_weight * at_nodes[:, None]
     part.weight = weight[:, :, kept_at] * inside
-    part.jump_weight = part.jump_weight * inside
     return part, kept_nodes
 
 

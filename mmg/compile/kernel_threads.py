@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
 
-from mmg.errors import UserError
+from mmg.errors import BadValue
 
 _IDLE: list[Callable[[], int]] = []
 
@@ -37,7 +37,7 @@ def kernel_threads() -> int:
     """
     asked = os.environ.get("MMG_THREADS") or str(1 + sum(count() for count in _IDLE))
     if not asked.isdecimal() or int(asked) < 1:
-        raise UserError(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
+        raise BadValue(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
     return min(int(asked), os.cpu_count() or 1)
 
 

@@ -10,7 +10,6 @@ from mmg.effects.antenna_offset import AntennaOffset
 from mmg.effects.bank import Bank
 from mmg.effects.control_delay import ControlDelay
 from mmg.effects.current import Current
-from mmg.effects.disturbance import Disturbance
 from mmg.effects.draft import Draft
 from mmg.effects.effect import Effect, Parameter
 from mmg.effects.fouling import Fouling
@@ -36,13 +35,14 @@ EFFECTS: dict[str, Effect] = {
     for kind in (
         Draft, Current, WindSensorBias, ControlDelay, RudderLag, RudderBacklash, RudderOffset,
         WindForce, PropellerSideForce, RudderStall, Fouling, ShallowWater, HullMemory, Bank, WaveDrift, Tow,
-        Disturbance,
         AntennaOffset, GnssDelay, VelocityFilter, HeadingBias, LogScale, Gyro,
     )
 }  # fmt: skip
 
 FORMER = {"velocity_lag": "velocity_filter"}
 """Names of effects in files and options of earlier releases, and what they are called now."""
+GONE = ("disturbance",)
+"""Effects of earlier releases without which a ship moves as with them."""
 
 
 def present_name(name: str) -> str:
@@ -67,4 +67,4 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
-__all__ = ["EFFECTS", "Effect", "Parameter", "effect", "present_name", "with_present_names"]
+__all__ = ["EFFECTS", "GONE", "Effect", "Parameter", "effect", "present_name", "with_present_names"]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, progress, say
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def demo(
     out: Annotated[Path | None, Option(help="Folder to write; default mmg-demo, or the next free name.")] = None,
     seed: Annotated[int, Option(help="Seed of wind and sensor noise.")] = 1,
-    json: Annotated[bool, Option("--json", help="Print what was found as JSON.")] = False,
+    json: o.Json = False,
 ) -> int:
     """Simulate trials of a ship nobody knows, check, calibrate, score, learn residuals, diagnose a hidden effect.
 
@@ -93,9 +94,7 @@ def _calibrate(
     start = load_ship(SHIP)
     say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
     command = f"mmg fit {SHIP} {folder / 'trials' / 'train'} --validate {folder / 'trials' / 'held_out'} --seed {seed}"
-    found = calibrate(
-        start, train, held_out, Settings(seed=seed, loss=None, weight=None), FitOptions(command=command), progress()
-    )
+    found = calibrate(start, train, held_out, Settings(seed=seed), FitOptions(command=command), progress())
     found = found.save(folder / "run")
     truth = compare_with_truth(found.ship)
     words = "converged" if found.converged else f"NOT converged: {found.advice}"

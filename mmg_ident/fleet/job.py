@@ -32,8 +32,7 @@ from fitting.pipeline import FitOptions
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import UncertainMean, with_whole_prior
+from fitting.selection.sisters import SisterEvidence, UncertainMean, with_whole_prior
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -50,12 +49,11 @@ COARSER = 2.0
 @dataclass(frozen=True)
 class SisterStart:
     """What her sisters say of a ship. ship: to start from; values: from which the solver begins; mean: how uncertain
-    that of her prior is; settings: of her fit alone, in which loss and weight of the runs were chosen."""
+    that of her prior is."""
 
     ship: Ship
     values: Mapping[str, float]
     mean: UncertainMean
-    settings: Settings
 
 
 @dataclass(frozen=True)
@@ -141,8 +139,6 @@ def _fit_alone(task: FleetTask) -> None:
     words = {
         "key": task.key,
         "symbols": list(found.symbols),
-        "loss": result.settings.loss,
-        "weight": result.settings.weight,
         "coefficients": plain(result.coefficients),
         "scores": plain(result.scores),
         "left_out": left_out,
@@ -166,12 +162,7 @@ def _finish_ship(task: FleetTask) -> None:
 
 def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Trial]) -> FitResult:
     o, sister = task.options, task.sister
-    loss: str | None = None
-    weight: float | None = None
-    loss, weight = (None, None) if o.loss == "auto" else (o.loss, None)
-    if sister:
-        loss, weight = sister.settings.loss, sister.settings.weight
-    settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=loss, weight=weight)
+    settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
     options = FitOptions(
         next_trial=False,
         instruments=tuple(o.measurement),

@@ -10,12 +10,10 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from jinja2 import ChoiceLoader, PackageLoader
 
 from fitting.report.page import environment
 from fitting.report.page import write_page as write_text
-from fitting.report.page_figures import figures_of
-from fitting.report.plot_style import FigureFolder
+from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
 from fitting.report.words import plus_minus
 from mmg_ident.fleet.figures import moved_figure, moved_symbols, score_figure, sister_figure
@@ -47,18 +45,19 @@ def write_page(fleet: Fleet, folder: Path) -> None:
 
 
 def _page(fleet: Fleet, folder: Path, figures: FigureFolder) -> str:
-    templates = environment()
-    loaders = [PackageLoader("mmg_ident.fleet", "templates"), PackageLoader("fitting.report", "templates")]
-    templates.loader = ChoiceLoader(loaders)
     found = figures_of(folder, figures.rows)
-    return templates.get_template("fleet.html.j2").render(
-        fleet=fleet,
-        rows=[_shown(row, folder) for row in fleet.rows],
-        groups=[_group(group) for group in fleet.groups],
-        figures=[f for f in found if not f["name"].startswith("sisters")],
-        sister_figures={f["name"]: f for f in found},
-        version=versions()["mmg-ident"],
-        alpha=ALPHA,
+    return (
+        environment("mmg_ident.fleet")
+        .get_template("fleet.html.j2")
+        .render(
+            fleet=fleet,
+            rows=[_shown(row, folder) for row in fleet.rows],
+            groups=[_group(group) for group in fleet.groups],
+            figures=[f for f in found if not f["name"].startswith("sisters")],
+            sister_figures={f["name"]: f for f in found},
+            version=versions()["mmg-ident"],
+            alpha=ALPHA,
+        )
     )
 
 

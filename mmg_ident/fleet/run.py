@@ -16,10 +16,7 @@ import numpy as np
 
 from fitting.parallel import run_all
 from fitting.report.run_folder import plain, versions
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import estimates_of, mean_of, sister_start
-from fitting.selection.sisters.widths import SisterWidths, sister_widths
-from fitting.settings import Settings
+from fitting.selection.sisters import SisterEvidence, SisterWidths, estimates_of, mean_of, sister_start, sister_widths
 from mmg.errors import UserError
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, SisterStart, finish_ship, fit_alone, key_of
@@ -190,11 +187,8 @@ def _with_sisters(task: FleetTask, groups: Mapping[str, SisterGroup]) -> FleetTa
     if group is None:
         return task
     w, number = group.widths, group.ships.index(name)
-    found = task.store("alone").load(name)
-    assert found is not None
-    settings = Settings(loss=found[0]["loss"], weight=found[0]["weight"])
     start = sister_start(task.ship.start, w, group.ships)
-    sister = SisterStart(start, estimates_of(w, number), mean_of(w), settings)
+    sister = SisterStart(start, estimates_of(w, number), mean_of(w))
     more = {"mean": w.mean, "covariance": w.mean_covariance, "width": w.used_width, "values": sister.values}
     key = key_of(task.ship, task.options, more)
     return FleetTask(task.ship, task.options, task.folder, key, task.command, sister)

@@ -1,4 +1,4 @@
-"""docs/architecture.md and the folders tell the same story, and the tests mirror the rooms."""
+"""docs/explanation/architecture.md and the folders tell the same story, and the tests mirror the rooms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.architecture.source import FLOORS, ROOT, not_in_debt, sources
 
 ENTRIES = 14
-PAGE = ROOT / "docs" / "architecture.md"
+PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 BESIDE_THE_ROOMS = {"architecture", "benchmarks", "docs", "support"}
 
 

@@ -13,17 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.blind.generator.calibration import costs
 from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
 from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_numbers, true_coefficients
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
-from benchmarks.blind.generator.effect import Effect
+from benchmarks.blind.generator.effect import LEVELS, Effect
 from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
 from benchmarks.blind.generator.machinery import follow
 from benchmarks.blind.generator.plant import plant_of, rates
 from benchmarks.blind.generator.strangers import NEW, STRANGERS
-from benchmarks.blind.generator.wide import RANGES, STEP, TOTAL, halves, own_runs, own_world
+from benchmarks.blind.generator.wide import RANGES, STEP, TOTAL, own_runs, own_world
 from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
 from benchmarks.blind.generator.write import generate
 from cases.inputs import model_inputs
@@ -193,7 +192,7 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> 
     for key, (low, high) in RANGES.items():
         values = np.array([one[key] for one in drawn])
         assert low <= values.min() < low * (high / low) ** 0.1 and low * (high / low) ** 0.9 < values.max() <= high
-        assert 0.4 < np.mean(values < halves(key)) < 0.6
+        assert 0.4 < np.mean(values < np.sqrt(np.prod(RANGES[key]))) < 0.6
 
 
 @pytest.mark.slow
@@ -299,8 +298,10 @@ def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> Non
 def test_what_a_cause_costs_grows_with_its_strength() -> None:
     world = replace(WORLDS["pond"], duration=70.0)
     effect = next(one for one in NEW if one.name == "towed_boat")
-    (ratios,) = costs([effect], world, 1).values()
-    assert 1.0 < ratios[0] < ratios[1] < ratios[2]
+    cases = [prepared(Hand("foreign", ((effect, level),)), 0, world=world) for level in LEVELS]
+    runs = run(cases)
+    weak, medium, strong = floors(cases, runs, with_effects=False) / floors(cases, runs)
+    assert 1.0 < weak < medium < strong
 
 
 def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:

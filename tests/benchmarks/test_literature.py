@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.literature import container, tanker
 from benchmarks.literature.ships import FIGURES, SHIPS
-from benchmarks.shallow_factors import ankudinov, kijima_nakiri_1990
 from cases.criteria.imo import REFERENCES
 
 
@@ -45,16 +44,3 @@ def test_measured_figures_precede_those_of_models() -> None:
     assert kvlcc2.published["turning:35", "advance"] == pytest.approx(both)
     assert set(kvlcc2.published) <= {*FIGURES, ("turning:35", "transfer")} | set(kvlcc2.published)
     assert all(ship.source and math.isfinite(ship.speed) for ship in SHIPS)
-
-
-@pytest.mark.parametrize("ratio", [1.2, 1.3, 1.5, 2.0])
-def test_f_yv_grows_as_two_independent_sources_say(ratio: float) -> None:
-    """Sway force of the Esso tanker (van Berlekom & Goddard 1972) and of Kijima & Nakiri (1990): within 12 %; with f_nv
-    in place of f_nr it would be 30 % and more off below h/d = 2."""
-    p = {"L": tanker.LENGTH, "B": 47.17, "d": tanker.DRAUGHT, "C_b": 0.83, "h": ratio * tanker.DRAUGHT}
-    found, other = ankudinov(**p), kijima_nakiri_1990(**p)
-    known = tanker.growth(ratio)["Y_uv"]
-    assert found["f_yv"] == pytest.approx(known, rel=0.12)
-    assert found["f_yv"] == pytest.approx(other["Y_beta"], rel=0.12)
-    assert 1.5 * found["f_nv"] - 0.5 > 1.3 * known
-    assert found["f_nv"] == pytest.approx(other["N_beta"], rel=0.05)

@@ -14,7 +14,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
 from tests.docs.pages import ROOT, blocks
 
-EFFECT, FORCE, SHIP = blocks(ROOT / "docs" / "extending.md", "python")
+EFFECT, FORCE, SHIP = blocks(ROOT / "docs" / "how-to" / "extending.md", "python")
 STATE = np.array([[0.0, 0.0, 0.0, 0.3, 0.05, 0.02]]).T
 
 

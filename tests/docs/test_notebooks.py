@@ -25,7 +25,7 @@ NOTEBOOKS = [path for path in PAGES if cells(path)]
 
 def test_the_notebooks_are_known() -> None:
     names = {path.stem for path in NOTEBOOKS}
-    assert names == {"tutorial", "own_ship", "mpc", "gallery", "import", "actuators"}
+    assert names == {"tutorial", "own_ship", "mpc", "actuators"}
 
 
 @pytest.mark.slow

@@ -39,18 +39,6 @@ def test_starts_spread_over_processes_give_the_same_solutions() -> None:
     np.testing.assert_allclose(spread.p, inline.p, atol=1e-6)
 
 
-def test_windows_are_as_long_as_the_horizon_and_window_goes_first() -> None:
-    ship, trials = load_ship("esso_osaka_3m"), runs()[0][:1]
-    few = ship.fixing([s for s in ship.free if s not in ("N_r", "Y_v")])
-    asked = {"plain": Settings(passes=1), "horizon": Settings(passes=1, horizon=40.0)}
-    asked["both"] = Settings(passes=1, horizon=40.0, window=20.0)
-    one = {name: estimate_coefficients(few, trials, settings) for name, settings in asked.items()}
-    used = {name: found.settings.window for name, found in one.items()}
-    assert used == {"plain": 100 * one["plain"].settings.step, "horizon": 40.0, "both": 20.0}
-    counts = {name: len(found.problem.segments.run) for name, found in one.items()}
-    assert counts["both"] == 2 * counts["horizon"] > counts["plain"]
-
-
 def test_the_noise_of_the_sensors_is_recovered(fitted: Calibration) -> None:
     np.testing.assert_allclose(fitted.noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.1)
     assert (fitted.noise.tau < 1.5).all()
@@ -107,9 +95,9 @@ def test_a_first_estimate_without_its_last_solve_gets_it_when_it_is_finished(res
 @pytest.mark.parametrize("pressed", [False, True])
 def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bool) -> None:
     """Also where Ctrl-C came before: what is nearly done goes on."""
-    ship, trials, settings = few_free(), runs()[0][:3], Settings(loss=None, weight=None)
+    ship, trials, settings = few_free(), runs()[0][:3], Settings()
     whole, first = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings)
-    assert first.solution.at_end and not first.converged and first.warnings == () and first.weighting
+    assert first.solution.at_end and not first.converged and first.warnings == ()
     with interrupts_noted():
         INTERRUPTED.requested = pressed
         found = finished(first)

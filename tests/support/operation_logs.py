@@ -22,7 +22,7 @@ def sailed(hours: float, fouling: float = 0.0, at: float = 0.0, seed: int = 0) -
 
     Her resistance is larger by the share ``fouling`` from the hour ``at`` on.
     """
-    ship = with_effects(load_ship("esso_osaka_3m"), ["fouling:share=0", "disturbance:X=0,Y=0,N=0"])
+    ship = with_effects(load_ship("esso_osaka_3m"), ["fouling:share=0"])
     rng, count = np.random.default_rng(seed), round(3600 * hours)
     ordered = np.repeat(rng.uniform(-0.35, 0.35, count // 20 + 1) * (rng.random(count // 20 + 1) < 0.5), 20)[:count]
     n = np.repeat(rng.uniform(9.0, 12.0, count // 200 + 1), 200)[:count]

@@ -34,12 +34,6 @@ SENSORS = ((0, 1), (2,), (3, 4), (5,))
 """Columns of x, y; psi; u, v; r: each sensor has its own factor."""
 
 
-def halves(name: str) -> float:
-    """The value that parts the lower half of a range from the upper one."""
-    low, high = RANGES[name]
-    return float(np.sqrt(low * high))
-
-
 def own_world(world: World, rng: np.random.Generator) -> tuple[World, dict[str, float]]:
     """The world of one case of a wide ``world``, and what was drawn for it (names of ``RANGES``)."""
     drawn = {name: float(np.exp(rng.uniform(*np.log(limits)))) for name, limits in RANGES.items()}

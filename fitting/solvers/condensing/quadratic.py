@@ -73,7 +73,7 @@ def newton(problem: Problem, x: np.ndarray, multipliers: np.ndarray, middle: boo
     which the rates are bent once in each Runge-Kutta step, in its middle (the midpoint rule): that takes half the time
     and changes the bending by a few percent, so that steps converge a little slower and to the same place."""
     S, B = problem.S, problem.B
-    rows, _, shared = problem.hessian_parts(x, 1.0, multipliers, middle)
+    rows, shared = problem.hessian_parts(x, 1.0, multipliers, middle)
     g = problem.gradient(x)
     maps, off = transitions(problem, x)
     return Subproblem(rows, g[: S * B].reshape(B, S), shared, g[S * B :], maps, off[:, :S])
@@ -86,7 +86,7 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))
     node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
     parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
-    left = Eliminated.of(seg, parts, problem.random, np.zeros((problem.M, 0)), problem.kernels.elimination)
+    left = Eliminated.of(seg, parts, problem.kernels.elimination)
     if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
         return None
     first, changed = _positive(left.rows[:, :, :S])

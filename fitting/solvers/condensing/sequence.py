@@ -64,14 +64,13 @@ def lead(
     at_iterate: called at each iterate with the objective and the largest violation; where it says True, the sequence
     stops; stalled: change of the merit, relative to the objective, below which STALLS steps in a row, of whatever
     length, are the last ones too; feasible: violation from which on it goes on instead. It also stops where a step of
-    Gauss and Newton does not lower the merit, or numbers are not finite. A problem with states that may jump at nodes
-    is not begun.
+    Gauss and Newton does not lower the merit, or numbers are not finite.
     """
     x = x.copy()
     x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
     found = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
     prices, second, stalls = np.zeros(problem.m), False, 0
-    while len(problem.random) == 0 and len(found.history) < most:
+    while len(found.history) < most:
         f, c = problem.objective(x), np.abs(problem.defects(x))
         found.history.append((f, float(c.max(initial=0.0))))
         if at_iterate(*found.history[-1]) or not (np.isfinite(f) and np.isfinite(c).all()):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.foreign_figures import drawn_hull, machinery_of, start_ship
 from cases.checks.propulsion import doubtful_revolutions, steady_ahead
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
+from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
@@ -39,17 +39,17 @@ def test_revolutions_that_do_not_fit_are_told_of(factor: float, said: bool) -> N
 
 
 def test_a_ship_made_of_particulars_fits_a_foreign_plant_and_trials_that_never_go_straight_say_nothing() -> None:
-    hull = drawn_hull(15)
-    machinery = machinery_of(hull, 15)
-    ship = start_ship(hull, machinery)
+    length, speed = 7.0, 1.2
+    particulars = {"L": length, "B": 1.18, "d": 0.443, "C_b": 0.775, "U_0": speed, "A_R": 0.0603, "x_G": 0.0}
+    ship = new_ship("foreign", {**particulars, "rho": 1025.0, "D_P": 0.2414, "pitch_ratio": 0.698})
     t = np.arange(0.0, 60.0, 0.5)
     still = {name: np.zeros(len(t)) for name in ("x", "y", "psi", "v", "r", "delta")}
-    n = revolutions_for(ship, hull.speed)
-    ahead = Trial("ahead", {"t": t, **still, "u": np.full(len(t), hull.speed), "n": np.full(len(t), n)})
+    n = revolutions_for(ship, speed)
+    ahead = Trial("ahead", {"t": t, **still, "u": np.full(len(t), speed), "n": np.full(len(t), n)})
     assert doubtful_revolutions(ship, [ahead]) == []
     assert len(doubtful_revolutions(ship, [ahead.with_columns(n=ahead["n"] / 2.4)])) == 1
     turning = ahead.with_columns(n=ahead["n"] / 2.4, delta=np.full(len(t), 0.5))
-    assert steady_ahead(turning, hull.length) is None and doubtful_revolutions(ship, [turning]) == []
+    assert steady_ahead(turning, length) is None and doubtful_revolutions(ship, [turning]) == []
 
 
 def test_the_check_says_it_with_a_ship(tmp_path) -> None:

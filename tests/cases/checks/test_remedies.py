@@ -35,7 +35,7 @@ def test_a_remedy_names_the_file_and_the_line(mild: list[Trial]) -> None:
 
 
 def test_one_wrong_file_of_a_folder_is_corrected_alone(mild: list[Trial]) -> None:
-    reports = check([mild[0], FAULTS["earth-fixed velocities"][0](mild[1])])
+    reports = check([mild[0], FAULTS["velocities earth-fixed"][0](mild[1])])
     assert reports[0].verdict == "ok"
     text = next(f.text for f in reports[1].findings if f.level == "contradictory")
     assert f'[files."{mild[1].name}"]: velocity_frame = "earth"' in text

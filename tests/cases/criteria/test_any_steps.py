@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.file_faults.fleet import SETS
-from benchmarks.file_faults.plant import Plant, Weather, program, run
-from benchmarks.measured_maneuvers import foreign, logged, title
+from benchmarks.file_faults.plant import Plant, Weather, run
 from cases.criteria.assessment import imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers, nominal
 from cases.criteria.standard_runs import measured_runs
@@ -18,6 +17,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.errors import UserError
+from tests.support.measured_maneuvers import foreign, logged, program, title
 
 MODEL, SHIP = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz"
 SEED = 77

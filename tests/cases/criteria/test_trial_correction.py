@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from benchmarks.file_faults.fleet import SETS
 from benchmarks.file_faults.plant import Plant, Weather, circle, run, zigzag
-from benchmarks.measured_maneuvers import logged
 from cases.criteria.assessment import imo_figures_of_trials
 from cases.criteria.simulated_trial import simulated_trial
 from cases.criteria.standard_runs import measured_runs
@@ -24,6 +23,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg_ident.commands.main import app
+from tests.support.measured_maneuvers import logged
 
 HULL = SETS["161 m cargo, hard, 2 Hz"].hull
 UNIT = HULL.length / HULL.speed

@@ -139,9 +139,9 @@ def keys_of_page(name: str) -> set[str]:
 
 def test_the_documentation_lists_every_key() -> None:
     sidecar = {*SidecarEntry.model_fields, *ReferencePoint.model_fields, *Sidecar.model_fields} - {"all"}
-    assert sidecar - keys_of_page("trials.md") == set()
+    assert sidecar - keys_of_page("reference/trials.md") == set()
     chosen = {*ImportMap.model_fields, *FileMap.model_fields, "from", "unit", "sign"}
-    assert chosen - keys_of_page("import.md") == set()
+    assert chosen - keys_of_page("how-to/import.md") == set()
 
 
 def test_every_line_that_a_message_proposes_has_a_key_of_the_sidecar() -> None:

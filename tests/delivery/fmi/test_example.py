@@ -1,4 +1,4 @@
-"""The example of docs/fmu.md steers a ship, and its system description is one that libcosim takes."""
+"""The example of docs/how-to/fmu.md steers a ship, and its system description is one that libcosim takes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mmg_ident.commands.main import main
 from tests.docs.pages import ROOT, blocks
 from tests.support.fmus import needs_compiler
 
-PAGE = ROOT / "docs" / "fmu.md"
+PAGE = ROOT / "docs" / "how-to" / "fmu.md"
 
 
 @pytest.fixture

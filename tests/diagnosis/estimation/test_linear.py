@@ -56,7 +56,7 @@ def close(found: np.ndarray, expected: np.ndarray, rtol: float) -> None:
 
 def test_every_effect_that_may_be_screened_is_on_board(steps: TransitionModel) -> None:
     screened = set(full_model().symbols)
-    assert {c.effect for c in full_model().candidates} == set(EFFECTS) - {"disturbance"}
+    assert {c.effect for c in full_model().candidates} == set(EFFECTS)
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
 

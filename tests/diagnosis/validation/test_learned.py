@@ -19,13 +19,11 @@ from diagnosis.estimation.candidates import ship_with_all_effects
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LearnedResidual
-from diagnosis.report.figures import figures_for
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import errors, window_length
 from diagnosis.validation.learned import measure_learned_residual as measure
 from diagnosis.validation.learned import sentence_of
-from fitting.parallel import Awaited
 from mmg.errors import UserError
 from mmg_ident.commands.diagnose import diagnose
 from residual.settings import TrainSettings
@@ -126,16 +124,6 @@ def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytes
     rest = with_learned(replace(named, ship=after), trials, trials, OPTIONS)
     assert rest.learned is FOUND and asked == [after] and "learned residual" in rest.timings
     assert with_learned(unknown, trials, trials, OPTIONS).learned is FOUND
-
-
-def test_what_is_begun_beside_is_awaited_while_figures_are_drawn(tmp_path: Path) -> None:
-    trials = hybrids.trials(hybrids.ship(), 1, 60)
-    rest = with_learned(case("unknown"), trials, trials, OPTIONS, started=Awaited(lambda: FOUND))
-    assert rest.learned is FOUND and set(rest.drawn) == {f.name for f in figures_for(rest)}
-    marked = replace(rest, drawn={name: b"drawn before" for name in rest.drawn})
-    marked.save(tmp_path / "out")
-    for name in rest.drawn:
-        assert (tmp_path / "out" / "figures" / f"{name}.png").read_bytes() == b"drawn before"
 
 
 def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

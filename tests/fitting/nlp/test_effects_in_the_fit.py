@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from benchmarks import gauss_newton
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
@@ -25,6 +24,7 @@ from mmg.effects import EFFECTS
 from mmg.model import assemble
 from mmg.ship import Ship
 from tests.fitting.nlp.test_shooting import matrix
+from tests.support import gauss_newton
 from tests.support.synthetic_runs import SIGMA
 
 ESSO = load_ship("esso_osaka_3m")
@@ -52,7 +52,7 @@ def trials(ship: Ship, runs: tuple = RUNS, duration: float = 100.0) -> list[Tria
     return made
 
 
-@pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"disturbance"}))
+@pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_a_fit_with_the_effect_freed_recovers_its_parameters(name: str) -> None:
     """Within 4 standard errors, or 4 % of a typical size where the grid of 1 s and the all-pass delay set the limit."""
     truth = with_effects(ESSO, [SWITCHED_ON.get(name, name)])

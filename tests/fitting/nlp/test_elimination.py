@@ -31,9 +31,9 @@ def moved(kind: str) -> tuple[Problem, np.ndarray]:
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
     p, x = moved(kind)
-    parts, none, columns = Quadratics.of(p, x), np.zeros((p.M, 0)), p.columns
+    parts, columns = Quadratics.of(p, x), p.columns
     assert elimination(True) is not None
-    ours, theirs = (Eliminated.of(p.segments, parts, p.random, none, elimination(way)) for way in (True, False))
+    ours, theirs = (Eliminated.of(p.segments, parts, elimination(way)) for way in (True, False))
     pairs = [(getattr(ours, name), getattr(theirs, name)) for name in ("rows", "slope", "ahead", "pull")]
     pairs += [(e.shared_by_window(p.segments), f.shared_by_window(p.segments)) for e, f in ((ours, theirs),)]
     pairs += [tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs))]

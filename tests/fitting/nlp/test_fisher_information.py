@@ -7,35 +7,21 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks import gauss_newton
-from cases.shipfiles.effects import freeing_effects
-from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import information
-from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.shooting import Kernels
-from fitting.nlp.windows import cut
+from fitting.nlp.problem import Problem
 from fitting.solvers.ipopt import Solution, solve
-from mmg.model import assemble
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
-from tests.support.synthetic_runs import SIGMA, problem, runs
+from tests.support import gauss_newton
+from tests.support.synthetic_runs import problem
 
 
 @lru_cache(maxsize=4)
 def solved(kind: str) -> tuple[Problem, Solution]:
-    """A solution of a plain ship, of one with memory and measurement effects, and of one with the latent process."""
-    p = {"plain": problem, "crowded": lambda: crowded(5), "latent": latent}[kind]()
+    """A solution of a plain ship, and of one with memory and measurement effects."""
+    p = {"plain": problem, "crowded": lambda: crowded(5)}[kind]()
     s = solve(p, p.start(), tolerance=1e-9)
     assert s.violation < 1e-8
     return p, s
-
-
-def latent() -> Problem:
-    ship = load_ship("esso_osaka_3m")
-    ship = ship.fixing([s for s in ship.symbols if s not in ("Y_v", "N_r", "C_D", "k_0", "X_0F", "ell_R")])
-    ship = freeing_effects(ship, ["disturbance:X=0.3,Y=0.3,N=0.3,tau=8", "velocity_filter"])
-    segments = cut(runs()[0][:2], 1.0, 40.0, 5, inputs=ship.inputs)
-    free = np.array([ship.symbols.index(s) for s in ship.free])
-    return Problem(ship, Prior.of(ship), Kernels(assemble(ship), free, False), segments, SIGMA)
 
 
 def test_it_agrees_with_single_shooting_on_a_plain_ship() -> None:
@@ -50,7 +36,7 @@ def test_it_agrees_with_single_shooting_on_a_plain_ship() -> None:
     np.testing.assert_allclose(found.fisher / np.outer(scale, scale), reference / np.outer(scale, scale), atol=2e-4)
 
 
-@pytest.mark.parametrize("kind", ["plain", "crowded", "latent"])
+@pytest.mark.parametrize("kind", ["plain", "crowded"])
 def test_scores_and_prior_cancel_at_the_optimum(kind: str) -> None:
     p, s = solved(kind)
     found = information(p, s.x)
@@ -71,7 +57,7 @@ def profiled(p: Problem, at: np.ndarray, windows: np.ndarray) -> float:
     return s.objective - 0.5 * float(at @ at)
 
 
-@pytest.mark.parametrize("kind", ["plain", "crowded", "latent"])
+@pytest.mark.parametrize("kind", ["plain", "crowded"])
 def test_the_score_is_the_slope_of_the_profiled_cost_of_a_window(kind: str) -> None:
     p, s = solved(kind)
     found, rng = information(p, s.x), np.random.default_rng(0)

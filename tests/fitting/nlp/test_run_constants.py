@@ -243,7 +243,7 @@ def test_which_parameters_become_constants() -> None:
     assert {"current", "rudder_offset", "wind_sensor_bias", "heading_bias", "draft"} <= {
         e for e in EFFECTS if varies(e)
     }
-    assert not any(varies(e) for e in ("disturbance", "rudder_lag", "velocity_filter", "rudder_stall"))
+    assert not any(varies(e) for e in ("rudder_lag", "velocity_filter", "rudder_stall"))
 
 
 @pytest.fixture(scope="module")
@@ -292,9 +292,8 @@ def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.Capture
         (["--per-run", "current:x=9"], "must be a number from"),
         (["--per-run", "current", "--per-run", "current:x"], "current is in the model already"),
         (["--per-run", "current", "--with", "current"], "current is in the model already"),
-        (["--per-run", "disturbance"], "a process along each run already"),
+        (["--with", "disturbance"], "effect disturbance is gone"),
         (["--per-run", "rudder_lag"], "belongs to the ship"),
-        (["--per-run", "current", "--auto"], "--auto"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(

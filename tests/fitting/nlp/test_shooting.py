@@ -8,12 +8,12 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import least_squares
 
-from benchmarks import gauss_newton
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.solvers.ipopt import solve
 from mmg.rollout import Simulator
+from tests.support import gauss_newton
 from tests.support.synthetic_runs import SIGMA, kernel, problem, runs
 
 

@@ -16,8 +16,7 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.pipeline import started_from
 from fitting.selection.candidates import candidate
-from fitting.selection.increments import increments
-from fitting.selection.regression import Regression, regress
+from fitting.selection.polynomial_regression import Regression, increments, regress
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship

@@ -136,8 +136,6 @@ def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
         {"bootstrap": 3},
         {"profile": ("X_0F",)},
         {"per_run": ("current",)},
-        {"try_disturbance": True},
-        {"auto": True},
         {"hold": True},
         {"captive": object()},
     ],

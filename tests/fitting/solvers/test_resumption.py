@@ -77,14 +77,3 @@ def test_the_same_iteration_limit_goes_on_from_the_best_iterate(whole: FitResult
         if found.converged:
             break
     assert found and found.converged and found.objective == pytest.approx(whole.objective, rel=0.02)
-
-
-@pytest.mark.slow
-def test_sizes_of_latent_forces_are_resumed_too() -> None:
-    settings = Settings(window=5.0)
-    once = fitted(settings, effect="disturbance")
-    count = sum(row.iterations + 1 for row in once.passes)
-    stopped = fitted(settings, 2 * count // 3, effect="disturbance")
-    assert stopped.status == "User_Requested_Stop"
-    resumed = fitted(settings, resume=stopped)
-    assert without_times(resumed.to_dict()) == without_times(once.to_dict()) and resumed.ship == once.ship

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.structures import true_ship
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from fitting.selection.candidates import candidate, candidates
 from mmg.components.expansion.actuators import parse_devices
@@ -13,6 +12,7 @@ from mmg.components.expansion.units import unit_monomials, units_of
 from mmg.components.expansion.words import parse_monomial
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 
 TWIN = "n+n_2, delta_starboard+delta_port"
 

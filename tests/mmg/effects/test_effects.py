@@ -24,8 +24,8 @@ from mmg.motion.memory import SHARPER, clip
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-MORE = {"velocity_filter", "gyro", "disturbance"}
-"""Effects of the library beyond those of a diagnosis: of the measurement model, and the latent process."""
+MORE = {"velocity_filter", "gyro"}
+"""Effects of the library beyond those of a diagnosis: of the measurement model."""
 
 CONTRACT = {
     "current", "wind_force", "wind_sensor_bias", "shallow_water", "bank", "wave_drift", "rudder_lag",

@@ -130,16 +130,6 @@ def test_the_upper_works_that_are_not_known_are_those_of_the_esso_osaka_by_lengt
         assert double[name] == pytest.approx(found[name] * 2**power), name
 
 
-def test_a_disturbance_is_a_force_of_unit_processes_that_fade() -> None:
-    """X, Y, N are their sizes times a process that decays in tau when nothing drives it."""
-    memory = Memory()
-    at = Setting(P, {}, SimpleNamespace(), memory, S)
-    force = EFFECTS["disturbance"].forces({}, MOVING, SimpleNamespace(X=2.0, Y=3.0, N=5.0, tau=10.0), at)["disturbance"]
-    everything = ca.vertcat(force.X, force.Y, force.N, *memory.rates)
-    got = np.array(ca.Function("f", memory.symbols, [everything])(0.5, 0.25, 4.0)).ravel()
-    assert got == pytest.approx([1.0, 0.75, 20.0, -0.05, -0.025, -0.4])
-
-
 def test_the_lag_of_the_hull_leaves_the_surge_force_alone() -> None:
     """Settled on other forces, sway and yaw are those remembered by the share T / tau of the lag."""
     memory = Memory()

@@ -55,7 +55,7 @@ def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> Non
         ship,
         read_trials([tmp_path / "train"]),
         read_trials([tmp_path / "held_out"]),
-        Settings(loss=None, weight=None),  # what the command does
+        Settings(),
         FitOptions(next_trial=False),
     )
     result.save(tmp_path / "notebook" / "run")
@@ -81,7 +81,7 @@ def test_the_demo_says_nothing_false_of_a_hidden_current(seed: int, tmp_path: Pa
     """Of seeds 1, 3 and 4 it said that a part remains, of two that the current differs from run to run: with hardly any
     random force every rounding is significant."""
     train, held_out = campaign(tmp_path / "trials", seed)
-    fit = calibrate(load_ship(SHIP), train, held_out, Settings(seed=seed, loss=None, weight=None))
+    fit = calibrate(load_ship(SHIP), train, held_out, Settings(seed=seed))
     later, tests = campaign(tmp_path / "second", seed + 1000, CURRENT, every=2)
     found = diagnose(fit.ship, later, tests, options=DiagnosisOptions(seed=seed, learn=False), calibrated_on=train)
     assert [e.name for e in found.effects] == ["current"] and found.verdict == "named"

@@ -1,4 +1,4 @@
-"""``mmg fit`` with a robust loss, captive points and an automatic choice, from files to result.json and report."""
+"""``mmg fit`` with a robust loss and captive points, from files to result.json and report."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
 from tests.fitting.nlp.test_captive import points, write
-from tests.support.figures import unrendered
 from tests.support.synthetic_runs import runs
 
 UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
@@ -44,52 +42,15 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     assert (folder / "run" / "figures" / "starts.png").stat().st_size > 5000
 
 
-@pytest.mark.slow
-def test_the_loss_chosen_by_runs_left_out_is_told_in_result_and_report(tmp_path: Path) -> None:
-    (tmp_path / "train").mkdir()
-    for trial in runs()[0][:5]:
-        part = replace(trial, columns={name: values[:801] for name, values in trial.columns.items()})
-        write_trial(part, tmp_path / "train" / f"{trial.name}.csv")
-    arguments = ["fit", "esso_osaka_3m", str(tmp_path / "train"), "--only", FREE, "--out", str(tmp_path / "run")]
-    with unrendered():
-        assert main([*arguments, "--no-next-trial"]) == 0
-    result = json.loads((tmp_path / "run" / "result.json").read_text())
-    found = result["weighting"]
-    assert found["runs"] == 5 and len({row["loss"] for row in found["tried"]}) == 3
-    assert result["settings"]["loss"] == found["loss"] and result["settings"]["weight"] == found["weight"]
-    assert found["sentence"] in result["notices"]
-    page = (tmp_path / "run" / "report.html").read_text()
-    assert "Loss and weight of the runs" in page and "jackknife" in page
-
-
-@pytest.mark.slow
-def test_an_automatic_choice_is_told_in_result_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fitting.selection import cross_validation as selection
-
-    monkeypatch.setattr(selection, "STEPS", (50,))
-    monkeypatch.setattr(selection, "WIDTHS", ())
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
-    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--only", FREE, "--out", str(folder / "auto"), "--auto",
-                 "--no-next-trial", "--window", "40"]  # fmt: skip
-    with unrendered():
-        assert main(arguments) == 0
-    result = json.loads((folder / "auto" / "result.json").read_text())
-    varied = [row["varied"] for row in result["auto"]]
-    assert varied[0] == "start" and {"measurement", "window", "loss"} <= set(varied)
-    assert all(np.isfinite(row["window"]) for row in result["auto"])
-    assert any("chosen by cross-validation" in line for line in result["notices"])
-    assert "Choice of the model" in (folder / "auto" / "report.html").read_text()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--loss", "absolute"], "--loss absolute: unknown; choose one of auto, gaussian, huber, student"),
-        (["--run-weight", "0"], "--run-weight 0 must be above 0 and at most 1"),
+        (["--loss", "absolute"], "--loss"),
+        (["--run-weight", "0"], "--run-weight 0"),
         (["--run-weight", "0.5", "--sigma", "1,1,1,1,1,1"], "with --sigma the weight of the runs is given"),
         (["--captive", "nowhere.csv"], "nowhere.csv: no such file"),
         (["--captive-sigma", "1,1,1"], "there is no --captive"),
-        (["--auto", "--resume"], "--auto cannot be resumed"),
+        (["--per-campaign", "fouling"], "--per-campaign fouling: is gone"),
     ],
 )
 def test_bad_options_are_one_clear_line(

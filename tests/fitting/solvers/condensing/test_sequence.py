@@ -17,7 +17,6 @@ from fitting.solvers.condensing.sequence import Lead, lead, polished
 from fitting.solvers.ipopt import ROUGH, solve
 from fitting.solvers.leading import solve_led
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
-from tests.fitting.nlp.test_fisher_information import latent
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix
 from tests.support.synthetic_runs import problem
@@ -130,10 +129,7 @@ def test_limits_stop_as_without_it() -> None:
     assert late.status == "Maximum_WallTime_Exceeded"
 
 
-def test_states_that_jump_and_a_model_that_is_not_finite_are_left_to_ipopt() -> None:
-    p = latent()
-    found = lead(p, p.start(), 1e-7, 40)
-    assert not found.reached and not found.history
+def test_a_model_that_is_not_finite_is_left_to_ipopt() -> None:
     q = problem()
     x = q.start()
     x[0] = np.nan

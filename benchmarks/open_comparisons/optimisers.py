@@ -1,0 +1,121 @@
+"""The objective of Train-TZRB minimised by this package, by SciPy with finite differences, and by CMA-ES (pycma).
+
+Run from the repository root: python -m benchmarks.open_comparisons.optimisers [--record]
+The same objective and start (captive coefficients); time until the objective of this package is reached within 1e-5.
+SciPy and CMA-ES get what a user would hand to them: single shooting, the residual vector in (initial states, p).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from benchmarks.record import Figure, keep
+from cases import published_splits as splits
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import load_ship
+from fitting.calibration import estimate_coefficients
+from fitting.nlp.problem import Prior, Problem
+from fitting.nlp.windows import cut
+from fitting.settings import Settings
+from fitting.solvers.leading import solve_led
+
+STEP, WINDOW = 1.0, 100.0
+"""Of the integration and of a window [s]."""
+LONGEST = 105.0
+"""Times the seconds of this package that CMA-ES gets, and three times that many for SciPy."""
+
+
+class Reached(Exception):
+    """The goal is reached, or the time is up."""
+
+
+class SingleShooting:
+    """Residual vector of the objective in (z0 of every window, p), which stops at a ``goal`` or after ``limit`` [s]."""
+
+    def __init__(self, problem: Problem, goal: float, limit: float) -> None:
+        self.problem, self.goal, self.limit = problem, goal, limit
+        self.windows = problem.segments.intervals
+        self.began, self.best = time.perf_counter(), np.inf
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        """Residuals (n,) at x (6 W + P,). Raises Reached."""
+        seg, problem = self.problem.segments, self.problem
+        z0 = seg.nodes[seg.start] + x[: 6 * self.windows].reshape(self.windows, 6) * problem.scale
+        p = x[6 * self.windows :]
+        end, interior = problem.shooting.values(z0.T, problem.coefficients(p))
+        parts = [
+            np.sqrt(problem.node_weight[seg.start]) * (z0 - seg.nodes[seg.start]),
+            np.sqrt(problem.node_weight[seg.end]) * (end.T - seg.nodes[seg.end]),
+            np.sqrt(problem.weight) * (interior - seg.targets),
+            p,
+        ]
+        r = np.nan_to_num(np.concatenate([part.reshape(-1) for part in parts]), nan=1e6, posinf=1e6, neginf=-1e6)
+        self.best = min(self.best, 0.5 * float(r @ r))
+        if self.best <= self.goal or time.perf_counter() - self.began > self.limit:
+            raise Reached
+        return r
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (6 W + P,)."""
+        lower, upper = self.problem.p_bounds()
+        free = np.full(6 * self.windows, np.inf)
+        return np.concatenate([-free, lower]), np.concatenate([free, upper])
+
+
+def by_scipy(one: SingleShooting) -> None:
+    """Levenberg-Marquardt within bounds ("trf"), slopes by finite differences."""
+    count = 6 * one.windows + one.problem.P
+    least_squares(one.residuals, np.zeros(count), bounds=one.bounds(), x_scale="jac", ftol=1e-10, xtol=1e-10,
+                  gtol=1e-10)  # fmt: skip
+
+
+def by_cma(one: SingleShooting) -> None:
+    """CMA-ES with bounds from steps of 0.3."""
+    import cma
+
+    lower, upper = one.bounds()
+    options = {"bounds": [lower.tolist(), upper.tolist()], "seed": 1, "verbose": -9}
+    search = cma.CMAEvolutionStrategy(np.zeros(len(lower)), 0.3, options)
+    while not search.stop():
+        points = search.ask()
+        search.tell(points, [0.5 * float(r @ r) for r in map(one.residuals, map(np.asarray, points))])
+
+
+def main() -> None:
+    """Measure, print and, if asked, record."""
+    ship, trials = load_ship("esso_osaka_3m"), read_trials(splits.find(splits.TRAIN_TZRB))
+    sigma = estimate_coefficients(ship, trials, Settings(window=WINDOW, step=STEP)).sigma
+    prior = Prior.of(ship)
+    problem, whole = (Problem.of(ship, prior, cut(trials, STEP, WINDOW, nodes), sigma) for nodes in (5, 200))
+    times = []
+    for _ in range(5):
+        began = time.perf_counter()
+        ours = solve_led(problem, problem.start(), 1e-6, 300, None, None, "")
+        times.append(time.perf_counter() - began)
+    seconds = sorted(times)[2]
+    print(f"this package: {seconds:.2f} s, objective {ours.objective:.6f}, {ours.status}")
+    others: dict[str, tuple[str, Callable[[SingleShooting], None], float]] = {
+        "scipy_ratio": ("SciPy least_squares", by_scipy, 3 * LONGEST),
+        "cma_ratio": ("CMA-ES (pycma)", by_cma, LONGEST),
+    }
+    made = {"solve_wall": Figure("the objective of Train-TZRB minimised, code compiled", seconds, "s")}
+    for name, (words, work, longest) in others.items():
+        one = SingleShooting(whole, ours.objective * (1 + 1e-5), longest * seconds)
+        with contextlib.suppress(Reached):
+            work(one)
+        ratio = (time.perf_counter() - one.began) / seconds
+        note = "" if one.best <= one.goal else f"not reached: {one.best:.1f} for {ours.objective:.1f}"
+        print(f"{words}: {ratio:.0f} times as long {note}")
+        made[name] = Figure(f"the same objective by {words}", ratio, "times as long", note=note)
+    if "--record" in sys.argv:
+        keep(made, "python -m benchmarks.open_comparisons.optimisers")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,1 +1,0 @@
-"""Generated months of a ship in service, by two generators that share neither ship, numerics nor noise."""

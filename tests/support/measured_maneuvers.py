@@ -1,0 +1,95 @@
+"""Records of manoeuvres of a ship that is not the package's, as instruments log them, with what was ordered in them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.file_faults.fleet import SETS
+from benchmarks.file_faults.plant import Order, Plant, Weather, circle, run, zigzag
+from cases.trial import Trial
+
+
+@dataclass(frozen=True)
+class Case:
+    """A record of a ship of ``length`` [m], and what was ordered in it, as ``Execute.title`` says it."""
+
+    ship: str
+    trial: Trial
+    length: float
+    ordered: str
+
+
+def title(kind: str, side: int, steps: tuple[int, int]) -> str:
+    """What was ordered, as it is called."""
+    sign = "-" if side < 0 else ""
+    return f"zigzag {sign}{steps[0]}/{steps[1]}" if kind == "zigzag" else f"turning {sign}{steps[0]}"
+
+
+def foreign(name: str, kind: str, side: int, steps: tuple[int, int], rng: np.random.Generator) -> Case:
+    """A record of the foreign ship ``name``."""
+    some = SETS[name]
+    hull, unit = some.hull, some.hull.length / some.hull.speed
+    heading, towards = rng.uniform(-math.pi, math.pi, 2)
+    drift = some.current * float(rng.uniform(0, 1))
+    weather = Weather(0.3 * some.wind, float(rng.uniform(-math.pi, math.pi)), 0.2,
+                      (drift * math.cos(towards), drift * math.sin(towards)))  # fmt: skip
+    plant, begin = Plant(hull, weather, rng), float(rng.uniform(0.5, 5.0)) * unit
+    rudder = side * steps[0]
+    order = zigzag(rudder, heading, begin, steps[1]) if kind == "zigzag" else circle(rudder, heading, begin)
+    dt = float(rng.choice([0.1, 0.2, 0.5, 1.0])) if hull.length > 20 else float(rng.choice([0.1, 0.2, 0.5]))
+    out = run(plant, order, begin + 30 * unit, dt, heading)
+    return Case(name, logged(out | {"n": np.full(len(out["t"]), hull.revolutions)}, hull.length, rng), hull.length,
+                title(kind, side, steps))  # fmt: skip
+
+
+def logged(columns: dict[str, np.ndarray], length: float, rng: np.random.Generator) -> Trial:
+    """What instruments log of the true ``columns``: noise, a rudder zero that is off, steps of 0.1 deg, headings in
+    (-180, 180]."""
+    count, unit = len(columns["t"]), math.sqrt(length / 3.0)
+    out = dict(columns)
+    sizes = dict.fromkeys("xy", 0.01 * length / 3) | dict.fromkeys("uv", 0.004 * unit)
+    sizes |= {"r": 0.0006 / unit, "psi": 0.0015, "delta": math.radians(rng.choice([0.0, 0.1, 0.3]))}
+    for name, size in sizes.items():
+        out[name] = out[name] + size * rng.standard_normal(count)
+    out["delta"] = np.radians(np.round(np.degrees(out["delta"] + math.radians(rng.uniform(-1.5, 1.5))), 1))
+    out["psi"] = np.mod(out["psi"] + math.pi, 2 * math.pi) - math.pi
+    return Trial("run", out)
+
+
+def program(parts: Sequence[tuple[str, float, float]], heading: float, rest: float) -> Order:
+    """Manoeuvres in one run, each after the course has been kept for ``rest`` [s], first at the ``heading`` [rad].
+
+    parts: ("zigzag", angle, switch heading) of five executes, or ("turning", angle, change of heading), all in deg;
+    what follows keeps the course that the ship has when it ends.
+    """
+    now = {"part": 0, "since": 0.0, "on": False, "course": heading, "side": 1.0, "executes": 0}
+
+    def begin(t: float, kind: str, angle: float) -> None:
+        now.update(on=True, since=t, side=math.copysign(1.0, angle), executes=1)
+
+    def end(t: float, course: float) -> None:
+        now.update(on=False, since=t, course=course, part=now["part"] + 1)
+
+    def order(t: float, s: np.ndarray) -> float:
+        if now["on"]:
+            kind, angle, change = parts[int(now["part"])]
+            size, turned = math.radians(abs(angle)), now["side"] * (s[2] - now["course"])
+            if kind == "turning" and turned >= math.radians(change):
+                end(t, s[2])
+            elif kind == "zigzag" and turned >= math.radians(change):
+                now.update(side=-now["side"], executes=now["executes"] + 1)
+                if now["executes"] > 5:
+                    end(t, now["course"])
+            if now["on"]:
+                return now["side"] * size
+        elif now["part"] < len(parts) and t - now["since"] >= rest:
+            begin(t, *parts[int(now["part"])][:2])
+            return now["side"] * math.radians(abs(parts[int(now["part"])][1]))
+        off = s[2] - now["course"]
+        return float(np.clip(-1.0 * off - 2.0 * s[5] * rest / 20, -0.3, 0.3))
+
+    return order
