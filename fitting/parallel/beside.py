@@ -17,7 +17,6 @@ from typing import Any, Generic, TypeVar
 from fitting.parallel.executors import executing, in_force
 from fitting.parallel.memory import room_for
 from fitting.parallel.processes import cores, helper
-from mmg.compile.kernel_threads import idle_processors
 
 Value = TypeVar("Value")
 Item = TypeVar("Item")
@@ -146,8 +145,7 @@ def process_beside(prepare: Callable[[], object]) -> Iterator[ProcessBeside | No
     with helper(int) as executor:
         process = ProcessBeside(executor)
         begun_beside(process, prepare)  # until it has loaded that, it has begun nothing
-        with idle_processors(lambda: int(process.idle)):
-            yield process
+        yield process
 
 
 class BothProcesses:
