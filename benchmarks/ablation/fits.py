@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fitting.calibrate import FitOptions
 
 from benchmarks.ablation.switches import Switch, constantly, replaced
 from benchmarks.blind.generator.world import WORLDS
@@ -32,6 +31,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from fitting.calibrate import FitOptions
 from fitting.prediction.bands import bands_of
 from fitting.prediction.campaign_bands import bands_in
 from fitting.prediction.predict import predict_all

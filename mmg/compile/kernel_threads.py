@@ -1,4 +1,4 @@
-"""Threads of compiled loops over intervals, windows or simulated points: one, unless more are asked for.
+"""Threads of compiled loops over intervals, windows or simulated points: one, unless MMG_THREADS asks for more.
 
 Compiled code lets the interpreter go on meanwhile. What each of these gives does not depend on the number of threads.
 """
@@ -15,7 +15,7 @@ from mmg.errors import BadValue
 
 
 def kernel_threads() -> int:
-    """Threads of a compiled loop: MMG_THREADS, 1 where it is not set, but not more than there are processors.
+    """Threads of a compiled loop: MMG_THREADS (default 1), but not more than there are processors.
 
     Raises UserError where it is no positive number.
     """

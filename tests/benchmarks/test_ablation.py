@@ -6,13 +6,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
-from fitting.calibrate import FitOptions
 
 from benchmarks.ablation import switches
 from benchmarks.ablation.diagnoses import RARE, REMEMBERED, RULES, TOLD_ONLY
 from benchmarks.ablation.fits import SWITCHES, change
 from benchmarks.ablation.switches import Memo, Switch, place_of, replaced
 from benchmarks.ablation.table import is_right, two_numbers
+from fitting.calibrate import FitOptions
 from fitting.settings import Settings
 
 EVERY = (*SWITCHES, *RULES, *RARE)

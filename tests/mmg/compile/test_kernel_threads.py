@@ -1,4 +1,4 @@
-"""Threads that calculate intervals: as many as asked for, or one."""
+"""Threads that calculate intervals: as asked for, or one."""
 
 from __future__ import annotations
 
