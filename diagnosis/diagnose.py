@@ -64,7 +64,7 @@ from diagnosis.judgement.verdict import limits
 from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
-from diagnosis.report.form_words import likeness
+from diagnosis.report.where_words import likeness
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
 from fitting.parallel import with_one_thread

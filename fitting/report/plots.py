@@ -235,7 +235,8 @@ def write_figures(
             "How errors grow with the length of the prediction",
             f"Rms errors over windows of the {'held-out' if validation else 'training (none was held out)'} trials, "
             "each started from the measured state and from there on driven by the measured rudder, revolutions and "
-            "wind alone. Shaded: one standard error, by leaving out one trial after the other.",
+            "wind alone. Shaded: one standard error, by leaving out one trial (of a single one, one window) after the "
+            "other.",
         )  # fmt: skip
     shown = _shown(trials, validation, TRACKS)
     windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
