@@ -1,38 +1,39 @@
 """Choice of a model's structure: fit every candidate, choose by validation, test the choice once.
 
 The ship as given is fitted by multiple shooting. A polynomial is estimated by regression on the velocities
-(``regression``), whole and thinned out, in seconds; the best of them are also refined by multiple shooting.
+(``polynomial_regression``), whole and thinned out, in seconds; the best of them are also refined by multiple shooting.
+What is chosen must stay a ship under random harbour use of all its actuators (Miyauchi et al. 2023, req. 7).
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cases.shipfiles.model_changes import with_instruments
+from cases.simulation.harbour_inputs import harbour_inputs
 from cases.trial import Trial
+from fitting.calibrate import FitOptions, calibrate, started_from
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
-from fitting.pipeline import FitOptions, calibrate, started_from
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
+from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
-from fitting.selection.choice import StructureChoice, Tried
-from fitting.selection.coverage import bounded, fault
-from fitting.selection.increments import STEP, increments
 from fitting.selection.kept import Kept
-from fitting.selection.regression import regress
-from fitting.selection.stability import SEQUENCES, stability
-from fitting.selection.subsequences.learned import Learned, Method, learn_all
+from fitting.selection.learning import Learned, Method, learn_all
+from fitting.selection.polynomial_regression import STEP, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
+from mmg.components.expansion.series import STALL, speed_scale
+from mmg.components.expansion.words import Word, parse_monomial
 from mmg.errors import UserError
-from mmg.motion.froude import time_scale
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -56,6 +57,102 @@ NO_LOSS = 1.02
 INSTRUMENTS = ("velocity_filter",)
 THINNED, SHOT = "-thinned", "-refined"
 """Endings of the names of candidates."""
+SEQUENCES, SECONDS = 1000, 400.0
+"""Number of sequences and their length [s of a 3 m model]."""
+MOST = 4.0
+"""Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4)."""
+LEAST = 20
+"""Fewest samples in a sub-model from which anything is fitted."""
+
+BEYOND = 1.1
+"""Factor on the motions of the trials up to which a polynomial is used as it is."""
+SMALL = 0.01
+"""Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L)."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Of ``sequences`` simulated from rest, how many ``diverged``; the largest speed [m/s] and yaw rate [rad/s] of the
+    others."""
+
+    sequences: int
+    diverged: int
+    speed: float
+    yaw_rate: float
+
+
+@np.errstate(all="ignore")
+def stability(ship: Ship, sequences: int = SEQUENCES, seed: int = 0, compiled: bool = True) -> Stability:
+    """The stability of ``ship`` in so many ``sequences`` of random inputs in calm air; seed: of the first of them.
+
+    compiled: use a C compiler if there is one.
+    """
+    L = ship.particulars["L"]
+    simulator, dt = Simulator(ship, compiled), 1.0 * time_scale(L)
+    names = simulator.model.controls
+    runs = [harbour_inputs(ship, SECONDS * time_scale(L), seed + k, dt) for k in range(sequences)]
+    t = runs[0]["t"]
+    zero = np.zeros(len(t))
+    columns = [[t if name == "time" else run.columns.get(name, zero) for name in names] for run in runs]
+    controls = np.repeat(np.array(columns).transpose(2, 1, 0)[:-1], 2, axis=0)
+    states = simulator.run(np.zeros((6, sequences)), controls, 0.5 * dt, ship.values)
+    speed = np.hypot(states[:, 3], states[:, 4]).max(axis=0)
+    spin = np.abs(states[:, 5]).max(axis=0)
+    good = np.isfinite(states).all(axis=(0, 1)) & (np.maximum(speed, 0.5 * L * spin) < MOST * speed_scale(L))
+    largest = [float(x[good].max()) if good.any() else float("nan") for x in (speed, spin)]
+    return Stability(sequences, int((~good).sum()), *largest)
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One candidate and what became of it.
+
+    unknowns: free coefficients; validation, training: mean squared error of 30 s windows, by the variance of the
+    trials; stable: sequences of ``stability`` that did not diverge, of those simulated; left_out: why it was not tried.
+    """
+
+    name: str
+    words: str
+    unknowns: int
+    terms: int
+    validation: float = float("nan")
+    training: float = float("nan")
+    converged: bool = False
+    seconds: float = 0.0
+    stable: int = 0
+    sequences: int = 0
+    left_out: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, NaN as None."""
+        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class StructureChoice:
+    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability; by
+    candidate its runs on the objective of the paper, if there were any."""
+
+    chosen: str
+    result: FitResult
+    table: tuple[Tried, ...]
+    test: dict[str, float]
+    stability: Stability
+    runs: dict[str, tuple[Learned, ...]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of selection.json."""
+        test = {name: value if np.isfinite(value) else None for name, value in self.test.items()}
+        keys = ("name", "seed", "objective", "training", "validation", "evaluations", "seconds")
+        learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)}
+                   for some in self.runs.values() for run in some]  # fmt: skip
+        return {
+            "chosen": self.chosen,
+            "candidates": [row.to_dict() for row in self.table],
+            "test": test,
+            "stability": asdict(self.stability),
+            **({"learned": learned} if learned else {}),
+        }
 
 
 @dataclass(frozen=True)
@@ -328,3 +425,50 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
         if not found.diverged and np.isfinite(_error(one)):
             return one, checked
     return max(order, key=lambda f: checked[f.row.name].stable), checked
+
+
+def bounded(ship: Ship, trials: Sequence[Trial]) -> Ship:
+    """A generated ``ship`` whose polynomial is bounded to the motions of the ``trials`` (``expansion/series``)."""
+    found = {}
+    L = ship.particulars["L"]
+    for name, sign, column in (("u_ahead", 1, "u"), ("u_astern", -1, "u"), ("v_most", 0, "v"), ("r_most", 0, "r")):
+        values = np.concatenate([t[column] for t in trials])
+        most = np.nanmax(np.abs(values) if sign == 0 else sign * values, initial=0.0)
+        least = SMALL * reference_speed(L) / (L if column == "r" else 1.0)
+        found[name] = float(f"{BEYOND * max(most, least):.4g}")
+    return replace(ship, particulars={**ship.particulars, **found})
+
+
+def fault(candidate: StructureCandidate, trials: Sequence[Trial]) -> str:
+    """Why ``trials`` cannot determine a ``candidate``, with the counts; "" where they may.
+
+    There must be as many samples as unknowns, and LEAST samples in which the conditions of each sub-model hold.
+    """
+    samples = sum(len(t) for t in trials)
+    if candidate.unknowns > samples:
+        return f"{candidate.name} has {candidate.unknowns} unknowns, but the trials hold only {samples} samples"
+    sets = {parse_monomial(text).conditions for text in candidate.ship.monomials.values()}
+    limit = candidate.ship.particulars.get("delta_stall", STALL)
+    lacking = []
+    for conditions in sorted(sets, key=str):
+        held = sum(int(np.all([_holds(c, t, limit) for c in conditions], axis=0).sum()) for t in trials if conditions)
+        if conditions and held < LEAST:
+            lacking.append(f"'{' '.join(map(str, conditions))}' ({held} samples)")
+    if not lacking:
+        return ""
+    return (
+        f"{candidate.name} ({candidate.submodels}) has sub-models that the trials hardly enter: {', '.join(lacking)} "
+        f"of {samples}, {LEAST} are needed; add such trials or take fewer sub-models"
+    )
+
+
+def _holds(condition: Word, trial: Trial, limit: float) -> np.ndarray:
+    """Where a condition holds in a trial, (N,) bool."""
+    columns = [trial[part.name] for part in condition.parts if part.name in trial]
+    if condition.name in ("ahead", "astern"):
+        return (trial["u"] >= 0) == (condition.name == "ahead")
+    if condition.name in ("driving", "reversing"):
+        mean = np.mean(columns, axis=0) if columns else np.zeros(len(trial))
+        return (mean >= 0) == (condition.name == "driving")
+    beyond = np.any([np.abs(x) > limit for x in columns], axis=0) if columns else np.zeros(len(trial), dtype=bool)
+    return beyond == (condition.name == "stalled")

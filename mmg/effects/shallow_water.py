@@ -2,7 +2,7 @@
 
 Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; own form,
 UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; published factors are
-in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+in ``benchmarks/shallow_factors.py`` of 5f878e7). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
 """
 
 from __future__ import annotations

@@ -27,13 +27,12 @@ from cases.trial import Trial
 from diagnosis import diagnose as diagnosing
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
+from fitting.calibrate import FitOptions
 from fitting.nlp.grid import default_step
-from fitting.pipeline import FitOptions
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import UncertainMean, with_whole_prior
+from fitting.selection.sisters import SisterEvidence, UncertainMean, with_whole_prior
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship

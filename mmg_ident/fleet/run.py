@@ -16,9 +16,7 @@ import numpy as np
 
 from fitting.parallel import run_all
 from fitting.report.run_folder import plain, versions
-from fitting.selection.sisters.evidence import SisterEvidence
-from fitting.selection.sisters.start import estimates_of, mean_of, sister_start
-from fitting.selection.sisters.widths import SisterWidths, sister_widths
+from fitting.selection.sisters import SisterEvidence, SisterWidths, estimates_of, mean_of, sister_start, sister_widths
 from mmg.errors import UserError
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, SisterStart, finish_ship, fit_alone, key_of

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from fitting.selection import structure_choice
+from fitting.selection import learning, structure_choice
 from fitting.selection.candidates import candidate
 from fitting.selection.kept import fingerprint, kept_beside
+from fitting.selection.learning import Learned, Method, learn_all
 from fitting.selection.structure_choice import choose_structure
-from fitting.selection.subsequences import learned
-from fitting.selection.subsequences.learned import Learned, Method, learn_all
 from fitting.settings import Settings
 from mmg.errors import UserError
-from tests.fitting.selection.subsequences.problems import ESSO, harbour
+from tests.fitting.selection.paper_problems import ESSO, harbour
 
 NAMES = ("sm1-order1", "sm2-order1")
 
@@ -44,20 +43,20 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
 def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(learned, "SPARSITIES", (1e-1, 1e-3))
+    monkeypatch.setattr(learning, "SPARSITIES", (1e-1, 1e-3))
     runs, ones = harbour(), [candidate(ESSO, name) for name in NAMES]
     trials, method = (runs[:2], runs[2:]), Method(seeds=2)
     whole = learn_all(ones, trials, method)
     kept = kept_beside(tmp_path / "run", {}, resume=False)
     learn_all(ones[:1], trials, method, kept)
     done: list[str] = []
-    original = learned.learn_one
+    original = learning.learn_one
 
     def counted(run, *given):  # type: ignore[no-untyped-def]
-        done.append(run.name)
+        done.append(f"{run[0].name}_seed{run[1]}")
         return original(run, *given)
 
-    monkeypatch.setattr(learned, "learn_one", counted)
+    monkeypatch.setattr(learning, "learn_one", counted)
     resumed = learn_all(ones, trials, method, kept)
     assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
     for name in NAMES:
@@ -67,7 +66,7 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
 
 
 def test_a_learned_run_survives_its_file_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(learned, "SPARSITIES", (1e-1,))
+    monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
     runs = harbour()
     one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method())["sm1-order1"][0]
     assert Learned.of(json.loads(json.dumps(one.to_dict()))) == one

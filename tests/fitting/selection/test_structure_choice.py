@@ -18,9 +18,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.report.plot_structures import structure_plot
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
-from fitting.selection.coverage import BEYOND, bounded, fault
-from fitting.selection.stability import stability
-from fitting.selection.structure_choice import choose_structure
+from fitting.selection.structure_choice import BEYOND, bounded, choose_structure, fault, stability
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.errors import UserError

@@ -1,1 +1,0 @@
-"""Which instruments differ between campaigns, and by how much."""

@@ -1,1 +1,0 @@
-"""Sister ships: coefficients that are drawn from one distribution, whose mean and width the fits of all of them say."""

@@ -1,0 +1,267 @@
+"""Instruments that differ by day: found, told in words, kept in files; equal ones change nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.io.campaigns import Campaigns, said_campaign, ship_in
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.shipfiles.ship_json import dump_ship_json
+from fitting import calibrate as pipeline
+from fitting import calibration
+from fitting.calibrate import FitOptions, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
+from fitting.nlp.fisher_information import Information
+from fitting.nlp.problem import Problem
+from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
+from fitting.prediction.predict import predict_all, values_of
+from fitting.selection.campaigns import (
+    LEVEL,
+    CampaignFit,
+    RunReadings,
+    by_campaign,
+    differences,
+    distribution_of,
+    gains,
+    instruments,
+    not_asked,
+    readings_as_rows,
+    with_constant,
+)
+from fitting.selection.left_out_runs import estimates_without
+from fitting.settings import Settings
+from fitting.solvers import leading
+from fitting.solvers.ipopt import Guess, Solution
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.rollout import Simulator
+from tests.support.fleets import DAYS, fleet
+
+ESSO = load_ship("esso_osaka_3m")
+FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
+HIDDEN = ESSO.with_values({s: 1.08 * ESSO.coefficients[s].value for s in FREE})
+RUNS = ("zigzag:20/20", "turning:35", "zigzag:10/10")
+LAGS = (0.0, 0.9)
+NUMBER = np.array([0, 0, 1, 1])
+READ = RunReadings(np.array([0.1, 0.3, 1.0, np.nan]), np.array([0.1, 0.1, 0.2, np.nan]), NUMBER)
+OWN = ByCampaign(("gyro.T",), ("spring", "autumn"), tuple(NUMBER), {"gyro.T": READ.of_campaigns(2)})
+
+
+@lru_cache(maxsize=2)
+def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
+    lags = LAGS if differ else (0.0, 0.0)
+    instruments = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}
+    trials = fleet(HIDDEN, instruments, RUNS, 5, 10.0, 100.0)
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    found = estimate_coefficients(ship, trials, settings)
+    return found, by_campaign(found, trials, ("gyro", "log_scale"))
+
+
+def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
+    found, fit = calibrated(True)
+    constants = fit.calibration.constants
+    assert constants is not None and "gyro.T" in constants.symbols and "log_scale.share" not in constants.symbols
+    k = constants.symbols.index("gyro.T")
+    off = (constants.value[:, k] - np.array(LAGS)) / constants.std[:, k]
+    assert np.abs(off).max() < 3 and np.ptp(constants.value[:, k]) > 0.7
+    assert any("turn rate (gyro.T) differs between campaigns" in str(m) and DAYS[1] in str(m) for m in fit.messages)
+    truth = np.array([HIDDEN.coefficients[s].value for s in FREE])
+    error = [np.abs(np.array([f.ship.coefficients[s].value for s in FREE]) - truth) for f in (found, fit.calibration)]
+    std = np.array([fit.calibration.ship.coefficients[s].std for s in FREE])
+    assert (error[1] < 3 * std).all()
+    assert fit.content is not None and fit.content["left_out"]["with"] < fit.content["left_out"]["without"]
+
+
+@pytest.mark.parametrize("differ", [True, False])
+def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ: bool) -> None:
+    """It is judged a Newton step further, and what is fitted then is the same."""
+    whole, fit = calibrated(differ)
+    lags = {day: [f"gyro:T={lag * differ}"] for day, lag in zip(DAYS, LAGS, strict=False)}
+    trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
+    ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
+    draft = estimate_coefficients(ship, trials, Settings(), draft=True)
+    again = by_campaign(draft, trials, ("gyro", "log_scale"))
+    assert draft.draft and draft.solution.objective > whole.solution.objective
+    assert fit.content is not None and again.content is not None
+    taken = [[(row["name"], row["taken"]) for row in c["tried"]] for c in (fit.content, again.content)]
+    assert taken[0] == taken[1]
+    if not differ:
+        assert again.calibration is draft
+        return
+    ours, theirs = again.calibration.constants, fit.calibration.constants
+    assert ours is not None and theirs is not None and ours.symbols == theirs.symbols
+    assert (np.abs(ours.value - theirs.value) < 0.05 * theirs.std).all()
+    std = np.sqrt(np.diag(fit.calibration.covariance))
+    assert (np.abs(again.calibration.p - fit.calibration.p) < 0.05 * std).all()
+
+
+def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
+    found, fit = calibrated(False)
+    assert fit.calibration is found and not found.ship.campaigns and fit.content is not None
+    assert fit.content["values"] is None and not any(row["taken"] for row in fit.content["tried"])
+    assert all(row["measured"] and row["chance"] > LEVEL for row in fit.content["tried"])
+
+
+def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_trial() -> None:
+    _, fit = calibrated(True)
+    ship, trials = fit.calibration.ship, fleet(HIDDEN, {DAYS[1]: ["gyro:T=0.9"]}, RUNS[:1], 50, 10.0, 100.0)
+    again = parse_ship(dump_ship(ship))
+    assert again.campaigns == {name: dict(values) for name, values in ship.campaigns.items()}
+    assert f'"{DAYS[0]}"' in dump_ship_json(ship)
+    own = ship.campaigns[DAYS[1]]["gyro.T"]
+    assert values_of(ship, trials[0])[ship.symbols.index("gyro.T")] == own  # type: ignore[index]
+    known = predict_all(Simulator(ship), trials, 30.0, 30.0)[0][0]
+    other = predict_all(Simulator(ship), said_campaign(trials, DAYS[0], ship), 30.0, 30.0)[0][0]
+    miss = [np.mean(np.vstack([w.error(trials[0].states) for w in windows])[:, 5] ** 2) for windows in (known, other)]
+    assert miss[0] < 0.5 * miss[1]
+    assert ship_in(ship, trials)[0].coefficients["gyro.T"].value == own
+    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows 2026-03-02, 2026-03-09"):
+        said_campaign(trials, "summer", ship)
+
+
+@pytest.mark.parametrize("differ", [True, False])
+def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_else_is(
+    differ: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged: list[int] = []
+    certified: list[int] = []
+    solve = leading.solve
+
+    def watched(problem: Problem, start: Any, *rest: Any) -> Solution:
+        certified.extend([problem.P] if isinstance(start, Guess) else [])
+        return solve(problem, start, *rest)
+
+    def counted(problem: Problem, *_: np.ndarray) -> list[Message]:
+        judged.append(problem.P)
+        return [Message(f"{problem.P} coefficients", "outlying_run")]
+
+    def noted(found: Calibration, *given: Any) -> CampaignFit:
+        begun.append((found.draft, len(found.passes)))
+        return by_campaign(found, *given)
+
+    begun: list[tuple[bool, int]] = []
+    monkeypatch.setattr(pipeline, "by_campaign", noted)
+    monkeypatch.setattr(calibration, "outlying_runs", counted)
+    monkeypatch.setattr(leading, "solve", watched)
+    lags = LAGS if differ else (0.0, 0.0)
+    trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}, RUNS, 5, 10.0, 100.0)
+    ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
+    result = calibrate(ship, trials, options=FitOptions(per_campaign=("gyro",), next_trial=False, instruments=()))
+    number = len(FREE) + (len(LAGS) if differ else 0)
+    assert begun == [(True, 2)], "the last solve without values by campaign is left out"
+    assert judged == [number] and f"{number} coefficients" in [str(m) for m in result.warnings]
+    assert certified == [number] and result.converged and result.status == "Solve_Succeeded"
+    assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
+
+
+def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
+    """Straight runs show no turn rate."""
+    lags = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}
+    trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
+    trials += fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    found = estimate_coefficients(ship, trials, settings)
+    fit = by_campaign(found, trials, ("gyro",))
+    constants = fit.calibration.constants
+    assert constants is not None and len(constants.value) == len(DAYS)
+    value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]
+    assert np.abs(value[:2] - LAGS).max() < 0.1 and value[2] == pytest.approx(value[:2].mean(), abs=0.15)
+    assert std[2] > 5 * std[:2].max()
+    words = [str(m) for m in fit.messages]
+    assert any(f"{DAYS[2]}: its runs tell nothing of gyro.T" in m and "mean of all campaigns" in m for m in words)
+
+
+def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) -> None:
+    text = dump_ship(ESSO) + '\n[campaigns."spring"]\n"gyro.Tt" = 0.1\nY_v = 99.0\n'
+    with pytest.raises(UserError, match=r"campaigns.*unknown coefficient 'gyro.Tt'.*outside its bounds"):
+        parse_ship(text, str(tmp_path / "ship.toml"))
+
+
+def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_that_is_said() -> None:
+    trials = fleet(HIDDEN, {day: () for day in DAYS[:2]}, RUNS[:2], 5, 10.0, 20.0)
+    assert [m.code for m in not_asked(trials, ())] == ["campaigns_not_asked"]
+    assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
+    with pytest.raises(UserError, match=r"--per-campaign gyro: .* leave out --per-campaign or --per-run"):
+        calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
+
+
+def test_values_are_said_to_the_first_digit_of_their_error() -> None:
+    values, std = np.array([[0.00046], [1.0331]]), np.array([[0.04], [0.08]])
+    bare = (np.array([0.2584]), np.array([0.6]), np.zeros(2))
+    constants = RunConstants(("gyro.T",), DAYS[:2], ("s",), values, std, *bare)
+    campaigns = Campaigns(DAYS[:2], (0, 0, 1, 1))
+    said = [str(m) for m in differences(constants, campaigns, np.array([[0.1], [0.95]]))]
+    assert said[0].endswith(f"mean 0.3 +- 0.6 s: {DAYS[0]} 0.00 +- 0.04, {DAYS[1]} 1.03 +- 0.08")
+    assert said[1].startswith(f"{DAYS[1]}: its runs tell nothing of gyro.T") and len(said) == 2
+
+
+def windows(p: np.ndarray) -> Information:
+    """Four windows of four runs that say little of two constants behind a shared coefficient."""
+    fisher = np.zeros((4, 3, 3))
+    fisher[:, 0, 0] = 4.0
+    fisher[np.arange(4), 1 + NUMBER, 1 + NUMBER] = 0.5
+    score = (fisher @ (p - 0.2)[:, None])[:, :, 0]
+    return Information(fisher, score, p, np.arange(4), ("Y_v", "T@0", "T@1"), np.eye(3), p.copy())
+
+
+def test_runs_of_a_campaign_are_averaged_by_their_precision_and_one_without_reading_says_nothing() -> None:
+    (first, std), (second, other) = READ.of_campaigns(2)
+    np.testing.assert_allclose([first, std, second, other], [0.2, 0.1 / np.sqrt(2), 1.0, 0.2])
+    assert RunReadings(np.full(2, np.nan), np.full(2, np.nan), np.array([0, 1])).of_campaigns(2)[1][1] == np.inf
+
+
+def test_what_is_told_of_campaigns_multiplies_the_prior_of_their_distribution() -> None:
+    ship = with_constant(load_ship("esso_osaka_3m"), "gyro.T", 0.5, 0.4)
+    told, bare = prior_with(ship, OWN, ()), prior_with(ship, replace(OWN, told={}), ())
+    precision = np.array([200.0, 25.0]) + 1 / 0.4**2
+    np.testing.assert_allclose(told.std[-2:], precision**-0.5)
+    np.testing.assert_allclose(told.mean[-2:], (np.array([0.2 * 200, 1.0 * 25]) + 0.5 / 0.4**2) / precision)
+    np.testing.assert_array_equal(told.mean[:-2], bare.mean[:-2])
+    np.testing.assert_allclose(bare.std[-2:], 0.4)
+
+
+def test_as_rows_the_estimate_is_the_same_and_a_run_left_out_takes_its_reading_along() -> None:
+    ship = with_constant(load_ship("esso_osaka_3m"), "gyro.T", 0.5, 0.4)
+    prior = prior_with(ship.fixing([s for s in ship.free if s != "Y_v"]), OWN, ())
+    info = windows(np.array([0.3, 0.1, -0.2]))
+    rows = readings_as_rows(info, prior, OWN, {"gyro.T": READ})
+    bounds = (np.full(3, -1e3), np.full(3, 1e3))
+    whole, alone = (estimates_without(i, [(), (2,), (3,)], bounds) for i in (info, rows))
+    np.testing.assert_allclose(alone[0], whole[0], atol=1e-9)
+    np.testing.assert_allclose(alone[2], whole[2], atol=1e-9)
+    mean, std = prior.mean[-1], prior.std[-1]
+    weight = 0.5 / std**2  # of the window that is left, which says mean + 0.2 std
+    left = (weight * (mean + 0.2 * std) + 0.5 / 0.4**2) / (weight + 1 / 0.4**2)
+    np.testing.assert_allclose(mean + std * alone[1, 2], left, atol=1e-9)
+    assert mean + std * whole[1, 2] > left + 0.05
+
+
+def test_the_width_of_constants_is_recovered_and_small_where_they_are_equal() -> None:
+    rng = np.random.default_rng(3)
+    noise = np.full(40, 0.2)
+    widths = []
+    for width in (0.0, 0.8):
+        measured = 0.5 + width * rng.standard_normal(40) + noise * rng.standard_normal(40)
+        measured[3], noise[3] = 1e6, np.inf  # a campaign without a reading
+        widths.append(distribution_of(measured, noise)[1])
+    assert widths[0] < 0.12 and 0.6 < widths[1] < 1.05
+
+
+def test_what_only_one_campaign_gains_counts() -> None:
+    before = np.ones(4)
+    assert gains(before, before - np.array([0.0, 0.0, 0.0, 0.3])) and not gains(before, before + 1e-4)
+
+
+def test_an_instrument_that_no_longer_differs_by_campaign_is_refused_in_one_line() -> None:
+    with pytest.raises(UserError, match=r"--per-campaign fouling: is gone.*; choose among gyro, log_scale, or none"):
+        instruments(ESSO, ("fouling",))
+    assert [each.name for each in instruments(ESSO.with_effect("gyro").fixing(["gyro.T"]))] == [
+        "gyro scale",
+        "log_scale",
+    ]

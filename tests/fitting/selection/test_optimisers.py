@@ -1,0 +1,177 @@
+"""Both optimisers of the objective: the step, the descent, the path of the sparsity, and CMA-ES that can be resumed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from fitting.selection import learning as learning_module
+from fitting.selection.candidates import candidate
+from fitting.selection.learning import (
+    Learning,
+    Method,
+    descent,
+    evolve,
+    follow,
+    learn_all,
+    learn_one,
+    minimise_quadratic,
+    regression,
+    write_learning,
+)
+from fitting.selection.subsequences import Penalties, SubsequenceObjective, subsequences
+from mmg.errors import UserError
+from tests.fitting.selection.paper_problems import ESSO, harbour, problem
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -> None:
+    rng, n = np.random.default_rng(seed), 12
+    B = rng.normal(size=(n, n)) * 10 ** rng.uniform(-2, 1, n)
+    H, g, p = B.T @ B + 1e-6 * np.eye(n), 5 * rng.normal(size=n), rng.uniform(-0.5, 0.5, n)
+    weight = 2 * np.abs(rng.normal(size=n)) * (np.arange(n) % 2) * (seed > 1)
+
+    def split(z: np.ndarray) -> float:  # x = positive part - negative part
+        d = z[:n] - z[n:] - p
+        return float(g @ d + 0.5 * d @ H @ d + weight @ (z[:n] + z[n:]))
+
+    x = minimise_quadratic(H, g, p, (-np.ones(n), np.ones(n)), weight)
+    least = minimize(
+        split,
+        np.concatenate([np.maximum(p, 0), np.maximum(-p, 0)]),
+        bounds=[(0, 1)] * 2 * n,
+        method="L-BFGS-B",
+        options={"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10},
+    )
+    assert split(np.concatenate([np.maximum(x, 0), np.maximum(-x, 0)])) <= least.fun + 1e-8 * abs(least.fun)
+    assert np.abs(x).max() <= 1
+
+
+def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
+    one = problem("sm2-order2")
+    nothing, found = one.errors(
+        np.transpose([np.zeros(one.P), regression(one)]), subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs)
+    )
+    assert found < 0.85 * nothing
+
+
+def test_the_descent_converges_where_no_slope_is_left() -> None:
+    one = problem(penalties=Penalties(deviation=0.02))
+    start = regression(one)
+    *_, p = descent(one, start, 200)
+    first, last = one.values(np.transpose([start, p]))
+    assert last < 0.9 * first
+    inside = (p > one.lower + 1e-9) & (p < one.upper - 1e-9)
+    about = one.quadratic(p)
+    gain = about.gradient[inside] @ np.linalg.lstsq(about.hessian[np.ix_(inside, inside)], about.gradient[inside])[0]
+    assert gain < 5e-3 * last  # what a further step would bring
+
+
+def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
+    terms: list[int] = []
+    errors: list[float] = []
+    p = regression(problem("sm1-order2"))
+    for weight in (1e-1, 1e-2, 1e-4):
+        one = problem("sm1-order2", Penalties(0.0, weight))
+        *_, p = descent(one, p, 12)
+        terms.append(int((p != 0).sum()))
+        errors.append(float(one.errors(p[:, None], one.train)[0]))
+    assert terms[0] < terms[1] < terms[2] and errors[0] > errors[1] > errors[2]
+
+
+def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(learning_module, "SPARSITIES", (1e-2,))
+    one = problem()
+    learning = Learning(one)
+    follow(learning, regression(one))
+    validation = [lesson.validation for lesson in learning.lessons]
+    assert one.validate is not None and len(validation) > 3
+    assert one.errors(learning.p_chosen[:, None], one.validate)[0] == pytest.approx(min(validation))
+    assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
+    write_learning([("sm1-order1", 0, learning.lessons)], tmp_path / "learning.csv")
+    lines = (tmp_path / "learning.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(validation)
+    assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
+
+
+def test_an_evolution_stays_in_the_box_and_follows_its_seed() -> None:
+    pytest.importorskip("cma")
+    one, runs = problem(), []
+    for seed in (3, 3, 4):
+        runs.append(Learning(one))
+        evolve(runs[-1], seed, evaluations=600)
+    assert np.array_equal(runs[0].p, runs[1].p) and not np.array_equal(runs[0].p, runs[2].p)
+    assert runs[0].best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
+    assert (runs[0].p >= one.lower).all() and (runs[0].p <= one.upper).all()
+
+
+def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cma", None)
+    with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install .mmg-ident"):
+        evolve(Learning(problem()))
+
+
+# The time limit
+
+
+def learned_in(seconds: float, optimizer: str = "cmaes", evaluations: int | None = None) -> dict[str, Any]:
+    """``learn_one`` of a candidate of first order under a time limit."""
+    runs = harbour()
+    return learn_one(
+        (candidate(ESSO, "sm1-order1"), 0),
+        (runs[:2], runs[2:]),
+        Method(optimizer, time_limit=seconds, evaluations=evaluations),
+    )
+
+
+def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
+    """Before it made a note of its best, after twenty generations."""
+    pytest.importorskip("cma")
+    found = learned_in(600.0, evaluations=60)
+    assert 40 < found["evaluations"] <= 60 and len(found["vanished"]) == 0
+    assert found["objective"] < problem().values(np.zeros((problem().P, 1)))[0]
+
+
+def test_a_run_without_an_evaluation_is_refused_and_not_the_zero_polynomial() -> None:
+    pytest.importorskip("cma")
+    with pytest.raises(UserError, match=r"nothing was evaluated within --time-limit 1e-06.*give more"):
+        learned_in(1e-6)
+    runs = harbour()
+    with pytest.raises(UserError, match="nothing was evaluated"):
+        learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method("cmaes", time_limit=1e-6))
+
+
+@pytest.mark.parametrize("optimizer", ["cmaes", "gradient"])
+def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which preparing alone takes longer than the limit."""
+    pytest.importorskip("cma")
+    now, real = [0.0], learning_module.SubsequenceObjective
+    clock = SimpleNamespace(perf_counter=lambda: now[0])
+    monkeypatch.setattr(learning_module, "time", clock)
+
+    def slow(*arguments: Any, **more: Any) -> SubsequenceObjective:
+        now[0] += 100.0
+        return real(*arguments, **more)
+
+    monkeypatch.setattr(learning_module, "SubsequenceObjective", slow)
+    if optimizer == "cmaes":
+        with pytest.raises(UserError, match="compiling and preparing took 100 s"):
+            learned_in(40.0, optimizer)
+    else:  # its start, by regression, is the best so far
+        found = learned_in(40.0, optimizer)
+        assert len(found["lessons"]) == 1 and found["seconds"] == 100.0
+
+
+def test_an_evolution_compiles_no_derivatives() -> None:
+    pytest.importorskip("cma")
+    one = problem()
+    evolve(Learning(one), evaluations=30)
+    assert "slopes" not in vars(one)

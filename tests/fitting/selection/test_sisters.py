@@ -1,0 +1,89 @@
+"""Widths of sisters: recovered where they are known, near zero for identical ones, and worth having."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fitting.selection.sisters import Marginal, SisterEvidence, sister_widths
+
+P, DIFFER = 24, 8
+
+
+def sisters(count: int, width: float, rows: int, seed: int) -> tuple[list[SisterEvidence], np.ndarray]:
+    """Ships whose first DIFFER coefficients differ by ``width``, each seen by so many ``rows``; and the truth."""
+    rng = np.random.default_rng(seed)
+    size = np.where(np.arange(P) < DIFFER, width, 0.0)
+    mean = 0.5 * rng.normal(size=P)
+    truth = mean + size * rng.normal(size=(count, P))
+    found = []
+    for c in truth:
+        J = rng.normal(size=(rows, P)) * np.geomspace(5.0, 0.2, P)
+        y = J @ c + rng.normal(size=rows)
+        found.append(SisterEvidence(tuple(f"c{k}" for k in range(P)), np.zeros(P), np.ones(P), J.T @ J, J.T @ y))
+    return found, truth
+
+
+def alone(ships: list[SisterEvidence]) -> np.ndarray:
+    return np.array([np.linalg.solve(s.A + np.eye(P), s.b) for s in ships])
+
+
+def test_a_known_width_is_recovered_and_the_error_falls() -> None:
+    found, gains = [], []
+    for seed in range(6):
+        ships, truth = sisters(10, 0.4, 30, seed)
+        w = sister_widths(ships)
+        found.append(np.sqrt((w.width[:DIFFER] ** 2).mean()))
+        gains.append(((w.estimate - truth) ** 2).mean() / ((alone(ships) - truth) ** 2).mean())
+        assert np.median(w.width[DIFFER:]) < 0.1
+    assert np.mean(found) == pytest.approx(0.4, rel=0.15)
+    assert np.mean(gains) < 0.6 and max(gains) < 0.9
+
+
+def test_identical_sisters_have_widths_near_zero_and_one_value() -> None:
+    for seed in range(4):
+        ships, truth = sisters(5, 0.0, 30, seed)
+        w = sister_widths(ships)
+        assert w.common < 0.03 and w.width.max() < 0.1
+        assert ((w.estimate - truth) ** 2).mean() < 0.6 * ((alone(ships) - truth) ** 2).mean()
+
+
+def test_standard_errors_hold_the_truth() -> None:
+    z = np.concatenate([
+        ((w := sister_widths(ships)).estimate - truth).ravel() / w.std.ravel()
+        for ships, truth in (sisters(8, 0.4, 30, seed) for seed in range(8))
+    ])  # fmt: skip
+    assert 0.8 < z.std() < 1.2
+
+
+def test_a_ship_that_is_no_sister_is_told() -> None:
+    ships, _ = sisters(8, 0.1, 60, 3)
+    stranger = ships[2]
+    far = np.zeros(P)
+    far[1] = 3.0
+    ships[2] = SisterEvidence(
+        stranger.symbols, stranger.centre, stranger.unit, stranger.A, stranger.b + stranger.A @ far
+    )
+    chances = sister_widths(ships).p_alike
+    assert np.argmin(chances) == 2
+    assert abs(sister_widths(ships).from_others[2, 1]) == pytest.approx(
+        abs(sister_widths(ships).from_others[:, 1]).max()
+    )
+
+
+def test_the_slope_of_the_likelihood_agrees_with_differences() -> None:
+    ships, _ = sisters(4, 0.4, 15, 1)
+    A, b = np.array([s.A for s in ships]), np.array([s.b for s in ships])
+    square, h = np.full(P, 0.09), 1e-5
+    slope = Marginal.of(A, b, np.sqrt(square)).slope()
+    for j in (0, 7, 20):
+        step = h * (np.arange(P) == j)
+        ends = [Marginal.of(A, b, np.sqrt(square + sign * step)).log_likelihood for sign in (1, -1)]
+        assert slope[j] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-4, abs=1e-6)
+
+
+def test_units_do_not_matter() -> None:
+    ships, _ = sisters(4, 0.4, 15, 1)
+    centre, unit = np.linspace(-1, 1, P), np.linspace(0.5, 2, P)
+    back = ships[1].in_units(centre, unit).in_units(ships[1].centre, ships[1].unit)
+    assert np.allclose(back.A, ships[1].A) and np.allclose(back.b, ships[1].b)
