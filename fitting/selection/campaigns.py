@@ -25,12 +25,13 @@ from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import Captive
-from fitting.nlp.fisher_information import Information
+from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
-from fitting.selection.left_out_runs import RunScores, apart, leave_out
+from fitting.selection.left_out_runs import RunScores, apart, estimates_without, leave_out
 from fitting.settings import Settings
+from fitting.solvers.preparation import prepared
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
@@ -276,6 +277,9 @@ def _with_constants(
     warm = {"p": p, "sigma": fit.sigma, "nodes": _nodes(fit, ship)}
     passes = min(question.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
+    # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
+    problem, x, *_ = prepared(ship, question.trials, settings, warm, question.captive, own)
+    warm["p"] = estimates_without(information(problem, x), [()], problem.p_bounds())[0]
     new = estimate_coefficients(ship, question.trials, settings, question.progress, warm, question.captive, own)
     same = CampaignFit(fit, question.ship)
     if not new.converged or new.constants is None:
