@@ -39,8 +39,8 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
 from cases.simulation.sensors import SensorNoise
 from cases.trial import Trial
+from fitting.calibrate import FitOptions
 from fitting.calibration import estimate_coefficients
-from fitting.pipeline import FitOptions
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.bands import bands_of

@@ -33,7 +33,7 @@ from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from fitting.prediction.score import Score, pooled_sigma
 from fitting.result import FitResult
 from fitting.settings import Settings

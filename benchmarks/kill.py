@@ -1,10 +1,9 @@
 """Commands that are ended at random moments: what is left is whole or absent, and resumed it is as if nothing happened.
 
-python -m benchmarks.kill --kills N --seed S [--verb NAME]... [--cold]: each time a signal (SIGKILL, SIGTERM, SIGINT) at
-a random moment, then the same command once more with --resume (or --force, where there is nothing to resume), and what
-it made against what a run that was left alone made: the values of its JSON, the bytes of other files. Prints a row per
-verb and signal. The commands are forked from a process that has imported the libraries, so that the moments fall on the
-work itself; --cold starts Python anew for each. Needs fork; without /proc, orphan processes are not looked for.
+python -m benchmarks.kill --kills N --seed S [--verb NAME]... [--record]: each time a signal (SIGKILL, SIGTERM, SIGINT)
+at a random moment, then the same command once more with --resume (or --force, where there is nothing to resume), and
+what it made against what a run that was left alone made: the values of its JSON, the bytes of other files. Prints a row
+per verb and signal. Without /proc, orphan processes are not looked for.
 """
 
 from __future__ import annotations
@@ -87,34 +86,24 @@ def trials(folder: Path) -> None:
 
 
 class Process:
-    """A command of its own session in a ``folder``, forked from this process or, if ``cold``, a new Python."""
+    """A command of its own session in a ``folder``."""
 
-    def __init__(self, folder: Path, words: Sequence[str], cold: bool) -> None:
+    def __init__(self, folder: Path, words: Sequence[str]) -> None:
         self.errors = folder / f".errors_{time.monotonic_ns()}"
-        if cold:
-            command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
-            environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-            with self.errors.open("wb") as file:
-                started = subprocess.Popen(
-                    command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=file, start_new_session=True
-                )
-            self.pid = started.pid
-            started.returncode = 0  # it is waited for below
-            return
-        self.pid = os.fork()
-        if self.pid == 0:
-            _command(folder, words, self.errors)
+        command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+        with self.errors.open("wb") as file:
+            self.child = subprocess.Popen(
+                command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=file, start_new_session=True
+            )
+        self.pid = self.child.pid
 
     def wait(self, seconds: float) -> int | None:
         """The exit status, negative for a signal, or None where it has not ended after so many seconds."""
-        until = time.monotonic() + seconds
-        while True:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            if pid:
-                return os.waitstatus_to_exitcode(status)
-            if time.monotonic() > until:
-                return None
-            time.sleep(0.005)
+        try:
+            return self.child.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return None
 
     def said(self) -> str:
         """What it wrote to stderr."""
@@ -123,62 +112,26 @@ class Process:
         return text
 
 
-def _command(folder: Path, words: Sequence[str], errors: Path) -> None:
-    """Be the command: this process, newly forked, ends with it."""
-    os.setsid()
-    os.chdir(folder)
-    for number, target in ((0, os.devnull), (1, os.devnull), (2, str(errors))):
-        os.dup2(os.open(target, os.O_RDWR | os.O_CREAT, 0o644), number)
-    sys.argv = ["mmg", *words]
-    from mmg_ident.commands import main
-
-    main.answer_signals()
-    try:
-        main.run()
-    except SystemExit as stop:
-        os._exit(int(stop.code or 0))
-    except BaseException:
-        sys.excepthook(*sys.exc_info())
-    os._exit(1)
+def started(folder: Path, verb: str, out: str, *more: str) -> Process:
+    """The process of a ``verb``. folder: with the trials; out: what it writes; more: options."""
+    return Process(folder, [*VERBS[verb].replace("OUT", out).split(), *more])
 
 
-def warm_up(folder: Path, verb: str) -> None:
-    """Import what a ``verb`` needs by running it once in this process, in the ``folder`` of the trials."""
-    from mmg_ident.commands.main import main
-
-    here = Path.cwd()
-    os.chdir(folder)
-    try:
-        arguments = VERBS[verb].replace("--workers 2", "").replace("OUT", f"{verb}_warm").split()
-        if code := main(arguments):
-            raise RuntimeError(f"{verb}: exit code {code}")
-    finally:
-        os.chdir(here)
-
-
-def started(folder: Path, verb: str, out: str, *more: str, cold: bool = True) -> Process:
-    """The process of a ``verb``. folder: with the trials; out: what it writes; more: options; cold: a new Python."""
-    return Process(folder, [*VERBS[verb].replace("OUT", out).split(), *more], cold)
-
-
-def alone(folder: Path, verb: str, cold: bool = True) -> tuple[Any, float]:
-    """What a ``verb`` makes that is left alone in ``folder``, and its seconds. cold: by a new Python. Raises
-    RuntimeError where it fails."""
+def alone(folder: Path, verb: str) -> tuple[Any, float]:
+    """What a ``verb`` makes that is left alone in ``folder``, and its seconds. Raises RuntimeError where it fails."""
     began = time.perf_counter()
-    process = started(folder, verb, f"{verb}_whole", cold=cold)
+    process = started(folder, verb, f"{verb}_whole")
     if process.wait(600.0) != 0:
         raise RuntimeError(process.said())
     process.said()
     return made(folder, f"{verb}_whole"), time.perf_counter() - began
 
 
-def ended(
-    folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float, cold: bool = True
-) -> Ended:
+def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float) -> Ended:
     """A ``verb`` in ``folder`` to which the signal ``number`` is sent after a ``fraction`` of its ``seconds``, and
-    which is then made once more; whole: what it makes when it is left alone; cold: by a new Python."""
+    which is then made once more; whole: what it makes when it is left alone."""
     out, faults = f"{verb}_{number.name}_{fraction:.6f}", []
-    process = started(folder, verb, out, cold=cold)
+    process = started(folder, verb, out)
     if process.wait(fraction * seconds) is None:
         os.kill(process.pid, number)
         if process.wait(60 + 2 * seconds) is None:
@@ -196,7 +149,7 @@ def ended(
     left = made(folder, out)
     if _complete(left) and left != whole:
         faults.append("passes for finished")
-    again = started(folder, verb, out, AGAIN.get(verb, "--resume"), cold=cold)
+    again = started(folder, verb, out, AGAIN.get(verb, "--resume"))
     code = again.wait(60 + 6 * seconds)
     error = again.said()
     if code != 0:
@@ -274,7 +227,6 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=6, help="per verb")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--verb", choices=sorted(VERBS), action="append")
-    parser.add_argument("--cold", action="store_true", help="start Python anew for each")
     parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     given = parser.parse_args()
     draw, found = random.Random(given.seed), []
@@ -282,11 +234,10 @@ def main() -> None:
         folder = Path(scratch)
         trials(folder)
         for verb in given.verb or VERBS:
-            if not given.cold:
-                warm_up(folder, verb)
-            whole, seconds = alone(folder, verb, given.cold)
+            alone(folder, verb)  # compiles what it needs
+            whole, seconds = alone(folder, verb)
             for k in range(given.kills):
-                one = ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.02, 1.0), whole, seconds, given.cold)
+                one = ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.02, 1.0), whole, seconds)
                 found.append(one)
                 print(
                     f"{verb} {k + 1}/{given.kills} {one.name} at {one.fraction:.3f}: {one.faults or 'ok'}", flush=True

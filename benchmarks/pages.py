@@ -26,7 +26,7 @@ there. A commit with + had changes that were not committed.
 ROWS = (
     ("`mmg fit` of 8 records (2,530 s), whole command", "{fit_wall}; {fit_processor} of processor"),
     ("`mmg fit` of 35 records (13,460 s)", "{fit_plus_wall}; {fit_plus_processor} of processor"),
-    ("the same objective by SciPy `least_squares`", "{scipy_ratio} as long"),
+    ("the same objective by SciPy `least_squares`", "{scipy_ratio}"),
     ("error of 30 s predictions of runs held out: captive model tests", "{holdout_captive_30}"),
     ("calibrated on 8 records; with the past 30 s of the run known", "{holdout_tzrb_30}; {holdout_tzrb_past_30}"),
     ("calibrated on 30 records; with the past", "{holdout_plus_30}; {holdout_plus_past_30}"),
@@ -36,9 +36,13 @@ ROWS = (
     ("rows inside the 90 % prediction band, records left out", "{bands_records_30}"),
     ("true coefficients inside their 95 % interval, disturbed trials", "{coverage_disturbed}"),
     ("true manoeuvring figures inside their 90 % interval", "{coverage_figures}"),
-    ("diagnosis of blind cases: a strong effect named; nothing there, and said so",
-     "{blind_strong}; {blind_quiet}"),
-    ("a cause without a name: answered \"unknown\" or with a remainder", "{blind_strangers}"),
+    ("diagnosis of blind cases, three generators: a strong effect is named",
+     "{blind_library_strong_basin}; {blind_library_strong_kvlcc2}; {blind_library_strong_vectwin}"),
+    ("the same: a weak effect", "{blind_library_weak_basin}; {blind_library_weak_kvlcc2}; "
+     "{blind_library_weak_vectwin}"),
+    ("the same: nothing is there, and \"none\" is the answer",
+     "{blind_null_basin}; {blind_null_kvlcc2}; {blind_null_vectwin}"),
+    ("the same: a name that is not there", "{blind_wrong_basin}; {blind_wrong_kvlcc2}; {blind_wrong_vectwin}"),
     ("exported code against the simulation, largest difference over 60 s", "{export_difference}"),
     ("faults planted in trial files and named by `mmg check`", "{files_foreign}; {files_own}"),
     ("commands ended at a random moment: nothing half-written, resumed to the same values", "{kill}"),
@@ -80,18 +84,14 @@ def readme_table(record: Mapping[str, Mapping[str, Any]]) -> str:
 def results(record: Mapping[str, Mapping[str, Any]]) -> str:
     """The text of RESULTS.md."""
     machines = list(dict.fromkeys(figure["machine"] for figure in record.values()))
-    commands: dict[str, list[str]] = {}
-    for name, figure in record.items():
-        commands.setdefault(figure["command"], []).append(name)
-    lines = [HEAD]
-    for command in sorted(commands):
-        rows = [
-            [f'<a id="{name}"></a>{f["what"]}', shown(f), f["date"], f["commit"], str(1 + machines.index(f["machine"])),
-             f.get("note", "")]
-            for name, f in ((name, record[name]) for name in commands[command])
-        ]  # fmt: skip
-        lines += [f"`{command}`", "", *table(["figure", "value", "date", "commit", "machine", "note"], rows), ""]
-    return "\n".join([*lines, "Machines:", "", *(f"{k}. {words}" for k, words in enumerate(machines, 1)), ""])
+    rows = [
+        [f'<a id="{name}"></a>{f["what"]}', shown(f), f"`{f['command'].removeprefix('python -m benchmarks.')}`",
+         f["date"], f["commit"], str(1 + machines.index(f["machine"])), f.get("note", "")]
+        for name, f in sorted(record.items(), key=lambda pair: (pair[1]["command"], pair[0]))
+    ]  # fmt: skip
+    head = ["figure", "value", "python -m benchmarks. ...", "date", "commit", "machine", "note"]
+    listed = [f"{k}. {words}" for k, words in enumerate(machines, 1)]
+    return "\n".join([HEAD, *table(head, rows), "", "Machines:", "", *listed, ""])
 
 
 def pages(record: Mapping[str, Mapping[str, Any]]) -> dict[Path, str]:

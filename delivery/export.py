@@ -13,7 +13,7 @@ from typing import Any
 
 from delivery.product import Product, product_of
 from fitting.report.run_folder import write_json, write_whole
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, NotWritable, TargetExists, UnknownName
 from mmg.messages import Message
 
 ABOUT = "product.json"
@@ -71,10 +71,10 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     format or option, for a target that exists or cannot be written, and for what the format cannot hold.
     """
     if form not in FORMATS:
-        raise UserError(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
+        raise UnknownName(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
     chosen, target = FORMATS[form], Path(out)
     for name in sorted(set(options) - set(chosen.options)):
-        raise UserError(f"--{name.replace('_', '-')} does not belong to the format {form}")
+        raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     said: list[Message] = []
     if chosen.beside:
@@ -109,21 +109,21 @@ def export_ship(
 def check_target(target: Path, chosen: Format, force: bool) -> None:
     """Raises UserError unless ``target`` can come to be, or by ``force`` be replaced. chosen: the format of it."""
     if chosen.suffix and target.suffix.lower() != chosen.suffix:
-        raise UserError(f"--out {target}: the file must end in {chosen.suffix}")
+        raise BadValue(f"--out {target}: the file must end in {chosen.suffix}")
     if target.exists() or target.is_symlink():
         if chosen.suffix and not target.is_file():
-            raise UserError(f"--out {target}: exists and is no ordinary file; choose another name")
+            raise TargetExists(f"--out {target}: exists and is no ordinary file; choose another name")
         if not chosen.suffix and not target.is_dir():
-            raise UserError(f"--out {target}: exists and is no folder; choose another name")
+            raise TargetExists(f"--out {target}: exists and is no folder; choose another name")
         if not force:
-            raise UserError(f"--out {target}: exists already; choose another name or add --force")
+            raise TargetExists(f"--out {target}: exists already; choose another name or add --force")
         if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
-            raise UserError(f"--out {target}: holds files that mmg export did not write; choose another name")
+            raise TargetExists(f"--out {target}: holds files that mmg export did not write; choose another name")
     parent = target.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise UserError(f"--out {target}: cannot be written ({parent} is no writable folder); choose another place")
+        raise NotWritable(f"--out {target}: cannot be written ({parent} is no writable folder); choose another place")
 
 
 def _write_file(target: Path, write: Callable[[Path], None]) -> None:
@@ -134,7 +134,7 @@ def _write_file(target: Path, write: Callable[[Path], None]) -> None:
         write(scratch)
         os.replace(scratch, target)
     except OSError as error:
-        raise UserError(
+        raise NotWritable(
             f"--out {target}: cannot be written ({error.strerror or error}); choose another place"
         ) from None
     finally:

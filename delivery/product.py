@@ -18,7 +18,7 @@ from cases.simulation.simulate import longest_step
 from fitting.prediction.envelope import trial_envelope
 from fitting.report.run_folder import RESULT, SHIP, read_result, versions
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import NotCalibrated, UnknownName, UserError
 from mmg.messages import Message
 from mmg.model import Model, assemble
 from mmg.ship import Ship
@@ -213,11 +213,11 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     ship = load_ship(place or where)
     caveats = [*_blocking(ship, content)]
     if caveats and not force:
-        raise UserError(f"{where}: {caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
+        raise NotCalibrated(f"{where}: {caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
     for name in without:
         if name not in ship.effects:
             known = ", ".join(ship.effects) or "none"
-            raise UserError(f"--without {name}: the ship has no such effect; it has {known}")
+            raise UnknownName(f"--without {name}: the ship has no such effect; it has {known}")
         ship = ship.without_effect(name)
         caveats.append(Message(f"the effect {name} of the calibrated ship is left out", LEFT_OUT))
     for name in ship.effects:

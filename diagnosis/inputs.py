@@ -28,30 +28,31 @@ LEAST_CAMPAIGNS = 99
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """How to diagnose. step: of the analysis [s] (default: as of a fit); seed: of drawn probabilities and intervals and
-    of the learned residual; workers: processes; learn: whether to measure how much a learned residual closes of an
-    unexplained remainder; command: the words by which result.json says how it was made; between: what groups of trials
-    are compared by ("day", "folder", ...; see cases.io.groups), or None; bootstrap: simulated campaigns from which
-    probabilities are found (0: by their law to first order); time_limit: [s] of the whole (None: none); store: where
-    finished campaigns and trainings are kept, and taken from."""
+    """How to diagnose.
 
-    step: float | None = None
-    seed: int = 0
-    workers: int = 1
-    learn: bool = True
+    The metadata of a field say in "help" what it is: the options of ``mmg diagnose`` are made from them. learn: whether
+    to measure how much a learned residual closes of an unexplained remainder; command: the words by which result.json
+    says how it was made; store: where finished campaigns and trainings are kept, and taken from.
+    """
+
+    step: float | None = field(
+        default=None, metadata={"help": "Step of the analysis [s]; default 0.05 L/U.", "gt": 0, "lt": 60}
+    )
+    seed: int = field(default=0, metadata={"help": "Seed of drawn probabilities and intervals."})
+    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
+    learn: bool = field(default=True, metadata={"help": "Do not train residuals on what remains."})
     command: str = "mmg_ident.diagnose"
-    between: str | None = None
-    bootstrap: int = 0
-    time_limit: float | None = None
+    between: str | None = field(
+        default=None,
+        metadata={"help": "What differs between: day, month, year, folder, group, kind."},
+    )
+    bootstrap: int = field(
+        default=0, metadata={"help": "Simulated campaigns behind probabilities; default 0: a law.", "ge": 0}
+    )
+    time_limit: float | None = field(default=None, metadata={"help": "Limit of the diagnosis [s].", "gt": 0})
     store: Store | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.step is not None and not 0 < self.step < 60:
-            raise UserError(f"--step {self.step:g}: must be a positive number of seconds below 60")
-        if self.time_limit is not None and not 0 < self.time_limit < float("inf"):
-            raise UserError(f"--time-limit {self.time_limit:g}: must be a positive number of seconds")
-        if self.workers < 1:
-            raise UserError(f"--workers {self.workers}: must be at least 1")
         if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
             least = f"at least {LEAST_CAMPAIGNS} for a probability of 1 %"
             raise UserError(f"--bootstrap {self.bootstrap}: must be 0, or {least}")

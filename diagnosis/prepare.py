@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -32,7 +31,6 @@ from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
-from fitting.parallel import evaluated_beside
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -240,13 +238,11 @@ def fit_as_read(
     known = possible_readings(trials) if straight is None else (straight,)
     ways = [trials_in_gusts(steps, trials, way) for way in known]
     # each from the same start: from the fit before, coefficients that the trials hardly tell would creep
-    fitted = [partial(fit_without_effects, steps, way, theta, base, noise, gap) for way in ways]
-    beside = evaluated_beside(fitted[1]) if len(ways) > 1 else None
-    held = fitted[0]()
-    if beside is None:
+    held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
+    if len(ways) == 1:
         return held, InputReading(known[0], None, sample, length)
     try:
-        joined = beside.value
+        joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
         return held, InputReading(False, math.inf, sample, length)
     gap = max(held[2], joined[2])  # both are compared by the same samples

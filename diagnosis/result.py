@@ -55,12 +55,12 @@ class Diagnosis(Findings):
         told = self.inputs.of_predictions or of_predictions(content)
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
 
-    def save(self, folder: Path | str, replace: bool = False) -> None:
+    def save(self, folder: Path | str, replace: bool = False, report: bool = True) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,
         whole or not at all; then figures and page.
 
-        replace: an existing folder is replaced. A figure or page that fails is a warning. Raises UserError where the
-        folder exists otherwise, or cannot be written.
+        replace: an existing folder is replaced; report: whether figures and page are made, of which one that fails is a
+        warning. Raises UserError where the folder exists otherwise, or cannot be written.
         """
         from diagnosis.report import page
 
@@ -68,6 +68,7 @@ class Diagnosis(Findings):
         if not replace:
             check_target(folder)
         began = time.perf_counter()
+        whole = not has_code(self.warnings, "out_of_time")  # else --resume makes what is missing
 
         def result(figures: Sequence[Mapping[str, str]], failures: Sequence[str], complete: bool) -> dict[str, Any]:
             seconds = self.timings.get("total", 0.0) + time.perf_counter() - began
@@ -86,13 +87,14 @@ class Diagnosis(Findings):
         def fill(scratch: Path) -> None:
             (scratch / SHIP).write_text(dump_ship(self.ship, "refitted by mmg diagnose"), encoding="utf-8")
             write_json(scratch / CONTENT, self.to_dict())
-            write_json(scratch / RESULT, result([], [], complete=False))
+            write_json(scratch / RESULT, result([], [], complete=whole and not report))
             if found := missing_force(self):
                 (scratch / FILE).write_text(missing_force_text(found), encoding="utf-8")
 
         write_whole(folder, fill, replace)
+        if not report:
+            return
         made = page.write_report(self, folder)
-        whole = not has_code(self.warnings, "out_of_time")  # else --resume makes what is missing
         write_json(folder / RESULT, result(made.rows, made.failures, complete=whole))
 
 

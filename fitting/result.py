@@ -10,6 +10,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as changed
 from functools import partial
@@ -21,6 +22,7 @@ from safetensors.numpy import save_file
 
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.trial import Trial
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import (
@@ -39,8 +41,9 @@ from fitting.report.run_folder import (
     write_whole,
 )
 from fitting.solvers.interrupts import left_out_message, unless_interrupted
-from mmg.errors import name_fault
+from mmg.errors import UserError, name_fault
 from mmg.notebook import html_table
+from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -164,8 +167,10 @@ class FitResult(FitRecord):
 
         began, done, written, objects = time.perf_counter(), self, FigureFolder(folder / FIGURES), self.objects
         if objects:
+            models, history = (objects.before, objects.after), objects.calibration.solution.history
+            draw = partial(write_figures, written, self, models, objects.trials, objects.validation, history)
             with written.making("figures"):
-                if unless_interrupted(lambda: (write_figures(written, self, objects),)) is None:
+                if unless_interrupted(lambda: (draw(),)) is None:
                     written.failures.append(left_out_message(["figures"]))
             done = self._with_figures(written, time.perf_counter() - began)
         with written.making(PAGE):
@@ -176,6 +181,28 @@ class FitResult(FitRecord):
             with written.making(RESULT):
                 write_json(folder / RESULT, done.to_dict())
         return done
+
+    def with_late_figures(self, trials: Sequence[Trial]) -> FitResult:
+        """The result with figures drawn into its ``folder``, where it was saved without a report.
+
+        trials: its own that are at hand, for tracks and the growth of errors. As given where it has figures already.
+        """
+        from cases.checks import ready
+        from fitting.report.plots import write_figures
+
+        if self.figures or self.scaling is not None or self.folder is None:
+            return self
+        names = {row.name for row in self.validation_data}
+        train, held_out = ([t for t in trials if (t.name in names) is held] for held in (False, True))
+        with suppress(UserError):  # fitted all the same (--unchecked)
+            train, held_out = ready(train, held_out)
+        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)
+        written = FigureFolder(self.folder / FIGURES)
+        with written.making("figures"):
+            write_figures(written, self, models, train, held_out)
+            write_json(self.folder / RESULT, (done := self._with_figures(written, 0.0)).to_dict())
+            return done
+        return self
 
     def _with_figures(self, written: FigureFolder, seconds: float) -> FitResult:
         """The result with the figures that were ``written`` in so many ``seconds``, and what failed."""
@@ -217,6 +244,7 @@ def write_report(
 
     results = [read_fit(folder) for folder in folders]
     known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
+    results = [r.with_late_figures(one.trials) for r, one in zip(results, known, strict=True)]
     text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)
     write_page(text, Path(out))
     return text

@@ -6,33 +6,37 @@ from dataclasses import dataclass, field
 
 from mmg.errors import UserError
 
+LOSSES = ("gaussian", "huber", "student")
+"""Costs of a residual, explained in fitting/nlp/loss.py."""
+
 
 @dataclass(frozen=True)
 class Settings:
     """How to calibrate.
 
-    window: length of a window [s], None: 100 steps; step: integration and sampling step [s], None: ``default_step``;
-    interval: Runge-Kutta steps per shooting interval; passes: solves, the noise being re-estimated between them;
-    starts: of the last solve, all but the first random; workers: processes over which further starts are spread;
-    tolerance, max_iterations, time_limit [s, of the whole calibration]: of IPOPT; sigma: fixed residual standard
-    deviations (6,) instead of estimated ones; compiled: use a C compiler if there is one; loss: cost of residuals, one
-    of ``loss.LOSSES``; weight: share of its information with which a run counts, 1: as its residuals say.
+    The metadata of a field say in "help" what it is, and within which limits it lies: the options of ``mmg fit`` and
+    the keys of its settings file are made from them (``mmg_ident.settings``).
     """
 
-    window: float | None = None
-    step: float | None = None
-    interval: int = 5
-    passes: int = 3
-    starts: int = 1
-    workers: int = 1
-    seed: int = 0
-    tolerance: float = 1e-6
-    max_iterations: int = 300
-    time_limit: float | None = None
-    sigma: tuple[float, ...] | None = None
-    compiled: bool = True
-    loss: str = "gaussian"
-    weight: float = 1.0
+    window: float | None = field(default=None, metadata={"help": "Window length [s]; default 100 steps.", "gt": 0})
+    step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
+    interval: int = field(default=5, metadata={"help": "Runge-Kutta steps per shooting interval.", "ge": 1})
+    passes: int = field(default=3, metadata={"help": "Solves; the noise is estimated anew between them.", "ge": 1})
+    starts: int = field(default=1, metadata={"help": "Starts of the last solve.", "ge": 1})
+    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
+    seed: int = field(default=0, metadata={"help": "Seed of the random starts."})
+    tolerance: float = field(default=1e-6, metadata={"help": "Of IPOPT.", "gt": 0})
+    max_iterations: int = field(default=300, metadata={"help": "Limit of IPOPT per solve.", "ge": 0})
+    time_limit: float | None = field(default=None, metadata={"help": "Limit of the calibration [s].", "gt": 0})
+    sigma: tuple[float, ...] | None = field(
+        default=None, metadata={"help": "Sigma of x,y,psi,u,v,r; default estimated.", "count": 6}
+    )
+    compiled: bool = field(default=True, metadata={"help": "Use a C compiler if there is one."})
+    loss: str = field(default="gaussian", metadata={"help": "Cost: gaussian, huber, student.", "choices": LOSSES})
+    weight: float = field(
+        default=1.0,
+        metadata={"help": "Share of a run's information that counts.", "option": "--run-weight", "gt": 0, "le": 1},
+    )
 
 
 @dataclass(frozen=True)

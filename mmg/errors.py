@@ -1,8 +1,9 @@
-"""The one error that users meet: a line that says what is wrong, where, and what to do; and the check of names."""
+"""The errors that users meet: a line that says what is wrong, where, and what to do, and a code; the check of names."""
 
 from __future__ import annotations
 
 import os
+import re
 from pathlib import PureWindowsPath
 
 from mmg.messages import printable
@@ -25,11 +26,61 @@ class UserError(Exception):
     The command line prints its text as one line and exits with code 2; the library raises it.
     The text says what is wrong, where (file, column, row, key), and what to do about it; words of a file that would
     steer a terminal or begin another line are shown escaped. Of more than LONGEST characters the middle is left out.
+    Subclasses say of which kind the fault is, for programs and tests.
     """
 
     def __init__(self, text: object = "") -> None:
         words = printable(str(text)).replace("\n", "\\n")
         super().__init__(words if len(words) <= LONGEST else f"{words[: LONGEST - 500]} ... {words[-490:]}")
+
+    @property
+    def code(self) -> str:
+        """The kind of fault: the name of the class in lower case, such as "unknown_name"."""
+        return re.sub(r"\B(?=[A-Z])", "_", type(self).__name__).lower()
+
+
+class UnknownName(UserError):
+    """A name that is none of the choices, which the text lists."""
+
+
+class BadValue(UserError):
+    """A value or file of another form than the one that the text describes."""
+
+
+class OutOfRange(UserError):
+    """A number outside of its bounds."""
+
+
+class Conflict(UserError):
+    """Values, options or files that exclude or contradict each other."""
+
+
+class Missing(UserError):
+    """A file, column, particular or part that is needed."""
+
+
+class NotInstalled(UserError):
+    """A package, compiler or library that is needed."""
+
+
+class TargetExists(UserError):
+    """A target that would be replaced."""
+
+
+class NotWritable(UserError):
+    """A place that cannot be written."""
+
+
+class Unsupported(UserError):
+    """A ship or effect that a format or model cannot hold."""
+
+
+class NotCalibrated(UserError):
+    """A ship that was never calibrated, or whose calibration did not converge."""
+
+
+class ProgramFailed(UserError):
+    """Another program that was called and failed."""
 
 
 def needs_torch(what: str) -> None:
@@ -37,7 +88,7 @@ def needs_torch(what: str) -> None:
     try:
         import torch  # noqa: F401
     except (ImportError, OSError) as error:
-        raise UserError(f"{what} needs torch, which cannot be imported ({error}); pip install torch") from None
+        raise NotInstalled(f"{what} needs torch, which cannot be imported ({error}); pip install torch") from None
 
 
 def name_fault(name: str) -> str:
@@ -63,4 +114,4 @@ def name_fault(name: str) -> str:
 def check_name(name: str, where: str) -> None:
     """Raises UserError, which begins with ``where``, unless ``name`` is plain words or empty."""
     if name and (fault := name_fault(name)):
-        raise UserError(f"{where}: name = '{name}': {fault}")
+        raise BadValue(f"{where}: name = '{name}': {fault}")

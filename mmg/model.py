@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from mmg.compile.vectorised import FEWEST, VectorisedFunction, by_numpy
 from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
@@ -45,7 +44,6 @@ class Model:
     coefficients ``measured_by`` (numbers of them) alone.
     features: Function (state (S,), controls (C,), coefficients (P,)) -> what a network sees, ``ship.features`` (F,).
     measured: whether the columns differ from the first six states.
-    vectorised: functions by name as ``at_points`` has made them.
     """
 
     ship: Ship
@@ -63,21 +61,15 @@ class Model:
     measured_by: np.ndarray
     features: ca.Function
     measured: bool
-    vectorised: dict[str, VectorisedFunction | None] = field(default_factory=dict, repr=False, compare=False)
 
     def at_points(self, name: str, *inputs: np.ndarray) -> np.ndarray:
         """Result (rows, M) of the function called ``name`` at M points, without a compiler.
 
         inputs: its arguments, (rows, M) where the points have their own, (rows,) where they share it; at least the
-        first one has M. CasADi's own call copies what is shared to every point.
+        first one has M.
         """
         function: ca.Function = getattr(self, name)
-        if name not in self.vectorised:
-            self.vectorised[name] = by_numpy(function)
-        vectorised, points = self.vectorised[name], inputs[0].shape[1]
-        if vectorised is None or points < FEWEST:
-            return np.array(function(*[a if a.size else 0.0 for a in inputs]))
-        return vectorised(points, inputs)[0]
+        return np.array(function(*[a if a.size else 0.0 for a in inputs]))
 
 
 def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoothing) -> dict[str, Force]:
@@ -161,9 +153,7 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-KEPT = 16
-"""Models that are remembered."""
-_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=KEPT)
+_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
 
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:

@@ -15,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict
 
 MOTION, RELATIVE_AIR = ("u", "v", "r"), ("a_x", "a_y")
 """Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s]."""
@@ -100,10 +100,10 @@ class Network:
         unknown = [name for name in given if name not in known]
         missing = [name for name in actuators if name not in given]
         if unknown or missing or len(set(given)) < len(given):
-            raise UserError(f"{OTHER}: it takes {', '.join(given)}; {ship or 'the ship'} has {', '.join(known)}")
+            raise Conflict(f"{OTHER}: it takes {', '.join(given)}; {ship or 'the ship'} has {', '.join(known)}")
         fault = self._fault()
         if fault:
-            raise UserError(f"network of {ship or 'the ship'}: {fault}; train it again")
+            raise BadValue(f"network of {ship or 'the ship'}: {fault}; train it again")
 
     def _fault(self) -> str:
         """What is wrong with its arrays, in words; "" if nothing."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cases.trial import Trial
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from fitting.prediction.predict import Forecaster
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -133,18 +133,25 @@ def calibrate(
     settings: Settings | None = None,
     options: FitOptions | None = None,
     progress: OnProgress | None = None,
+    **values: Any,
 ) -> FitResult:
     """Calibrate the free coefficients of ``ship`` on ``trials``, as ``mmg fit`` does.
 
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
-    options: uncertainty, instruments, next trial and more (``fitting.pipeline.FitOptions``); progress: called at each
-    iteration. Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the
-    ship has free, by the likelihood of a diagnosis. Raises UserError for input from which nothing can be identified.
+    options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
+    iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
+    result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
+    likelihood of a diagnosis. Raises UserError for input from which nothing can be identified, and for values outside
+    their limits.
     """
     from diagnosis.calibration.on_demand import second_estimate, tests_of_effects
-    from fitting import pipeline
+    from fitting import calibrate as pipeline
+    from fitting.settings import Settings
     from fitting.solvers.interrupts import unless_interrupted
+    from mmg_ident.settings import check_settings, checked_settings
 
+    settings = replace(settings or Settings(), **checked_settings(Settings, values))
+    check_settings(settings)
     start = _ship(ship)
     options = replace(options or pipeline.FitOptions(), second=second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
@@ -249,8 +256,11 @@ def train(
     or "always", which ship is recommended; progress: called after each epoch or seed. Returns the result with both
     ships. Raises UserError where there is too little to train on.
     """
+    from mmg_ident.settings import check_settings
     from residual import pipeline
 
+    if settings:
+        check_settings(settings)
     return pipeline.train(model, _sound(trials), _sound(validate), settings, keep, progress=progress)  # type: ignore[arg-type]
 
 
@@ -268,7 +278,10 @@ def diagnose(
     into account. Returns the diagnosis. Raises UserError for input from which nothing can be concluded.
     """
     from diagnosis import diagnose as pipeline
+    from mmg_ident.settings import check_settings
 
+    if options:
+        check_settings(options)
     runs = _sound(trials)
     known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)

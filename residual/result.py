@@ -188,10 +188,11 @@ class TrainResult(TrainRecord):
         table = self.to_pandas().reset_index()
         return html_table(self.sentence, [str(name) for name in table], table.itertuples(index=False))
 
-    def save(self, folder: str | Path, replace: bool = False) -> None:
+    def save(self, folder: str | Path, replace: bool = False, report: bool = True) -> None:
         """Write the run folder, whole or not at all; then figures and report, of which one that fails is a warning.
 
-        folder: it must not exist unless ``replace``, which keeps only its finished seeds. Raises UserError where it
+        folder: it must not exist unless ``replace``, which keeps only its finished seeds; report: whether figures and
+        report are made. Raises UserError where it
         exists or cannot be written.
         """
         from fitting.report.plot_style import FigureFolder
@@ -200,7 +201,7 @@ class TrainResult(TrainRecord):
         folder = Path(folder)
         if not replace:
             check_target(folder)
-        content = changed(self, figures=(), warnings=(PENDING, *self.warnings)).to_dict()
+        content = changed(self, figures=(), warnings=(*[PENDING] * report, *self.warnings)).to_dict()
 
         def fill(scratch: Path) -> None:
             if (folder / FINISHED).is_dir():
@@ -209,6 +210,8 @@ class TrainResult(TrainRecord):
             write_json(scratch / RESULT, content)
 
         write_whole(folder, fill, replace)
+        if not report:
+            return
         written = FigureFolder(folder / FIGURES)
         with written.making("figures"):
             write_figures(written, content, self.models(), self.trials or ())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 LOSSES = ("state", "acceleration")
@@ -19,39 +19,37 @@ KINDS = ("fnn", "rnn", "rnn-window")
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """How to train a residual on a calibrated ship.
+    """How to train a residual on a calibrated ship: seeds seed, seed + 1, ...
 
-    seeds: networks trained from seeds seed, seed + 1, ...; workers: processes; width: of the hidden layers; symmetric:
-    whether a residual treats port and starboard alike (half of its neurons are then those of the mirror image);
-    penalty: weight of the network's own penalty, None: those of PATH; rate, last_rate: of Adam; clip: of the norm of
-    gradients; batch: windows per gradient step; epochs: passes over the windows under a weight of the penalty, of which
-    each stage (length [s], share) of the curriculum gets its share; stride: seconds between windows; jitter: multiples
-    of the noise of the instruments added to the states, anew at every step; augment: a named set of
-    ``residual.training.augmentation.SETS`` instead of stride, "" for none; loss: "state" (Eq. 23) or "acceleration"
-    (Eq. 16); method: "rk4" or "euler"; step: of grid and integration [s], None as in a calibration; block: length of
-    blocks [s] where there are few runs; time_limit: [s] of the whole training.
+    The metadata of a field say in "help" what it is, and within which limits it lies: the options of ``mmg train`` and
+    the keys of its settings file are made from them (``mmg_ident.settings``). Each stage (length [s], share) of the
+    ``curriculum`` gets its share of the epochs under a weight of the penalty; ``clip`` limits the norm of gradients.
     """
 
-    seeds: int = 5
-    seed: int = 0
-    workers: int = 1
-    width: int = 32
-    symmetric: bool = True
-    penalty: float | None = None
-    rate: float = 3e-3
-    last_rate: float = 2e-5
-    clip: float = 1.0
-    batch: int = 64
-    epochs: int = 40
-    curriculum: tuple[tuple[float, float], ...] = ((10.0, 0.3), (30.0, 0.7))
-    stride: float = 5.0
-    jitter: float = 0.0
-    loss: str = "state"
-    method: str = "rk4"
-    step: float | None = None
-    block: float = 150.0
-    augment: str = ""
-    time_limit: float | None = None
+    seeds: int = field(default=5, metadata={"help": "Trainings, from seeds one apart.", "ge": 1})
+    seed: int = field(default=0, metadata={"help": "The first seed."})
+    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
+    width: int = field(default=32, metadata={"help": "Neurons of a hidden layer; default 32, black box 64.", "ge": 1})
+    symmetric: bool = field(default=True, metadata={"help": "hybrid: port and starboard may differ."})
+    penalty: float | None = field(
+        default=None, metadata={"help": "Weight of residual^2, black box: weights^2; default chosen.", "ge": 0}
+    )
+    rate: float = field(default=3e-3, metadata={"help": "First learning rate of Adam.", "gt": 0})
+    last_rate: float = field(default=2e-5, metadata={"help": "Last learning rate of Adam.", "gt": 0})
+    clip: float = field(default=1.0, metadata={"help": "Largest norm of gradients.", "gt": 0})
+    batch: int = field(default=64, metadata={"help": "Windows per gradient step.", "ge": 1})
+    epochs: int = field(default=40, metadata={"help": "Passes over windows; default 40, black box 60.", "ge": 1})
+    curriculum: tuple[tuple[float, float], ...] = field(
+        default=((10.0, 0.3), (30.0, 0.7)), metadata={"help": "Length [s] of windows and share of the epochs."}
+    )
+    stride: float = field(default=5.0, metadata={"help": "Seconds between windows.", "gt": 0})
+    jitter: float = field(default=0.0, metadata={"help": "Noise on states, in the instruments' noise.", "ge": 0})
+    loss: str = field(default="state", metadata={"help": "state or acceleration (Wakita 2022).", "choices": LOSSES})
+    method: str = field(default="rk4", metadata={"help": "Integration.", "choices": ("rk4", "euler")})
+    step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
+    block: float = field(default=150.0, metadata={"help": "Length of blocks [s] of few runs.", "gt": 0})
+    augment: str = field(default="", metadata={"help": "Set of Wakita 2024: sli2, jit10, d-ref, ..."})
+    time_limit: float | None = field(default=None, metadata={"help": "Limit of the training [s].", "gt": 0})
 
     @property
     def weights(self) -> tuple[float, ...]:
@@ -59,23 +57,21 @@ class TrainSettings:
         return PATH if self.penalty is None else (self.penalty,)
 
 
+_HELP = {f.name: f.metadata for f in fields(TrainSettings)}
+
+
 @dataclass(frozen=True)
 class BlackBoxSettings(TrainSettings):
-    """How to train a black box, beside what ``TrainSettings`` says.
+    """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
-    kind: one of KINDS; layers: hidden layers of a feedforward network; memory: rows m that a recurrent one runs along
-    (of the standard one: rows before the start that warm it up, plus one); zero: whether a feedforward network is zero
-    at the origin; initial: rows before the start from which its velocities are estimated, 0: they are as measured.
-    """
-
-    width: int = 64
-    penalty: float | None = 1e-4
-    epochs: int = 60
+    width: int = field(default=64, metadata=_HELP["width"])
+    penalty: float | None = field(default=1e-4, metadata=_HELP["penalty"])
+    epochs: int = field(default=60, metadata=_HELP["epochs"])
     kind: str = "fnn"
-    layers: int = 2
-    memory: int = 2
-    zero: bool = True
-    initial: int = 0
+    layers: int = field(default=2, metadata={"help": "fnn: hidden layers.", "ge": 1})
+    memory: int = field(default=2, metadata={"help": "rnn-window: rows m; rnn: rows to warm up.", "ge": 1})
+    zero: bool = field(default=True, metadata={"help": "fnn: need not be zero at the origin."})
+    initial: int = field(default=0, metadata={"help": "Black box: rows that estimate first velocities.", "ge": 0})
 
 
 def settings_from(values: dict[str, Any]) -> TrainSettings:

@@ -13,11 +13,8 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 SAME = 6.0
 """Candidates within this of the best in BIC form the equivalence class where nothing is named."""
@@ -35,7 +32,7 @@ class Refused(Exception):
 class Row:
     """A case: its truth from the key (effects that the library holds: name -> parameters), its answer, its floor.
 
-    label: the truth in words; floor: the sealed one; ship: its file.
+    label: the truth in words; floor: the sealed one.
     """
 
     case: str
@@ -45,7 +42,6 @@ class Row:
     truth: Mapping[str, Mapping[str, float]]
     answer: Mapping[str, Any]
     floor: float
-    ship: str = "esso_osaka_3m"
 
     @property
     def verdict(self) -> str:
@@ -104,8 +100,7 @@ def rows_of(folder: Path, digest: str, answers: Mapping[str, Mapping[str, Any]])
         sealed = json.loads((folder / "sealed" / f"{name}.json").read_text(encoding="utf-8"))
         strength = effects[0]["strength"] if effects else ""
         label = " + ".join(e["name"] for e in effects)
-        ship = key.get("ship", "esso_osaka_3m")
-        rows.append(Row(name, entry["kind"], label, strength, truth, answers[name], sealed["floor"], ship))
+        rows.append(Row(name, entry["kind"], label, strength, truth, answers[name], sealed["floor"]))
     return rows
 
 
@@ -154,26 +149,6 @@ def closure(row: Row) -> float | None:
     return float((row.before - after) / (row.before - row.floor))
 
 
-@cache
-def _sizes(name: str, ship: str) -> dict[str, tuple[float, float]]:
-    """Neutral value and typical size of each parameter of an effect."""
-    from benchmarks.blind.solve import blind_ship
-    from diagnosis.estimation.candidates import parameters
-
-    return {p.symbol: (p.neutral, p.typical) for p in parameters(blind_ship(ship), name)}
-
-
-def errors_off(row: Row) -> float:
-    """By how many standard errors of these trials the truth is off neutral, by the parameter that shows it best; of two
-    effects that which shows less."""
-    found = []
-    for name, values in row.truth.items():
-        seen: Mapping[str, float] = next((c.get("visible_from", {}) for c in row.ranking if c["name"] == name), {})
-        off = [3 * abs(values[s] - _sizes(name, row.ship)[s][0]) / size for s, size in seen.items() if s in values]
-        found.append(max(off, default=0.0))
-    return min(found, default=0.0)
-
-
 def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
     """Effect, parameter, truth, estimate, standard error of what the truth and the named effects both hold."""
     return [
@@ -182,18 +157,6 @@ def shared(row: Row) -> list[tuple[str, str, float, float, float]]:
         for s, p in e["parameters"].items()
         if s in row.truth.get(e["name"], {})
     ]
-
-
-def size_error(row: Row) -> float | None:
-    """Length of the error of the parameters over the length of the true ones (from neutral), each in typical sizes."""
-    triples = [
-        (value - true, true - _sizes(e, row.ship)[s][0], _sizes(e, row.ship)[s][1])
-        for e, s, true, value, _ in shared(row)
-    ]
-    if not triples:
-        return None
-    off, size, typical = np.array(triples).T
-    return float(np.linalg.norm(off / typical) / np.linalg.norm(size / typical))
 
 
 def covered(rows: Sequence[Row]) -> tuple[int, int]:

@@ -12,12 +12,10 @@ from benchmarks.blind.rows import (
     Row,
     closure,
     covered,
-    errors_off,
     in_group,
     one_too_many,
     right,
     rightly_named,
-    size_error,
     top1,
     unnamed_seen,
     wrongly_named,
@@ -25,8 +23,6 @@ from benchmarks.blind.rows import (
 from benchmarks.record import Figure, table
 
 STRENGTHS = ("weak", "medium", "strong")
-CLEAR = 3.0
-"""Standard errors of the truth from which a case is counted as one that the trials show."""
 
 
 def interval(k: int, n: int) -> tuple[float, float]:
@@ -79,16 +75,13 @@ def measures(rows: Sequence[Row]) -> list[list[str]]:
 
 def _library(rows: Sequence[Row]) -> list[list[str]]:
     named = [r for r in rows if rightly_named(r)]
-    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("library: first candidate right (top-1)", rows, top1),
-        rate(f"library: the same where the truth is {CLEAR:g} standard errors off", clear, top1),
         rate("library: verdict named", rows, lambda r: r.verdict == "named"),
         rate("library: named, and the right one first", rows, rightly_named),
         rate("library: verdict none", rows, lambda r: r.verdict == "none"),
         rate("library: truth in the equivalence class", rows, in_group),
         _line("library: size of the class, mean", rows, _mean_size),
-        middle("rightly named: relative error of its size, median", named, size_error),
         _line("rightly named: parameters inside 90 % intervals", named, lambda part: cell(*covered(part))),
         middle("library: closure, median", rows, closure),
         middle("rightly named: closure, median", named, closure),
@@ -116,14 +109,8 @@ def _foreign(rows: Sequence[Row]) -> list[list[str]]:
 
 
 def _pair(rows: Sequence[Row]) -> list[list[str]]:
-    clear = [r for r in rows if errors_off(r) > CLEAR]
     return [
         rate("pair: both named, nothing else", rows, lambda r: set(r.named) == set(r.truth)),
-        rate(
-            f"pair: the same where both are {CLEAR:g} standard errors off",
-            clear,
-            lambda r: set(r.named) == set(r.truth),
-        ),
         rate("pair: both named", rows, lambda r: set(r.truth) <= set(r.named)),
         rate("pair: the first name is one of the two", rows, rightly_named),
     ]

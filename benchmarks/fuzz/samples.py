@@ -24,7 +24,7 @@ from diagnosis.findings import (
     Unnamed,
 )
 from diagnosis.result import CONTENT, Diagnosis
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibrate import FitOptions, calibrate
 from fitting.report.run_folder import RESULT, SHIP, START, write_json
 from fitting.settings import Settings
 from mmg.network import Layers, Network

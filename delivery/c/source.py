@@ -25,7 +25,7 @@ from delivery.c.text import comment
 from delivery.product import Product
 from mmg.compile.portable_c import Emitter, functions_used, prelude
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import INVERSIONS
 
 EVERY = (RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C)
@@ -58,7 +58,7 @@ class Source:
             parts.append(many_c(Many(self.p, self.program, self.kept, sizes, network, self._places(), shapes)))
             parts.append(self._range())
         except NotImplementedError as error:
-            raise UserError(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
+            raise Unsupported(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
         used = sorted({*functions_used(self.program, EVERY), "fabs"})
         networks = network_c(self.network, self._places()) if self.network else ""
         head = f'#include "{self.p}.h"\n\n' + "".join(
@@ -284,7 +284,7 @@ def c_files(product: Product) -> dict[str, str]:
     for name in product.ship.effects:
         if effect(name).input_delay(product.ship.parameters_of(name)) is not None:
             late = f"feed it rudder and revolutions that late, and leave it out with --without {name}"
-            raise UserError(f"the effect {name} is an exact delay, which the C code does not hold: {late}")
+            raise Unsupported(f"the effect {name} is an exact delay, which the C code does not hold: {late}")
     source = Source(product)
     text, p = source.text(), product.identifier
     return {f"{p}.h": header_c(product, len(source.kept)), f"{p}.c": text}

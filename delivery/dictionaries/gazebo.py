@@ -26,12 +26,12 @@ from delivery.dictionaries.projection import (
     linear_parameters,
 )
 from delivery.product import Product
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.messages import Message
 
 TEMPLATES = Path(__file__).parent / "templates"
 GYRATION = 0.25
-"""Radius of gyration of the ship in yaw, by L; what the yaw inertia exceeds it is added mass."""
+"""Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
     "gazebo": {
         "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),
@@ -68,7 +68,7 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
 
     simulator, filename, plugin = PLUGINS[form]
     if "propeller" not in product.ship.components:
-        raise UserError(
+        raise Unsupported(
             f"{simulator} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
             "the ship as fmu or c"
         )

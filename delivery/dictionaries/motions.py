@@ -19,22 +19,23 @@ from delivery.product import Product
 from mmg.components.coefficients import names
 from mmg.components.rigid_body import Inertia, inertia
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import Model, assemble
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 RUDDER, RATE = math.radians(35.0), math.radians(20.0)
-"""Largest rudder angle [rad] where no range is known, and rudder rate [rad/s] of a 3 m model."""
+"""Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
+``mmg simulate``."""
 SPEEDS = (0.5, 0.75, 1.0)
-"""Approach speeds by the design speed, where no range is known."""
+"""Approach speeds [-, by the design speed] where no range is known."""
 RUNS, SAMPLES, KEPT = 8, 500, 1500
 """Runs per approach speed, samples of each, and motions kept at most."""
 LIMITED = ("u", "v", "r", "n", "delta", "beta")
 """Quantities of the trials' range by which motions are left out."""
 MARGIN = 0.02
-"""Share of a range by which a motion may exceed it."""
+"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
             said.append(f"the effect {name} belongs to the instruments and is left out")
         elif effect(name).surroundings or len(assemble(ship).states) > len(assemble(ship.without_effect(name)).states):
             why = "belongs to the surroundings" if effect(name).surroundings else "remembers"
-            raise UserError(
+            raise Unsupported(
                 f"{target} cannot hold the effect {name}, which {why}; leave it out with --without {name}, or export "
                 "the ship as c, casadi or fmu"
             )
@@ -105,7 +106,7 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
     others = set(ship.actuators) - {"n", "delta", *thrusters}
     if others or "waves" in ship.components:
         what = ", ".join(sorted(others)) or "waves"
-        raise UserError(
+        raise Unsupported(
             f"{target} holds one fixed-pitch propeller and one rudder, and calm water; {ship.name} has {what}: export "
             "it as c, casadi or fmu"
         )
@@ -142,7 +143,7 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
     n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
     inside = _inside(product.held, *flat, n, delta)
     if inside.sum() < 100:
-        raise UserError(
+        raise Unsupported(
             f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
             f"{len(inside)}: export the ship as c, casadi or fmu"
         )

@@ -9,14 +9,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from delivery.dictionaries.motions import Motions
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.messages import Message
 
 CHANNELS = (("surge", "X", "N"), ("sway", "Y", "N"), ("yaw", "N", "N m"))
 WORST = 0.5
-"""Share of a channel's force (RMS) beyond which a projection is refused."""
+"""Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement."""
 PULL = 0.1
-"""Weight with which a parameter is drawn to where it starts, by that of an error as large as the force."""
+"""Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
+little enough to leave what the motions determine."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) ->
     instead: what to do."""
     worst = max(errors, key=lambda e: e.share)
     if worst.share > WORST:
-        raise UserError(
+        raise Unsupported(
             f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the force "
             f"(RMS), more than {100 * WORST:.0f} %; {instead}"
         )

@@ -31,7 +31,7 @@ from delivery.dictionaries.projection import (
 from delivery.dictionaries.turning import Rates, compared, in_words, ship_rates
 from delivery.product import Product
 from mmg.components.rigid_body import accelerations
-from mmg.errors import UserError
+from mmg.errors import Missing, Unsupported
 from mmg.messages import Message
 from mmg.motion.flow import Force
 
@@ -93,12 +93,12 @@ def shipmmg_motions(product: Product) -> Motions:
     """Motions of the ship of ``product``; UserError where it lacks what shipmmg needs."""
     for role in ("propeller", "rudder"):
         if role not in product.ship.components:
-            raise UserError(
+            raise Unsupported(
                 f"shipmmg needs a {role} of its own; {product.ship.name} has none beside its hull model: {INSTEAD}"
             )
     missing = [name for name in ("D_P", "A_R", "aspect_ratio", "x_R", "B") if name not in product.ship.particulars]
     if missing:
-        raise UserError(
+        raise Missing(
             f"shipmmg needs a propeller and a rudder; the ship file of {product.ship.name} lacks {', '.join(missing)}: "
             "add them, or export the ship as c, casadi or fmu"
         )

@@ -27,7 +27,7 @@ from delivery.dictionaries.projection import (
 )
 from delivery.dictionaries.turning import Rates, compared, in_words
 from delivery.product import Product
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 
@@ -43,7 +43,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     if "n" not in product.ship.actuators or "propeller" not in product.ship.components:
-        raise UserError(
+        raise Unsupported(
             f"the Python Vehicle Simulator needs a propeller of its own; {product.ship.name} has none beside its hull "
             f"model: {INSTEAD}"
         )

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from delivery.fmi.sources import MAIN
 from mmg.compile.cache import compiler
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotInstalled, ProgramFailed, UnknownName, UserError
 
 FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
 LINKED = ("-lm",)
@@ -69,11 +69,11 @@ def platforms_of(names: Sequence[str], version: int) -> list[str]:
     known = {**{p.folder_2: name for name, p in reversed(PLATFORMS.items())}, **{name: name for name in PLATFORMS}}
     for name in names:
         if name not in known:
-            raise UserError(f"--platforms {name}: no such platform; choose of {', '.join(PLATFORMS)}, or {NONE}")
+            raise UnknownName(f"--platforms {name}: no such platform; choose of {', '.join(PLATFORMS)}, or {NONE}")
     found = list(dict.fromkeys(known[name] for name in names))
     folders = [PLATFORMS[name].folder_2 for name in found]
     if version == 2 and len(set(folders)) < len(folders):
-        raise UserError("--platforms: FMI 2.0 has one folder for macOS; choose one of its platforms, or --format fmu3")
+        raise Conflict("--platforms: FMI 2.0 has one folder for macOS; choose one of its platforms, or --format fmu3")
     return found
 
 
@@ -110,7 +110,7 @@ def _command(name: str) -> list[str]:
     windows = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
     own = compiler() if name == this_platform() else None
     if name == this_platform() and os.environ.get("MMG_CC") == NONE:
-        raise UserError(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
+        raise NotInstalled(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
     if own:
         return [own, *position, *(windows if name.endswith("windows") else [])]
     for other in chosen.compilers:
@@ -120,7 +120,7 @@ def _command(name: str) -> list[str]:
     if zig:
         return [*zig, "-target", chosen.zig, "-s", *position]
     wanted = [*chosen.compilers, "zig (pip install ziglang)"]
-    raise UserError(f"--platforms {name}: no C compiler for it; install {' or '.join(wanted)}, or leave it out")
+    raise NotInstalled(f"--platforms {name}: no C compiler for it; install {' or '.join(wanted)}, or leave it out")
 
 
 def _built(sources: dict[str, str], identifier: str, name: str, command: Sequence[str]) -> bytes:
@@ -135,5 +135,5 @@ def _built(sources: dict[str, str], identifier: str, name: str, command: Sequenc
         if run.returncode:
             lines = run.stderr.strip().splitlines() or ["no message"]
             said = next((line for line in lines if "error" in line), lines[0])
-            raise UserError(f"--platforms {name}: {command[0]} failed ({said})")
+            raise ProgramFailed(f"--platforms {name}: {command[0]} failed ({said})")
         return (folder / library).read_bytes()

@@ -17,8 +17,6 @@ CATEGORIES = {
     "logStatusDiscard": "values that were refused",
     "logAll": "everything else",
 }
-DURATION = 600.0
-"""End [s] of the experiment that a description proposes."""
 
 
 def text_of(root: Xml.Element) -> str:
@@ -47,7 +45,7 @@ def head(ship: CoSimulatedShip, version: str) -> dict[str, str]:
 def experiment(ship: CoSimulatedShip) -> dict[str, str]:
     """Attributes of the experiment that a description of ``ship`` proposes."""
     step = float(f"{ship.longest_step / 5:.1g}")
-    return {"startTime": "0.0", "stopTime": repr(DURATION), "stepSize": repr(step)}
+    return {"startTime": "0.0", "stopTime": "600.0", "stepSize": repr(step)}
 
 
 def units(parent: Xml.Element, table: VariableTable) -> None:

@@ -10,7 +10,7 @@ import casadi as ca
 
 from delivery.product import Product, ProductCoefficient
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import Model, assemble
 from mmg.ship import AIR, Ship
 
@@ -56,7 +56,7 @@ class CoSimulatedShip(Product):
                 continue
             symbols = [symbol for symbol in ship.coefficients if symbol.startswith(f"{name}.")]
             if late is not None or len(symbols) != 1:
-                raise UserError(
+                raise Unsupported(
                     f"the effect {name}: an FMU holds one delay of the actuators; leave it out with --without"
                 )
             late, ship = known[symbols[0]], ship.without_effect(name)

@@ -19,7 +19,7 @@ from delivery.fmi.sources import HEADERS, MAIN, MODEL, STANDARD, fmu_sources, mo
 from delivery.fmi.variables import VariableTable, variable_table
 from delivery.product import Product
 from fitting.report.run_folder import plain
-from mmg.errors import UserError
+from mmg.errors import TargetExists
 from mmg.messages import Message
 
 SOURCES_ONLY, LATE_COLUMNS, OSP_DESCRIPTION = "no_binary", "columns_approximate", "osp_description"
@@ -80,7 +80,7 @@ def _write(product: Product, target: Path, version: int, platforms: Sequence[str
     ship = CoSimulatedShip.of(product)
     beside, text = target.parent / osp_name(ship), osp_description(variable_table(ship))
     if beside.exists() and not replace and beside.read_text(encoding="utf-8", errors="replace") != text:
-        raise UserError(
+        raise TargetExists(
             f"{beside}: describes another FMU to the Open Simulation Platform; export to another folder, or add --force"
         )
     files, said = fmu_files(ship, version, platforms)

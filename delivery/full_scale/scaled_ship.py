@@ -14,12 +14,12 @@ from delivery.full_scale.similarity import Similarity, similar_ship
 from delivery.full_scale.viscous import RESISTANCE, Change, Doubt, HullInWater, doubts, ship_values
 from mmg.components import friction
 from mmg.components.coefficients import Coefficient
-from mmg.errors import UserError
+from mmg.errors import Missing, OutOfRange
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 SALT = 1025.0
-"""Density [kg/m^3] of sea water, in which a ship of 20 m and more is taken to float."""
+"""Density [kg/m^3] of sea water (ITTC 7.5-02-01-03: 1026 at 15 degrees C), in which a ship of 20 m and more floats."""
 SHORTEST = 0.1
 """m; no model is shorter."""
 STEP = 1e-4
@@ -47,15 +47,15 @@ class Scaling:
     def check(self) -> None:
         """Raises UserError for what no ship has."""
         if not SHORTEST <= self.length <= LONGEST:
-            raise UserError(f"--length {self.length:g}: give {SHORTEST:g} to {LONGEST:g} m")
+            raise OutOfRange(f"--length {self.length:g}: give {SHORTEST:g} to {LONGEST:g} m")
         limits = {"speed": (0, 50, "m/s"), "density": (500, 1500, "kg/m³"), "form_factor": (0, 1.5, "")}
         for name, (low, high, unit) in limits.items():
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and low < value <= high):
                 option = name.replace("_", "-").replace("density", "rho")
-                raise UserError(f"--{option} {value:g}: must be above {low:g}, at most {high:g} {unit}".rstrip())
+                raise OutOfRange(f"--{option} {value:g}: must be above {low:g}, at most {high:g} {unit}".rstrip())
         if not 0 <= self.roughness <= 0.01:
-            raise UserError(f"--roughness {self.roughness:g}: must be 0 to 0.01 m; 0.00015 is a newly painted hull")
+            raise OutOfRange(f"--roughness {self.roughness:g}: must be 0 to 0.01 m; 0.00015 is a newly painted hull")
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def scaled_ship(
     scaled = ship_values(values, change) if change else {}
     if change and not set(scaled) & {*RESISTANCE, "w_P0", "a_0"}:
         roles = ", ".join(f"{role} {name}" for role, name in model.components.items())
-        raise UserError(f"{model.name} ({roles}) has no coefficient of resistance or wake that friction would change; "
+        raise Missing(f"{model.name} ({roles}) has no coefficient of resistance or wake that friction would change; "
                         "scale it with --froude-only")  # fmt: skip
     added = doubts(model, values, scaled, change) if change else {}
     added = {s: doubt for s, doubt in added.items() if not model.coefficients[s].fixed and doubt.std > 0}
@@ -138,7 +138,7 @@ def _change(model: Ship, ship: Ship, scaling: Scaling, speed: float, law: Simila
     if "C_b" not in p and ("m" not in p or lacking):
         lacking.append("C_b")
     if lacking:
-        raise UserError(
+        raise Missing(
             f"{model.name} lacks {', '.join(lacking)} for its wetted surface and form factor; add it under [ship], or "
             "scale by Froude's law alone with --froude-only"
         )

@@ -18,7 +18,7 @@ from fitting.prediction.bands import SIZES
 from fitting.prediction.envelope import DRIFT
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 from mmg.motion.flow import INPUTS
 from mmg.network import Network
 from mmg.ship import Ship
@@ -52,7 +52,7 @@ class Similarity:
                 continue
             symbol, _, power = (part or "").partition("^")
             if symbol not in BASE or (power and not re.fullmatch(r"-?\d+", power)):
-                raise UserError(f"{name or 'a quantity'} has the unit '{unit}', which mmg scale does not know")
+                raise UnknownName(f"{name or 'a quantity'} has the unit '{unit}', which mmg scale does not know")
             exponent = sign * int(power or 1)
             length, density = length + exponent * BASE[symbol][0], density + exponent * BASE[symbol][1]
         return float(self.scale**length * self.density**density)

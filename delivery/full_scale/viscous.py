@@ -24,7 +24,8 @@ from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 WAVELESS = 0.16
-"""Froude number up to which a ship makes no waves worth mentioning."""
+"""Froude number [-] up to which wave resistance is left out: within the runs at 0.1 to 0.2 from which Prohaska's method
+(ITTC 7.5-02-02-01) takes the form factor."""
 RUDDER_WAKE = 0.04
 """Part of the wake that a rudder makes and that does not scale (ITTC 7.5-02-03-01.4)."""
 RESISTANCE = ("R_0", "X_0F")

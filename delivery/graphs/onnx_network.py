@@ -17,13 +17,11 @@ import numpy as np
 
 from delivery.product import Product
 from fitting.report.run_folder import plain
-from mmg.errors import UserError
+from mmg.errors import Missing, NotInstalled
 from mmg.motion.flow import INPUTS
 from mmg.network import Layers, Network
 from mmg.ship import Ship
 
-OPSET, IR_VERSION = 13, 8
-"""Versions of the operators and of the file: old enough for every runtime since 2021."""
 MOTION = {
     "u": ("surge velocity through the water at midship", "m/s"),
     "v": ("sway velocity through the water at midship", "m/s"),
@@ -42,12 +40,12 @@ def write_onnx(product: Product, target: Path) -> None:
     """
     ship = product.ship
     if ship.network is None:
-        raise UserError(
+        raise Missing(
             f"{ship.name}: has no learned residual, and ONNX holds nothing else; train one with mmg train, or export "
             "the ship as c, casadi or fmu"
         )
     if find_spec("onnx") is None:
-        raise UserError("the format onnx needs the package onnx; pip install 'mmg-ident[onnx]'")
+        raise NotInstalled("the format onnx needs the package onnx; pip install 'mmg-ident[onnx]'")
     model = onnx_model(ship.network, about(ship, ship.network) | {"identifier": product.identifier})
     target.write_bytes(model.SerializeToString(deterministic=True))
 
@@ -109,8 +107,8 @@ def onnx_model(network: Network, metadata: dict[str, Any]) -> Any:
         constants,
         doc_string="Accelerations that a learned residual adds to those of the forces of a ship.",
     )
-    model = onnx.helper.make_model(
-        made, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="mmg-ident"
+    model = onnx.helper.make_model(  # versions that every runtime since 2021 takes
+        made, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=8, producer_name="mmg-ident"
     )
     onnx.helper.set_model_props(model, {k: v if isinstance(v, str) else json.dumps(v) for k, v in metadata.items()})
     onnx.checker.check_model(model, full_check=True)

@@ -11,7 +11,7 @@ from delivery.c.equations import COLUMNS, FEATURES, FORCES, RATES, SETTLED, Equa
 from delivery.c.header import about, unit_of
 from delivery.product import Product, identifiers
 from mmg.compile.portable_m import WHEN, MEmitter, m_number
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import INVERSIONS
 from mmg.network import Network
 
@@ -56,7 +56,7 @@ def function_m(product: Product) -> str:
             _local("features = features_of(state, inputs, theta)", body(FEATURES, "features", F)),
         ]
     except NotImplementedError as error:
-        raise UserError(f"the equations of this ship cannot be written in M ({error})") from None
+        raise Unsupported(f"the equations of this ship cannot be written in M ({error})") from None
     if product.ship.network:
         parts.append(_network(product.ship.network, product.ship.features))
     parts += [_settle(model.measured), _range(product), _parameters(product), WHEN]

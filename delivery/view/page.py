@@ -16,7 +16,7 @@ from delivery.view.encode import safe_json
 from delivery.view.motions import predictions, rows_per_run, run_content
 from delivery.view.sources import Campaign
 from fitting.report.run_folder import versions
-from mmg.errors import UserError
+from mmg.errors import BadValue, NotWritable
 from mmg.motion.flow import INPUTS
 
 LENGTHS = (30.0, 100.0, 0.0)
@@ -32,7 +32,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
     Raises UserError where a trial lacks an input of a model, and for lengths that make no sense.
     """
     if not lengths or any(not 0 <= length < float("inf") for length in lengths):
-        raise UserError("--window: give lengths in seconds, 0 for the whole run")
+        raise BadValue("--window: give lengths in seconds, 0 for the whole run")
     trials = [view.trial for view in campaign.trials]
     found = [predictions(model, trials, lengths) for model in campaign.models]
     roles = [list(next(filter(None, p.forces), {})) for p in found]
@@ -133,5 +133,5 @@ def write_view(campaign: Campaign, out: Path, lengths: Sequence[float] = LENGTHS
     try:
         replace_text(out, text)
     except OSError as error:
-        raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
     return len(text.encode())

@@ -23,7 +23,7 @@ from fitting.report.page import label_of
 from fitting.report.run_folder import RESULT, read_result
 from fitting.report.trial_files import trial_rows, trials_again, unique_rows
 from fitting.result import read_fit
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -89,7 +89,7 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     if diagnosis is not None:
         diagnoses = [*diagnoses, diagnosis]
     if len(dict.fromkeys(diagnoses)) > 1:
-        raise UserError(f"{diagnoses[1]}: a page marks one diagnosis, and {diagnoses[0]} is another; give one of them")
+        raise Conflict(f"{diagnoses[1]}: a page marks one diagnosis, and {diagnoses[0]} is another; give one of them")
     models: list[ViewModel] = []
     rows: list[tuple[str, Mapping[str, Any]]] = []
     for folder in [folder for folder, kind in kinds.items() if kind != "diagnosis"]:
@@ -122,7 +122,7 @@ def _models(folder: Path, kind: str) -> list[ViewModel]:
             ViewModel("calibrated", words, run, Simulator(fit.ship), bands),
         ]
     if kind != "training":
-        raise UserError(f"{folder}: kind {kind!r} cannot be shown; give run folders of mmg fit, train or diagnose")
+        raise BadValue(f"{folder}: kind {kind!r} cannot be shown; give run folders of mmg fit, train or diagnose")
     from residual.result import read_training
 
     training = read_training(folder)
@@ -161,7 +161,7 @@ def _trials(
     found, absent = trials_again(rows)
     if not found:
         what = f"none of the {len(absent)} trials of the run is there as it was: {absent[0]}" if absent else "no trial"
-        raise UserError(f"{what}; give the files with --trials")
+        raise Missing(f"{what}; give the files with --trials")
     notes = [f"{len(absent)} trial(s) of the run are not shown: {'; '.join(absent)}; give them with --trials"]
     return [ViewTrial(trial, role) for role, trial in found], notes if absent else []
 

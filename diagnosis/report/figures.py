@@ -1,259 +1,219 @@
-"""Figures of a diagnosis: ranking of the candidates, error on the test trials, missing force by channel and band.
-
-A panel is drawn by a function of the findings and an axes; figures of several panels are put together from those. Those
-of where the gap lies are in ``diagnosis.report.where_figures``.
-"""
+"""Figures of a diagnosis: the missing force on the tracks, averaged over what it depends on, and what has no name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
-from diagnosis.findings import Findings, HeldOut, RankedCandidate
-from diagnosis.report.where_figures import state_figure, track_figure, unexplained_figure
-from diagnosis.report.where_words import places
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, HATCH, MEASURED, dress, new_figure
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.findings import Findings
+from diagnosis.report.where_words import TURN_BACK, shown_unit
+from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
+from fitting.report.plot_tracks import OUTLINE
 
-COLOURS = {"named": AFTER, "class": "#7FB8D8", "": "#C4C9CE"}
-"""Of the candidates, by their role."""
-HATCHES = {"named": "", "class": HATCH, "": ""}
-"""Of their bars."""
-BAND_COLOURS = ("#262626", "#4F4580", "#0072B2", "#4FA6DC", "#A5D3EE", "#ECECEC")
-"""From the mean of a run to the fastest band, ever lighter in grey too."""
-EDGE: dict[str, Any] = {"edgecolor": "white", "linewidth": 0}
-"""Of bars: the colour of their hatches."""
-SHOWN = 14
-"""Candidates in the ranking."""
-
-
-def _shown(d: Findings) -> list[RankedCandidate]:
-    """The best candidates, the best last, as bars are stacked."""
-    return list(d.candidates[:SHOWN])[::-1]
+ARROWS = 26
+"""Arrows along a track."""
+PANELS = 4
+"""Tracks in the figure."""
+TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
+"""Colours of a moment to port, none, to starboard; white dashes along the line as well where it turns to port."""
+FELT = 0.1
+"""Share of the full scale from which on a moment to port is marked by them."""
 
 
-def _looks(d: Findings) -> dict[str, Any]:
-    """Colours and hatches of the bars of the candidates."""
-    roles = [d.role(c.name) for c in _shown(d)]
-    return {"color": [COLOURS[r] for r in roles], "hatch": [HATCHES[r] for r in roles], **EDGE}
+def track_figure(d: Findings) -> Figure:
+    """Tracks of the windows of ``d`` with the largest missing force, as arrows of one scale, the moment by colour.
 
-
-def plot_scores(d: Findings, ax: Axes) -> None:
-    """Score tests of the candidates of ``d`` at the fit without effects, into ``ax``."""
-    rows = _shown(d)
-    at = np.arange(len(rows))
-    dress(ax, "chi-squared of the score test (square-root scale)", title="Score test, without any effect")
-    ax.barh(at, [max(row.score, 0.0) for row in rows], **_looks(d), height=0.66)
-    ax.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0)), np.square))
-    ax.set_yticks(at, [row.name.replace("_", " ") for row in rows], fontsize=8.5)
-    top = max([row.score for row in rows] + [1.0])
-    ax.set_xlim(0, 1.45 * top)
-    ax.set_xticks(sorted({float(f"{x:.1g}") for x in top * np.linspace(0, 1, 5) ** 2}))
-    for i, row in enumerate(rows):
-        ax.text(max(row.score, 0.0), i, f"  {p_words(row)}", va="center", fontsize=7.5, color="#444444")
-
-
-def plot_gains(d: Findings, ax: Axes) -> None:
-    """Gain in BIC of the candidates of ``d`` that were refitted, into ``ax``; of a second effect: beside the first."""
-    rows = _shown(d)
-    dress(ax, "gain in BIC (symmetric-log scale)", title="Gain in BIC after the refit")
-    known = {e.name: e.delta_bic for e in d.effects}
-    gains = [known.get(row.name, row.delta_bic) for row in rows]
-    ax.barh(np.arange(len(rows)), [g if g is not None else 0.0 for g in gains], **_looks(d), height=0.66)
-    ax.axvline(0, color=MEASURED, lw=0.8)
-    ax.set_xscale("symlog", linthresh=10.0)
-    reach = [g for g in gains if g is not None] or [0.0]
-    ax.set_xlim(min(-12.0, 2.5 * min(reach)), max(12.0, 4.0 * max(reach)))
-    for i, gain in enumerate(gains):
-        words = "  not refitted" if gain is None else f"  {gain:+.0f}".replace("-", "−")
-        words += " beside the first" if rows[i].name in list(known)[1:] else ""
-        ax.text(max(gain or 0.0, 0.0), i, words, va="center", fontsize=7.5, color="#444444" if gain else GREY)
-
-
-def ranking_figure(d: Findings) -> Figure:
-    """``plot_scores`` and ``plot_gains`` of ``d`` side by side."""
-    figure = new_figure(1.3 + 0.27 * len(_shown(d)))
-    left, right = figure.subplots(1, 2, sharey=True)
-    plot_scores(d, left)
-    plot_gains(d, right)
-    other = "other candidates" if d.effects else "candidates, none of them named"
-    items = [("named", bool(d.effects)), ("class", bool(d.equivalence_class)), ("", True)]
-    names = {"named": "named", "class": "cannot be told from it", "": other}
-    handles = [
-        Patch(facecolor=COLOURS[role], hatch=HATCHES[role], label=names[role], **EDGE) for role, used in items if used
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=8.5, frameon=False)
-    return figure
-
-
-def p_words(row: RankedCandidate) -> str:
-    """The probability of a candidate's test in a few words; row: of the ranking."""
-    if not row.excited:
-        return "not excited"
-    if row.p_value >= 0.01:
-        return f"p = {row.p_value:.2f}"
-    return f"p = {row.p_value:.4f}" if row.p_value >= 1e-4 else "p < 0.0001"
-
-
-def held_out_figure(d: Findings) -> Figure:
-    """Error on the test trials of ``d`` before and after, by trial; and by length of the prediction."""
-    held = d.held_out
-    assert held is not None
-    figure = new_figure(1.5 + 0.34 * max(len(held.by_run) + 1, 4))
-    left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
-    plot_test_trials(held, left)
-    plot_horizons(held, right)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=8.5, frameon=False)
-    return figure
-
-
-def plot_test_trials(held: HeldOut, ax: Axes) -> None:
-    """Error of each test trial of ``held`` and of all, before and after, joined by a line, into ``ax``."""
-    rows = held.all_runs[::-1]
-    dress(ax, "mean squared error of 30 s windows", title="By test trial")
-    for i, (_, (before, after)) in enumerate(rows):
-        look = {"color": AFTER, "ls": "-"} if after <= before else {"color": ALARM, "ls": (0, (2, 1))}
-        ax.plot([before, after], [i, i], lw=2.0, zorder=1, **look)
-    errors, at = np.array([pair for _, pair in rows]), np.arange(len(rows))  # (rows, 2)
-    ax.plot(errors[:, 0], at, "o", color=BEFORE, ms=6, ls="", label="without the effect", zorder=2)
-    ax.plot(errors[:, 1], at, "s", color=AFTER, ms=6, ls="", label="with it", zorder=3)
-    least, top = float(errors.min()), float(errors.max())
-    if least > 0 and top > 15 * least:
-        ax.set_xscale("log")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
-        ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    else:
-        ax.set_xlim(0, 1.08 * top)
-    ax.set_yticks(at, [name for name, _ in rows], fontsize=8.5)
-    ax.get_yticklabels()[0].set_fontweight("bold")
-    ax.set_ylim(-0.7, len(rows) - 0.3)
-    ax.axhline(0.5, color=GREY, lw=0.8)
-    change, high, low = (f"{-100 * x:+.{places(x)}f}" for x in (held.reduction, *held.interval_90))
-    words = f"all: {change} % [{low}, {high}]".replace("-", "−")
-    ax.text(0.99, 0.02, words, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, fontweight="bold")
-
-
-def plot_horizons(held: HeldOut, ax: Axes) -> None:
-    """Error after by error before of the test trials ``held``, for one step, 30 s and whole runs, into ``ax``."""
-    horizons = held.horizons
-    dress(ax, "error after / before", title="By length of the prediction")
-    if not horizons:
+    d: with its fit and data, which findings read from a folder have not.
+    """
+    fit, data = d.null, d.data
+    assert fit is not None and data is not None
+    chosen = _strongest(fit, data, d.where["channels"])
+    columns = 2 if len(chosen) > 1 else 1
+    rows = -(-len(chosen) // columns)
+    figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
+    axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    force = np.concatenate([fit.path.force[: data.steps[w], w] for w in chosen])
+    scale = tuple(max(float(np.quantile(a, 0.95)), 1e-12) for a in (np.hypot(*force[:, :2].T), np.abs(force[:, 2])))
+    length = float(d.ship.particulars["L"])
+    lines = [plot_track(fit, data, ax, int(w), scale, length) for ax, w in zip(axes, chosen, strict=False)]
+    for ax in axes[len(chosen) :]:
         ax.axis("off")
-        return
-    names = list(horizons)[::-1]
-    shares = [horizons[n][1] / max(horizons[n][0], 1e-300) for n in names]
-    looks = [(AFTER, "") if s <= 1 else (ALARM, HATCH) for s in shares]
-    colours, hatches = ([look[k] for look in looks] for k in (0, 1))
-    ax.barh(names, shares, color=colours, hatch=hatches, **EDGE, height=0.4)
-    ax.set_ylim(-0.7, len(names) - 0.3)
-    for i, share in enumerate(shares):
-        ax.text(share, i, f"  {share:.2f}", va="center", fontsize=8.5)
-    ax.axvline(1.0, color=MEASURED, lw=1.0)
-    ax.set_xlim(0, max(1.25, 1.2 * max(shares)))
-
-
-def share_figure(d: Findings) -> Figure:
-    """Energy of the missing force of ``d`` by channel and band, and below it what is left after."""
-    channels = d.where["channels"]
-    later = any("force_rms_after" in row for row in channels.values())
-    figure = new_figure(2.6 if later else 2.1)
-    ax = dress(figure.subplots(), "share of the energy of the missing force [%]")
-    labels: set[str] = set()
-    for i, name in enumerate(list(channels)[::-1]):
-        row = channels[name]
-        for part, shift in (("force_rms", 0.2 if later else 0.0), ("force_rms_after", -0.2)):
-            if part not in row:
-                continue
-            start, scale = 0.0, 100 * row["share"] / row["force_rms"] ** 2 if row["force_rms"] > 0 else 0.0
-            bands = [b for b in d.where["bands"] if b["channel"] == name]
-            for b, colour in zip(bands, BAND_COLOURS, strict=False):
-                width, words = scale * b[part] ** 2, band_words(b)
-                label = "_" if words in labels else words
-                ax.barh(
-                    i + shift,
-                    width,
-                    0.34 if later else 0.5,
-                    left=start,
-                    color=colour,
-                    label=label,
-                    edgecolor="#555555",
-                    linewidth=0.4,
-                )
-                labels.add(words)
-                start += width
-            text = f" {row[part]:.2g} {row['unit']}" + (" after" if part.endswith("after") else "")
-            ax.text(start, i + shift, text, va="center", fontsize=8)
-    ax.set_yticks(range(len(channels)), list(channels)[::-1], fontsize=9)
-    ax.set_xlim(0, max(100 * row["share"] for row in channels.values()) * 1.2)
-    figure.legend(loc="outside upper center", ncols=3, fontsize=8.5, frameon=False)
+    if lines:
+        bar = figure.colorbar(lines[-1], ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
+        bar.outline.set_visible(False)
+        bar.set_label(
+            "missing yaw moment [N m]: bow to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5
+        )
+        bar.ax.tick_params(labelsize=8)
     return figure
 
 
-def band_words(band: dict) -> str:
-    """A row ``band`` of where["bands"] by its periods."""
-    if band["words"]:
-        return "constant through a run"
-    slow, fast = (1 / band[key] if band[key] > 0 else np.inf for key in ("from_hz", "to_hz"))
-    return f"periods of {fast:.2g} to {slow:.3g} s"
+def _strongest(fit: Estimate, data: GriddedTrials, channels: Mapping[str, Any]) -> np.ndarray:
+    """Windows with the most energy of the missing force, one of each trial, in the order of the trials."""
+    weight = np.array([row["share"] / max(row["force_rms"], 1e-12) ** 2 for row in channels.values()])
+    energy = [float((fit.path.force[:s, w] ** 2 @ weight).mean()) for w, s in enumerate(data.steps)]
+    best = [max(np.flatnonzero(data.run == run), key=lambda w: energy[w]) for run in np.unique(data.run)]
+    return np.array(sorted(sorted(best, key=lambda w: -energy[w])[:PANELS]), dtype=int)
 
 
-@dataclass(frozen=True)
-class ReportFigure:
-    """A figure of the report: name of its file, title, caption, and the function that draws it."""
+def plot_track(
+    fit: Estimate, data: GriddedTrials, ax: Axes, window: int, scale: tuple[float, ...], length: float
+) -> LineCollection:
+    """The track of one ``window`` of ``data`` with the missing force of ``fit``, into ``ax``; the line, for a colour
+    bar.
 
-    name: str
-    title: str
-    caption: str
-    draw: Callable[[Findings], Figure]
+    scale: the force [N] drawn 0.15 of the panel long, and the moment [N m] in full colour; length: of the ship [m].
+    """
+    reach, turn = scale
+    steps = data.steps[window]
+    z, force = fit.path.z[: steps + 1, window], fit.path.force[:steps, window]
+    points = z[:, 1::-1]  # east, north
+    dress(ax, "y, east [m]", "x, north [m]", data.trials[data.run[window]])
+    half = 0.65 * max(np.ptp(points[:, 0]), np.ptp(points[:, 1]), 2 * length)
+    middle = 0.5 * (points.max(axis=0) + points.min(axis=0))
+    ax.set_xlim(middle[0] - half, middle[0] + half)
+    ax.set_ylim(middle[1] - half, middle[1] + half)
+    ax.set_aspect("equal", adjustable="box")
+    lines = LineCollection(np.stack([points[:-1], points[1:]], axis=1), cmap=TURNING, lw=3.0, zorder=2)  # type: ignore[arg-type]
+    lines.set_array(force[:, 2])
+    lines.set_clim(-turn, turn)
+    ax.add_collection(lines)
+    ax.plot(*to_port(points, force[:, 2], FELT * turn), color="white", lw=1.1, ls=(0, (3, 3)), zorder=2.5)
+    at = np.linspace(0, steps - 1, min(ARROWS, steps)).round().astype(int)
+    c, s = np.cos(z[at, 2]), np.sin(z[at, 2])
+    north, east = c * force[at, 0] - s * force[at, 1], s * force[at, 0] + c * force[at, 1]
+    style: dict[str, Any] = {
+        "color": BEFORE, "angles": "xy", "scale_units": "xy", "scale": reach / (0.3 * half),
+        "width": 0.006, "zorder": 3,
+    }  # fmt: skip
+    arrows = ax.quiver(points[at, 0], points[at, 1], east, north, **style)
+    size = float(f"{reach:.1g}")
+    ax.quiverkey(arrows, 0.8, 0.94, size, f"{size:g} N", labelpos="E", fontproperties={"size": 8.5})
+    for k in np.linspace(0, steps - 1, 5).round().astype(int):
+        c, s = np.cos(z[k, 2]), np.sin(z[k, 2])
+        body = OUTLINE * length
+        ax.fill(points[k, 0] + body @ [s, c], points[k, 1] + body @ [c, -s], fc="none", ec="#666666", lw=0.7, zorder=4)
+    ax.plot(points[0, 0], points[0, 1], "o", color=MEASURED, ms=4.5, zorder=5)
+    return lines
 
 
-def figures_for(d: Findings) -> tuple[ReportFigure, ...]:
-    """Figures that ``d`` can have: that of the test trials only with an effect named, that of the tracks only with the
-    fit, which a diagnosis read from a folder has not."""
-    where, fitted = bool(d.where), d.null is not None and d.data is not None
-    every = (
-        (
-            d.unexplained_force is not None and bool(d.unexplained_force.times) and fitted, "unexplained_force",
-            "The unexplained force", unexplained_figure,
+def to_port(points: np.ndarray, moment: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """East and north of the parts of a track whose ``moment`` (M,) turns the bow to port by more than ``least``, nan
+    between them. points: (M + 1, 2)."""
+    marked = np.append(moment, moment[-1]) < -least
+    return np.where(marked, points[:, 0], np.nan), np.where(marked, points[:, 1], np.nan)
+
+
+def best_variables(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
+    """``most`` rows of where["variables"] of ``d`` that explain the missing force best, two of a variable at most."""
+    chosen: list[Mapping[str, Any]] = []
+    for row in d.where.get("variables", []):
+        if sum(row["variable"] == other["variable"] for other in chosen) < 2:
+            chosen.append(row)
+    return chosen[:most]
+
+
+def state_figure(d: Findings) -> Figure:
+    """Missing force of ``d`` averaged in bins of what it depends on most, with two standard errors."""
+    rows = best_variables(d)
+    figure = new_figure(0.4 + 2.5 * max(1, -(-len(rows) // 3)))
+    axes = np.atleast_1d(figure.subplots(max(1, -(-len(rows) // 3)), 3)).ravel()
+    for ax, row in zip(axes, rows, strict=False):
+        plot_variable(row, ax)
+    for ax in axes[len(rows) :]:
+        ax.axis("off")
+    if rows:
+        handles, names = (list(part)[::-1] for part in axes[0].get_legend_handles_labels())
+        figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9, frameon=False)
+    return figure
+
+
+def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
+    """A row of where["variables"]: the mean of the missing force over the variable, before and after, into ``ax``."""
+    factor, unit = shown_unit(row["unit"])
+    at = factor * np.array(row["at"])
+    dress(ax, f"{row['variable']} [{unit}]", f"missing {row['channel']} [{row['force_unit']}]")
+    ax.axhline(0.0, color=MEASURED, lw=0.8)
+    ax.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
+    words = "before" if "mean_after" in row else "missing force"
+    style: dict[str, Any] = {"color": BEFORE, "ls": "--", "marker": "o", "ms": 4, "lw": 1.3, "capsize": 2.5}
+    ax.errorbar(at, row["mean"], 2 * np.array(row["std"]), label=words, **style)
+    if "mean_after" in row:
+        ax.plot(at, row["mean_after"], color=AFTER, marker="s", ms=4, lw=1.5, label="after")
+    share = max(0.0, row["explained"])
+    weight = "bold" if share > 0.2 else "normal"
+    ax.set_title(f"explains {100 * share:.0f} % of {row['channel']}", fontsize=8.5, loc="left", fontweight=weight)
+
+
+def unexplained_figure(d: Findings) -> Figure:
+    """The unexplained force of ``d`` through the trials in which it is largest, with the 90 % band and the latent
+    force; beside it what each channel follows most.
+
+    d: with its fit and data, which findings read from a folder have not.
+    """
+    missing, data, fit = d.unexplained_force, d.data, d.final if d.effects else d.null
+    assert missing is not None and data is not None and fit is not None
+    shown = [name for name, row in missing.channels.items() if row.force_rms > 0] or list(missing.channels)[:1]
+    time = missing.times[0]
+    windows = np.flatnonzero(data.run == data.trials.index(time.trial))
+    figure = new_figure(0.6 + 2.4 * len(shown))
+    axes = np.atleast_2d(figure.subplots(len(shown), 2, width_ratios=[2.0, 1.0]))
+    for (left, right), name in zip(axes, shown, strict=True):
+        c, unit = list(missing.channels).index(name), missing.channels[name].unit
+        dress(left, "time [s]", f"{name} [{unit}]", f"{time.trial}" if name == shown[0] else "")
+        left.axvspan(time.start, time.end, color="#F3EBDD", zorder=0)
+        for w in windows:
+            rows = slice(0, data.steps[w])
+            t, mean, std = data.t[rows, w], missing.force[rows, w, c], missing.std[rows, w, c]
+            first = w == windows[0]
+            label = "latent force of the fit (chance included)" if first else ""
+            left.plot(t, fit.path.force[rows, w, c], color="#B9B9B9", lw=0.9, label=label)
+            left.fill_between(t, mean - 1.64 * std, mean + 1.64 * std, color=AFTER, alpha=0.25, lw=0)
+            left.plot(t, mean, color=AFTER, lw=1.6, label="unexplained force, 90 % band" if first else "")
+        row = next((v for v in missing.follows if v["channel"] == name), None)
+        if row is None:
+            right.axis("off")
+            continue
+        factor, shown_as = shown_unit(row["unit"])
+        dress(right, f"{row['variable']} [{shown_as}]", "less its mean", f"explains {100 * row['explained']:.0f} %")
+        right.axhline(0.0, color=MEASURED, lw=0.8)
+        right.plot(factor * np.array(row["at"]), row["mean"], color=AFTER, marker="o", ms=4, lw=1.5)
+        right.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=9, frameon=False)
+    return figure
+
+
+def figures_for(d: Findings) -> list[tuple[str, Callable[[Findings], Figure], str, str]]:
+    """Name, function, title and caption of each figure that ``d`` can have. Those of tracks and times need its fit,
+    which a diagnosis read from a folder has not."""
+    fitted, every = d.null is not None and d.data is not None, []
+    if d.unexplained_force is not None and d.unexplained_force.times and fitted:
+        every.append((
+            "unexplained_force", unexplained_figure, "The unexplained force",
             "Left: the force that motion, inputs, wind and place explain in an unnamed way, with its 90 % band, in the "
             "trial in which it is largest (shaded), and in grey the whole latent force of the fit, chance included. "
             "Right: its mean over the variable that it follows most.",
-        ),
-        (
-            where and fitted, "where_on_track", "The missing force on the track", track_figure,
+        ))  # fmt: skip
+    if d.where and fitted:
+        every.append((
+            "where_on_track", track_figure, "The missing force on the track",
             "Tracks from above, north up. A dot marks the start, outlines show the ship. Arrows: the surge and sway "
             "force that the calibrated ship lacks (smoothed latent force); all panels have one scale. Colour of the "
             "track: the missing yaw moment. The trials with the largest missing force are shown.",
-        ),
-        (
-            where, "where_in_state", "What the missing force depends on", state_figure,
+        ))  # fmt: skip
+    if d.where:
+        every.append((
+            "where_in_state", state_figure, "What the missing force depends on",
             "Missing force averaged in bins; positive: ahead, to starboard, bow to starboard. Bars: two standard "
             "errors. The panels are in order of the share of the mean square that the average explains beyond chance.",
-        ),
-        (
-            bool(d.candidates), "ranking", "Candidates", ranking_figure,
-            "Left: score test of each effect at the fit without any effect. p is the probability that chance alone "
-            "makes the best of all candidates score as high. Right: gain in BIC when coefficients, effect, missing "
-            "force and noise are fitted together. Above 0 the effect is worth its parameters; a difference of 6 is "
-            "strong.",
-        ),
-        (
-            d.held_out is not None and d.verdict == "named", "held_out", "Test trials, without and with the effect",
-            held_out_figure,
-            "Open-loop predictions of trials that took no part, by the ship refitted without and with the named "
-            "effects. Brackets: 90 % interval, by drawing trials again.",
-        ),
-        (
-            where, "shares", "Which channel, which frequencies", share_figure,
-            "Energy of the missing force. Surge, sway and yaw are compared by the kinetic energy that each would give "
-            "to the free ship in the same time. The rms stands at the ends of the bars.",
-        ),
-    )  # fmt: skip
-    return tuple(ReportFigure(name, title, words, draw) for there, name, title, draw, words in every if there)
+        ))  # fmt: skip
+    return every

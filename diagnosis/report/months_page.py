@@ -7,15 +7,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jinja2 import ChoiceLoader, PackageLoader
 from matplotlib.figure import Figure
 
 from cases.shipfiles.ship_file import dump_ship
 from diagnosis.hypotheses.over_time.changes import CandidateChange
 from diagnosis.hypotheses.over_time.month_study import MonthStudy
 from fitting.report.page import environment, write_page
-from fitting.report.page_figures import figures_of
-from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, new_figure
+from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figures_of, new_figure
 from fitting.report.run_folder import SHIP, plain, versions, write_whole
 from fitting.result import FitResult
 
@@ -101,13 +99,14 @@ def days_figure(study: MonthStudy) -> Figure:
 
 
 def _page(study: MonthStudy, folder: Path, figures: FigureFolder) -> str:
-    templates = environment()
-    loaders = [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
-    templates.loader = ChoiceLoader(loaders)
-    return templates.get_template("months.html.j2").render(
-        s=study,
-        content=plain(study.to_dict()),
-        sentences=[study.words(row) for row in study.changes.named],
-        figures=figures_of(folder, figures.rows),
-        version=versions()["mmg-ident"],
+    return (
+        environment("diagnosis.report")
+        .get_template("months.html.j2")
+        .render(
+            s=study,
+            content=plain(study.to_dict()),
+            sentences=[study.words(row) for row in study.changes.named],
+            figures=figures_of(folder, figures.rows),
+            version=versions()["mmg-ident"],
+        )
     )

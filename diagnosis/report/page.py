@@ -8,17 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from jinja2 import ChoiceLoader, PackageLoader
-
 from diagnosis.findings import Findings, RandomSizes
 from diagnosis.location.regions import CHANNELS
 from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
-from diagnosis.report.form_words import likeness
+from diagnosis.report.where_words import likeness
 from fitting.report.page import environment, write_page
-from fitting.report.page_figures import figures_of
-from fitting.report.plot_style import FigureFolder
+from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
 
 REPORT, FIGURES = "report.html", "figures"
@@ -31,8 +28,8 @@ FAINT = 0.05
 def write_report(d: Findings, folder: Path) -> FigureFolder:
     """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
     written = FigureFolder(folder / FIGURES)
-    for f in figures_for(d):
-        written.write(f.name, partial(f.draw, d), f.title, f.caption)
+    for name, draw, title, caption in figures_for(d):
+        written.write(name, partial(draw, d), title, caption)
     for row in written.rows:
         row["file"] = f"{FIGURES}/{row['file']}"
     with written.making("the report"):
@@ -42,24 +39,23 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    templates = environment()
-    templates.loader = ChoiceLoader(
-        [PackageLoader(f"{floor}.report", "templates") for floor in ("diagnosis", "fitting")]
-    )
     figures = {f["name"]: f for f in figures_of(folder, listed)}
-    names = ("unexplained_force", "where_on_track", "where_in_state", "ranking", "held_out", "shares")
-    return templates.get_template("diagnosis.html.j2").render(
-        d=d,
-        words=words,
-        where=report_where,
-        figures={name: figures.get(name) for name in names},
-        version=versions()["mmg-ident"],
-        what_words=_what(d),
-        between=between_words.rows(d.between) if d.between else [],
-        held=held_rows(d),
-        likelihood=_likelihood(d),
-        **_candidates(d),
-        **_tables_of_where(d),
+    return (
+        environment("diagnosis.report")
+        .get_template("diagnosis.html.j2")
+        .render(
+            d=d,
+            words=words,
+            where=report_where,
+            figures=figures,
+            version=versions()["mmg-ident"],
+            what_words=_what(d),
+            between=between_words.rows(d.between) if d.between else [],
+            held=held_rows(d),
+            likelihood=_likelihood(d),
+            **_candidates(d),
+            **_tables_of_where(d),
+        )
     )
 
 
@@ -105,6 +101,7 @@ def _tables_of_where(d: Findings) -> dict[str, Any]:
         "channels": channels,
         "later": any("force_rms_after" in row for row in channels),
         "regions": regions[:REGIONS],
+        "bands": _by_channel([row | {"band": report_where.band_words(row)} for row in where.get("bands", [])], "band"),
         "phases": _by_channel(where.get("phases", []), "phase"),
         "runs": _by_channel(where.get("runs", []), "run"),
         "earth": earth,

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-LOSSES = ("gaussian", "huber", "student")
+from fitting.settings import LOSSES
+
 THRESHOLD = 1.5
 """Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise."""
 NU = 4.0

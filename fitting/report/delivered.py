@@ -3,26 +3,95 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from cases.criteria.assessment import imo_figures
+from cases.criteria.imo import Row
 from cases.criteria.standard_runs import approach_speed
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
-from fitting.report.conditions import Condition, condition_rows
-from fitting.report.figure_section import FigureSection, figure_section, standard_figures
+from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, correlation_in, with_intervals
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
-from fitting.report.limits import limit_rows, use_rows
+from fitting.report.plot_maneuvers import maneuver_figure
+from fitting.report.plot_style import figure_entry, png_of
 from fitting.report.trial_files import trial_rows, trials_again
+from fitting.report.use import Condition, condition_rows, limit_rows, use_rows
 from mmg.errors import UserError
+from mmg.messages import Message, has_code
 from mmg.ship import Ship
 
 LATER = "mmg report RUN adds it (without --no-imo): its figures are simulated with draws of the coefficients."
 FASTER = 1.05
 """Test speed over the largest speed of the trials above which the figures count as extrapolated."""
+
+
+@dataclass(frozen=True)
+class FigureSection:
+    """What the template shows. count: ships drawn; rows: cells of the table, by column; outside: sentences on
+    manoeuvres that leave the trials; image: of the tracks, as the macro ``figure`` takes it."""
+
+    count: int
+    rows: tuple[dict[str, str], ...]
+    outside: tuple[str, ...]
+    image: dict[str, Any]
+
+
+def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
+    """The standard manoeuvres of a ship with the draws of which a page shows intervals, the same as ``mmg imo``.
+
+    result: content of result.json; ship: the calibrated or hybrid ship of which it speaks. Where no covariance is known
+    or none can be drawn there are no draws, and a notice says why. Raises UserError when no manoeuvre reaches its
+    event.
+    """
+    found = imo_figures(ship)
+    why = "no covariance of the coefficients is known"
+    if correlation_in(result) is not None:
+        try:
+            return with_intervals(found, ship, result, DRAWS)
+        except UserError as error:
+            why = str(error)
+    return JudgedFigures(replace(found, notices=(*found.notices, Message(f"no intervals: {why}", "no_covariance"))), {})
+
+
+def figure_section(judged: JudgedFigures) -> FigureSection | None:
+    """The figures of the standard manoeuvres with intervals, ``judged`` as of ``standard_figures``; None where there
+    are no draws."""
+    if not judged.scatter:
+        return None
+    found = judged.assessment
+    clouds = {name: one.shown for name, one in judged.scatter.items()}
+    image = figure_entry(
+        png_of(partial(maneuver_figure, found.runs, found.heading, clouds)), "maneuvers",
+        "Standard manoeuvres with drawn trials",
+        "Lines: the ship as calibrated. Thin and grey: single trials of ships that the trials allow.",
+    )  # fmt: skip
+    rows = tuple(_cells(row) for row in found.rows if row.interval_90 is not None)
+    outside = tuple(str(note) for note in found.notices if has_code([note], "outside_the_trials"))
+    return FigureSection(DRAWS, rows, outside, image)
+
+
+def _cells(row: Row) -> dict[str, str]:
+    """The cells of one line of the table."""
+    digits = 1 if row.unit == "deg" else 2
+
+    def ends(pair: Sequence[float] | None) -> str:
+        return " to ".join(f"{x:.{digits}f}" if x < float("inf") else "never" for x in pair) if pair else "–"
+
+    return {
+        "run": row.run,
+        "figure": f"{row.figure.replace('_', ' ')} [{row.unit}]",
+        "value": "–" if row.value is None else f"{row.value:.{digits}f}",
+        "interval": ends(row.interval_90),
+        "trial": ends(row.interval_90_trial),
+        "limit": "–" if row.limit is None else f"{row.limit:.3g}",
+        "chance": "–" if row.probability is None else f"{100 * row.probability:.0f} %",
+        "inside": {None: "not known", True: "no", False: "yes"}[row.extrapolated],
+    }
 
 
 @dataclass(frozen=True)
@@ -56,7 +125,7 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
     try:
         model = standard_figures(result, ship)
         form, why = imo_form(ship, trials, model, result, full_load), ""
-        figures = figure_section(result, model)
+        figures = figure_section(model)
     except UserError as error:
         if full_load is not None and "--full-load-draught" in str(error):
             raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
-from fitting.report.plot_style import GRID, MEASURED, STYLES, dress, new_figure, placed_axes
+from fitting.report.plot_style import GREY, GRID, MEASURED, STYLES, dress, new_figure, placed_axes
 from mmg.rollout import Simulator
 
 if TYPE_CHECKING:
@@ -44,55 +45,75 @@ def trajectory_plot(
     t, states = trial.t - trial.t[0], trial.states
     runs = [_joined(trial, before), _joined(trial, after)]
     first = [w.first for w in after]
-    top = 1 if trial.has_position else 0
-    inputs = _inputs(trial)
-    count = len(HISTORIES) + len(inputs)
-    height = (4.4 if top else 0.0) + 0.5 + 0.95 * count
-    figure = new_figure(height, layout=None)
-    grid = figure.add_gridspec(
-        count + top, 1, height_ratios=[5.2] * top + [1.0] * count, left=0.1, right=0.985, bottom=0.5 / height,
-        top=1 - 0.4 / height, hspace=0.14,
-    )  # fmt: skip
+    top = 4.5 if trial.has_position else 0.0
+    strips = [
+        _Strip(label, [(t, states[:, i] * factor, {"color": MEASURED, "lw": 1.1, "label": "measured"})]
+               + [(clock, z[:, i] * factor, {"lw": 1.2, "label": name} | style)
+                  for (clock, z), style, name in zip(runs, STYLES, ("before", "after"), strict=False)],
+               np.concatenate([states[:, i], runs[1][1][:, i]]) * factor)
+        for i, label, factor in HISTORIES
+    ]  # fmt: skip
+    for label, rows in _inputs(trial).items():
+        looks = [{"color": color, "ls": dashes, "lw": 1.0} for (color, dashes), _ in zip(cycle(INPUTS), rows)]
+        words = label if len(rows) == 1 else f"{label}: {', '.join(rows)}"
+        lines = [(t, values, look) for values, look in zip(rows.values(), looks, strict=True)]
+        strips.append(_Strip(words, lines, np.concatenate(list(rows.values()))))
+    high = 0.95 * len(strips)
+    figure = new_figure(top + high + 0.9, layout=None)
+    over = high + 0.5 + (0.5 if top else 0.0)  # height of the lower edge of the track
     if top:
-        ax = dress(figure.add_subplot(grid[0]), "y, east [m]", "x, north [m]")
+        place = (0.1, over / figure.get_figheight(), 0.885, (top - 0.5) / figure.get_figheight())
+        ax = dress(figure.add_axes(place), "y, east [m]", "x, north [m]")
+        ax.locator_params(nbins=6)
         _track(ax, states, runs, first, length)
-        box = ax.get_position()  # room for the label of the horizontal axis
-        ax.set_position((box.x0, box.y0 + 0.026, box.width, box.height - 0.026))
-    strips: list[Axes] = []
-    for state, label, factor in HISTORIES:
-        ax = figure.add_subplot(grid[top + len(strips)], sharex=strips[0] if strips else None)
-        dress(ax, y=label).plot(t, states[:, state] * factor, color=MEASURED, lw=1.1, label="measured")
-        for (clock, z), style, name in zip(runs, STYLES, ("before", "after"), strict=False):
-            ax.plot(clock, z[:, state] * factor, lw=1.2, label=name, **style)
-        reach = np.concatenate([states[:, state], runs[1][1][:, state]]) * factor
-        ax.set_ylim(*_near(ax.get_ylim(), reach, 0.6))
-        strips.append(ax)
-    for label, rows in inputs.items():
-        ax = dress(figure.add_subplot(grid[top + len(strips)], sharex=strips[0]), y=label)
-        for (name, values), (color, dashes) in zip(rows.items(), cycle(INPUTS)):
-            ax.plot(t, values, color=color, ls=dashes, lw=1.0, label=name)
-        if len(rows) > 1:
-            ax.legend(fontsize=7, ncols=4, loc="upper right", frameon=False, borderaxespad=0.1)
-        strips.append(ax)
-    strips[-1].set_xlabel("time from the first sample [s]", fontsize=9)
-    strips[-1].set_xlim(0, max(t[-1], 1e-9))
-    for ax in strips:
-        _upright(ax, t[first], color="#C8C8C8", linewidth=0.7, linestyle=":")
-        if ax is not strips[-1]:  # a tick is five artists: those of the lowest strip serve all
-            ax.xaxis.set_visible(False)
-            _upright(ax, strips[-1].get_xticks(), color=GRID, linewidth=0.6)
-        ax.yaxis.set_label_coords(-0.085, 0.5)
-    handles, labels = strips[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="upper center", ncols=3, fontsize=9, frameon=False)
+    ax = figure.add_axes((0.1, 0.5 / figure.get_figheight(), 0.885, high / figure.get_figheight()))
+    dress(ax, "time from the first sample [s]").set_xlim(0, max(t[-1], 1e-9))
+    _draw_strips(ax, strips, t[first])
+    figure.legend(*ax.get_legend_handles_labels(), loc="upper center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 
-def _upright(ax: Axes, at: np.ndarray, **look: Any) -> None:
-    """Lines of one ``look`` through the whole height of ``ax``, behind all else, ``at`` these values (m,)."""
-    from matplotlib.collections import LineCollection  # late: slow to import
+@dataclass(frozen=True)
+class _Strip:
+    """Histories of one quantity over time: label with its unit, lines (times, values, look), and the values (m,) from
+    which a run-away prediction must not lead the scale."""
 
-    lines = [((x, 0.0), (x, 1.0)) for x in at]
-    ax.add_collection(LineCollection(lines, transform=ax.get_xaxis_transform(), zorder=0, **look), autolim=False)
+    label: str
+    lines: list[tuple[np.ndarray, np.ndarray, dict[str, Any]]]
+    values: np.ndarray
+
+
+def _draw_strips(ax: Axes, strips: Sequence[_Strip], starts: np.ndarray) -> None:
+    """Draw ``strips`` below one another on ``ax``, each over the height 1: axes of their own cost five times as much.
+    starts: times of the windows, dotted."""
+    from matplotlib.collections import LineCollection  # late: slow to import
+    from matplotlib.ticker import MaxNLocator
+
+    across, marks = ax.get_yaxis_transform(), []
+    for row, strip in enumerate(reversed(strips)):
+        every = np.concatenate([y for _, y, _ in strip.lines])
+        every = every[np.isfinite(every)]
+        low, high = _near((every.min(), every.max()), strip.values, 0.6) if len(every) else (0.0, 1.0)
+        room = max(high - low, 1e-9)
+        scale, zero = 0.76 / room, row + 0.06 - 0.76 * low / room  # the label stands above
+        for x, y, look in strip.lines:
+            look = look if strip is strips[0] else {k: v for k, v in look.items() if k != "label"}
+            ax.plot(x, np.clip(zero + scale * y, row, row + 1), **look)
+        for tick in MaxNLocator(3).tick_values(low, high):
+            if row + 0.04 < zero + scale * tick < row + 0.9:
+                marks.append(zero + scale * tick)
+                words = f"{tick:.6g}".replace("-", "−")
+                ax.text(-0.008, marks[-1], words, transform=across, fontsize=8, ha="right", va="center")
+        ax.text(0.004, row + 0.98, strip.label, transform=across, fontsize=8, va="top", color="#333333")
+    ax.set_ylim(0, len(strips))
+    ax.yaxis.set_visible(False)
+    for at, look in (
+        (marks, {"color": GRID, "linewidth": 0.6}),
+        (range(len(strips)), {"color": GREY, "linewidth": 0.8}),
+    ):
+        ax.add_collection(LineCollection([((0, y), (1, y)) for y in at], transform=across, zorder=0, **look), False)
+    upright = {"transform": ax.get_xaxis_transform(), "color": "#C8C8C8", "linewidth": 0.7, "linestyle": ":"}
+    ax.add_collection(LineCollection([((x, 0), (x, 1)) for x in starts], zorder=0, **upright), False)
 
 
 def _inputs(trial: Trial) -> dict[str, dict[str, np.ndarray]]:
@@ -145,21 +166,50 @@ def _track(ax: Axes, states: np.ndarray, runs: list, first: list[int], length: f
 
 def window_errors(
     simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
-) -> np.ndarray:
-    """Returns open-loop errors (windows, times, 6) at ``times`` [s] after the start of windows ``stride`` [s] apart.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns open-loop errors (W, times, 6) at ``times`` [s] after the start of W windows ``stride`` [s] apart, and
+    the number of the trial of each window, (W,).
 
     simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
     ones, with NaN after their end.
     """
     rows: list[np.ndarray] = []
+    numbers: list[int] = []
     for short in (False, True):
         predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
-        for trial, w in ((t, w) for t, (windows, _) in zip(trials, predicted, strict=True) for w in windows):
-            clock, right = trial.t[w.first : w.last + 1] - trial.t[w.first], np.nan if short else None
-            rows.append(np.transpose([np.interp(times, clock, e, right=right) for e in w.error(trial.states).T]))
+        for number, (trial, (windows, _)) in enumerate(zip(trials, predicted, strict=True)):
+            for w in windows:
+                clock, right = trial.t[w.first : w.last + 1] - trial.t[w.first], np.nan if short else None
+                rows.append(np.transpose([np.interp(times, clock, e, right=right) for e in w.error(trial.states).T]))
+                numbers.append(number)
         if rows:
             break
-    return np.array(rows).reshape(-1, len(times), 6)
+    return np.array(rows).reshape(-1, len(times), 6), np.array(numbers, dtype=int)
+
+
+def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Root of the mean of ``squares`` (W, T) over windows, NaN left out, and its standard error, both (T,).
+
+    run: the trial of each window, (W,). The error is that of leaving out one trial after the other (jackknife, Efron
+    1982), NaN with a single one: windows of a trial share its gusts.
+    """
+    known = np.isfinite(squares)
+    groups = [run == number for number in np.unique(run)]
+    total = np.array([np.where(known[g], squares[g], 0.0).sum(axis=0) for g in groups])  # (trials, T)
+    count = np.array([known[g].sum(axis=0) for g in groups])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.sqrt(total.sum(axis=0) / count.sum(axis=0))
+        without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))
+    if len(groups) < 2:
+        return rms, np.full_like(rms, np.nan)
+    return rms, np.sqrt((len(groups) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
+
+
+PANELS = (
+    ("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES), ("u [m/s]", (3,), 1.0),
+    ("r [deg/s]", (5,), DEGREES),
+)  # fmt: skip
+"""Title, state numbers and factor of each panel of the growth of errors: the errors that scores show in units."""
 
 
 def error_growth_plot(
@@ -170,39 +220,35 @@ def error_growth_plot(
 ) -> Figure:
     """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
 
-    simulators: by name; trials: measured, those with positions are used where there are any; horizon: longest
-    prediction [s]; stride: between the starts of windows [s], default a quarter of the horizon. Errors in ship lengths
-    are those of the first simulator that is a ship.
+    Shaded: one standard error, by leaving out trials, of a single one windows. simulators: by name; trials: measured,
+    those with positions are used where there are any; horizon: longest prediction [s]; stride: between the starts of
+    windows [s], default half of it. The legend gives position errors in lengths of the first simulator that is a ship.
     """
     length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
-    times = np.linspace(0, horizon, 101)
+    times = np.linspace(0, horizon, 51)
     used = [t for t in trials if t.has_position] or list(trials)
-    figure, grid = placed_axes(4.9, (2, 3), (0.7, 0.2, 0.5, 0.15), (0.75, 0.65))
-    axes = grid.ravel()
-    panels = (
-        ("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES), ("u [m/s]", (3,), 1.0),
-        ("v [m/s]", (4,), 1.0), ("r [deg/s]", (5,), DEGREES),
-    )  # fmt: skip
-    count, words = 0, ""
+    figure, grid = placed_axes(2.4, (1, 4), (0.38, 0.15, 0.45, 0.55), (0.55, 0.0))
+    count = 0
     for (name, simulator), style in zip(simulators.items(), STYLES, strict=False):
-        errors = window_errors(simulator, used, times, stride or horizon / 4)
-        count = len(errors)
-        for ax, (_, states, factor) in zip(axes, panels, strict=False):
-            part = errors[:, :, states]
-            measured = np.isfinite(part).all(axis=2)
-            squares = np.where(measured, np.nan_to_num(part**2).sum(axis=2), 0.0).sum(axis=0)
-            shown = measured.sum(axis=0) >= max(1, 0.3 * count)
-            rms = np.sqrt(squares / np.maximum(measured.sum(axis=0), 1)) * factor
-            ax.plot(times[shown], rms[shown], lw=1.8, label=name, **style)
-            if states == (0, 1) and shown[-1] and length:
-                words += f"\nposition, {name}: {rms[-1] / length:.2g} ship lengths"
-    for ax, (label, *_) in zip(axes, panels, strict=False):
-        dress(ax, "time since window start [s]", f"rms error of {label}")
+        errors, run = window_errors(simulator, used, times, stride or horizon / 2)
+        count, words = len(errors), name
+        for ax, (_, states, factor) in zip(grid[0], PANELS, strict=True):
+            squares = (errors[:, :, states] ** 2).sum(axis=2)
+            parts = run if len(np.unique(run)) > 1 else np.arange(len(run))  # of a single trial its windows
+            rms, std = (factor * part for part in rms_with_error(squares, parts))
+            rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan
+            if states == (0, 1) and length and np.isfinite(rms[-1]):
+                words += f" ({rms[-1] / length:.2g} ship lengths after {horizon:g} s)"
+            good = np.isfinite(rms + std)
+            ends = np.concatenate([rms + std, (rms - std)[::-1]])[np.concatenate([good, good[::-1]])]
+            ax.fill(np.concatenate([times[good], times[good][::-1]]), ends, color=style["color"], alpha=0.18, lw=0)
+            ax.plot(times, rms, lw=1.8, label=words if ax is grid[0, 0] else None, **style)
+    for ax, (label, *_) in zip(grid[0], PANELS, strict=True):
+        dress(ax, "time [s]", title=label)
         ax.set_ylim(bottom=0)
         ax.set_xlim(0, horizon)
-    axes[5].axis("off")
-    axes[5].legend(*axes[0].get_legend_handles_labels(), loc="upper left", fontsize=9, frameon=False)
-    after = f"\n\nafter {horizon:g} s:{words}" if words else ""
-    note = f"{count} windows of {horizon:g} s\nof {len(used)} trial(s){after}"
-    axes[5].text(0.0, 0.62, note, transform=axes[5].transAxes, fontsize=8, va="top", linespacing=1.5)
+        ax.locator_params(nbins=4)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="upper left", ncols=3, fontsize=8.5, frameon=False)
+    words = f"{count} windows of {horizon:g} s, {len(used)} trial{'s' * (len(used) != 1)}"
+    figure.text(0.985, 0.945, words, fontsize=8, ha="right", va="center", color="#555555")
     return figure

@@ -15,8 +15,7 @@ from cases.trial import Trial
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import PAPER_WINDOW
-from fitting.record import CoefficientRow, FitObjects, FitRecord
-from fitting.report.plot_identifiability import write_identifiability_figures
+from fitting.record import CoefficientRow, FitRecord
 from fitting.report.plot_style import (
     AFTER,
     ALARM,
@@ -24,20 +23,20 @@ from fitting.report.plot_style import (
     GREY,
     FigureFolder,
     dress,
-    literal,
     new_figure,
     placed_axes,
     room_for_labels,
 )
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
-from fitting.report.run_folder import plain
-from fitting.settings import Start
 from mmg.components.catalogue import ROLES, coefficient_table
+from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+TRACKS = 4
+"""Trials whose track is drawn: one of each kind of manoeuvre in the usual campaign."""
 GROUPS = ("mass", *ROLES, "effects", "other")
 
 
@@ -114,7 +113,7 @@ def coefficient_plot(
     longest = max(len(part) for part in parts)
     across = 0.12 + room_for_labels((s for _, s in lines if s), 8)
     figure, grid = placed_axes(
-        1.3 + 0.185 * longest, (1, len(parts)), (across, 0.12, 0.5, 0.6), (across, 0.0), sharex=True
+        1.1 + 0.185 * longest, (1, len(parts)), (across, 0.12, 0.5, 0.4), (across, 0.0), sharex=True
     )
     used: dict[str, Any] = {}
     extent = 2.2
@@ -129,6 +128,7 @@ def coefficient_plot(
                 where = ax.get_yaxis_transform()
                 ax.text(0.01, height, group, transform=where, fontsize=9, fontweight="bold", va="center")
                 continue
+            ax.text(-0.02, height, symbol, transform=ax.get_yaxis_transform(), fontsize=8, va="center", ha="right")
             row = rows[symbol]
             prior_std = row.prior_std or np.nan
             shift = (row.value - (row.prior_value or 0.0)) / prior_std
@@ -147,54 +147,11 @@ def coefficient_plot(
                 zorder=3,
             )  # fmt: skip
         ax.set_ylim(longest - 0.4, -0.8)
-        ax.set_yticks([i for i, line in enumerate(part) if line[1]], [line[1] for line in part if line[1]], fontsize=8)
-        ax.grid(axis="y", visible=False)
+        ax.yaxis.set_visible(False)  # a tick is five artists, a text one
     axes[0].set_xlim(-extent, extent)
     names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"limit": "at a bound"}
     shown = {name: used[kind] for kind, name in names.items() if kind in used and name}
     figure.legend(shown.values(), shown, loc="upper center", ncols=5, fontsize=8, frameon=False)
-    return figure
-
-
-def score_plot(scores: Mapping[str, Mapping[str, Mapping[str, Any]]], most: int = 30) -> Figure:
-    """Both metrics of every trial before and after; scores as in result.json: set -> before, after -> rows.
-
-    At most ``most`` trials are drawn, held-out ones first.
-    """
-    from matplotlib.patches import Patch  # late: slow to import
-
-    lines: list[tuple[str, dict | None, dict | None]] = []
-    for name, pair in scores.items():
-        rows = list(zip(pair["before"]["trials"], pair["after"]["trials"], strict=True))
-        title = {"validation": "held out", "training": "training"}.get(name, name)
-        room = most - sum(1 for line in lines if line[1])
-        if rows and room > 0:
-            pooled = dict(pair["before"], name="all pooled"), dict(pair["after"], name="all pooled")
-            lines += [(title, None, None), ("", *pooled), *(("", b, a) for b, a in rows[:room])]
-    labels = [heading or literal(row["name"] if row else "") for heading, row, _ in lines]
-    left = 0.1 + room_for_labels(labels, 7.5, bold=True)
-    figure, grid = placed_axes(1.1 + 0.3 * len(lines), (1, 2), (left, 0.12, 0.5, 0.6), (0.2, 0.0), sharey=True)
-    axes = grid[0]
-    for ax, key, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
-        dress(ax, "mean squared normalised error [-]", "", title)
-        largest = max((row[key] for _, *both in lines for row in both if row and row[key]), default=1.0)
-        for number, (offset, colour, hatch) in enumerate(((-0.19, BEFORE, "////"), (0.19, AFTER, None))):
-            some = [(k, both[number]) for k, (_, *both) in enumerate(lines)]
-            known = [(k + offset, float(row[key])) for k, row in some if row and row[key] is not None]
-            at, values = np.transpose(known) if known else np.empty((2, 0))
-            ax.barh(at, values, 0.36, color=colour, hatch=hatch, edgecolor="white", linewidth=0)
-            for height, value in known:
-                beyond = value + 0.012 * largest
-                ax.text(beyond, height, f"{value:.3g}", fontsize=7, va="center", color="#444")
-        ax.set_xlim(0, 1.14 * largest)
-        ax.grid(axis="y", visible=False)
-        ax.tick_params(axis="y", length=0)
-    axes[0].set_yticks(range(len(lines)), labels, fontsize=7.5)
-    for tick, (heading, *_) in zip(axes[0].get_yticklabels(), lines, strict=True):
-        tick.set_fontweight("bold" if heading or tick.get_text() == "all pooled" else "normal")
-    axes[0].set_ylim(len(lines) - 0.4, -0.6)
-    bars = [Patch(facecolor=BEFORE, hatch="////", edgecolor="white"), Patch(facecolor=AFTER)]
-    figure.legend(bars, ["before", "after"], loc="upper center", ncols=2, fontsize=9, frameon=False)
     return figure
 
 
@@ -216,32 +173,27 @@ def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
     return figure
 
 
-def waterfall_plot(starts: Sequence[Start]) -> Figure:
-    """Objective of each of ``starts`` above the best one, in increasing order: did all reach the same optimum?
+def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "") -> Figure:
+    """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
-    Open squares did not converge; a ring marks a start that was solved again with damping.
+    row: of "profiles" in result.json; std [unit]: the standard error, whose parabola is drawn too. Where the curve is
+    flat below the dashed lines the data do not bound it.
     """
-    figure = new_figure(3.2)
-    ax = dress(figure.subplots(), "start, in order of its objective [-]", "objective above the best [-]")
-    ordered = sorted(starts, key=lambda s: s.objective)
-    best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
-    floor = 1e-10 * max(abs(best), 1.0)
-    above = np.array([max(s.objective - best, floor) for s in ordered])
-    done, again = (np.array([getattr(s, name) for s in ordered]) for name in ("converged", "restarted"))
-    place = np.arange(1, len(ordered) + 1)
-    for which, look in (
-        (done, {"marker": "o", "color": AFTER, "mfc": AFTER, "label": "converged"}),
-        (~done, {"marker": "s", "color": ALARM, "mfc": "none", "label": "not converged"}),
-        (again, {"marker": "o", "ms": 12, "color": GREY, "mfc": "none", "label": "restarted, damped"}),
-    ):
-        if which.any():
-            ax.plot(place[which], above[which], ls="none", **look)
-    for x, y, s in zip(place, above, ordered, strict=True):
-        ax.annotate(str(s.number), (x, y), xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7)
-    ax.set_yscale("log")
-    ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
-    ax.set_xticks(place)
-    ax.margins(y=0.15)
+    good = np.array([rise is not None and np.isfinite(rise) for rise in row["increase"]])
+    values = np.array(row["values"], dtype=float)[good]
+    rise = np.array(row["increase"], dtype=float)[good] / row["dispersion"]
+    rise = rise - rise.min(initial=np.inf)
+    figure = new_figure(3.0)
+    ax = dress(figure.subplots(), f"{row['symbol']} [{unit or '-'}]", "objective above its minimum [-]")
+    ax.plot(values, rise, "o-", color=AFTER, ms=3.5, label="profile")
+    if len(values) and std:
+        estimate, fine = float(values[np.argmin(rise)]), np.linspace(values.min(), values.max(), 200)
+        ax.plot(fine, 0.5 * ((fine - estimate) / std) ** 2, color=GREY, lw=1, label="parabola of the standard error")
+        ax.axvline(estimate, color=GREY, lw=0.8)
+    for height, name in ((0.5, "68 %"), (1.92, "95 %")):
+        ax.axhline(height, color=ALARM, lw=0.8, ls="--")
+        ax.text(1.005, height, name, transform=ax.get_yaxis_transform(), fontsize=7.5, va="center", color=ALARM)
+    ax.set_ylim(0, max(3.0, min(12.0, 1.05 * float(rise.max(initial=0.0)))))
     ax.legend(fontsize=8, frameon=False)
     return figure
 
@@ -263,56 +215,60 @@ def _position_rms(trial: Trial, windows: Sequence) -> float:
     return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
 
 
-def write_figures(written: FigureFolder, record: FitRecord, objects: FitObjects, most_tracks: int = 4) -> None:
+def write_figures(
+    written: FigureFolder,
+    record: FitRecord,
+    models: tuple[Simulator, Simulator],
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    history: Sequence[tuple[float, float]] = (),
+) -> None:
     """Write the figures of a calibration, in the order of a report.
 
-    written: where to; record: what it found; objects: trials and simulators behind it; most_tracks: trials drawn at
-    most.
+    written: where to; record: what it found; models: the ship before and after; trials, validation: calibrated on, and
+    held out; history: objective and largest gap at each iteration, drawn where the solver did not converge.
     """
-    models = {"before": objects.before, "after": objects.after}
-    trials, validation = objects.trials, objects.validation
-    ship, solution = objects.after.ship, objects.calibration.solution
-    if record.scores:
+    before, after = models
+    if judged := validation or trials:
         written.write(
-            "scores", partial(score_plot, plain(record.scores)), "Scores per trial",
-            "Mean squared error of open-loop predictions, summed over the six states, each divided by its "
-            "sigma; lower is better.",
+            "error_growth", partial(error_growth_plot, {"before": before, "after": after}, judged),
+            "How errors grow with the length of the prediction",
+            f"Rms errors over windows of the {'held-out' if validation else 'training (none was held out)'} trials, "
+            "each started from the measured state and from there on driven by the measured rudder, revolutions and "
+            "wind alone. Shaded: one standard error, by leaving out one trial (of a single one, one window) after the "
+            "other.",
         )  # fmt: skip
-    judged, which = (validation, "held-out") if validation else (trials, "training (none was held out)")
-    written.write(
-        "error_growth", partial(error_growth_plot, models, judged), "How errors grow with the length of the prediction",
-        f"Rms error over windows of the {which} trials, each started from the measured state and from there on "
-        "driven by the measured rudder, revolutions and wind alone.",
-    )  # fmt: skip
-    shown = _shown(trials, validation, most_tracks)
-    drawn = [trial for trial, _ in shown]
-    windows = [predict_all(model, drawn, PAPER_WINDOW, PAPER_WINDOW) for model in models.values()]
+    shown = _shown(trials, validation, TRACKS)
+    windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):
         pairs = [side[number][0] for side in windows]
         rms = [_position_rms(trial, windows) for windows in pairs]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         written.write(
-            f"track_{number + 1}", partial(trajectory_plot, trial, pairs[0], pairs[1], ship.particulars["L"]),
+            f"track_{number + 1}", partial(trajectory_plot, trial, *pairs, after.ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}",
         )  # fmt: skip
+    kinds = kinds_of(vars(record))
     written.write(
-        "coefficients", partial(coefficient_plot, record.coefficients, component_of(ship), kinds_of(vars(record))),
+        "coefficients", partial(coefficient_plot, record.coefficients, component_of(after.ship), kinds),
         "Coefficients: shift from the prior",
         "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
         "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
         "prior did.",
     )  # fmt: skip
-    if solution.history:
+    if history and not record.converged:
         written.write(
-            "convergence", partial(convergence_plot, solution.history), "Convergence of the last solve",
+            "convergence", partial(convergence_plot, history), "Iterations of the last solve",
             "Objective and largest gap between shooting intervals at each iteration.",
         )  # fmt: skip
-    if len(record.starts) > 1:
+    for row in record.profiles or ():
+        known = record.coefficients[row["symbol"]]
         written.write(
-            "starts", partial(waterfall_plot, record.starts), "Starts",
-            "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
-            "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
+            f"identifiability_profile_{row['symbol']}", partial(profile_plot, row, known.std, known.unit),
+            f"Profile of {row['symbol']}",
+            "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
+            f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than modelled): below the "
+            "dashed lines the coefficient may lie. A parabola is what its standard error stands for.",
         )  # fmt: skip
-    write_identifiability_figures(written, record, objects)

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import each, print_json, working
 
 if TYPE_CHECKING:
@@ -18,12 +19,10 @@ if TYPE_CHECKING:
 
 
 def check(
-    trials: Annotated[list[Path], Argument(help="Trial files (CSV, Parquet) or folders of them.")],
-    ship: Annotated[
-        str | None, Option(help="Ship file, run folder or library ship: which of its coefficients the trials excite.")
-    ] = None,
+    trials: o.Trials,
+    ship: Annotated[str | None, Option(help="Ship whose coefficients the trials are to excite.")] = None,
     every: Annotated[bool, Option("--all", help="Every sentence on every file, not only what is wrong.")] = False,
-    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
+    json: o.Json = False,
 ) -> None:
     """Check trial files: units, signs, frames, gaps, duplicates, lags, excitation; a verdict per file and per folder.
 

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from mmg.errors import UserError, needs_torch
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, names_of, print_json, progress, say
+from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -16,39 +18,30 @@ if TYPE_CHECKING:
     from residual.comparison.study import Study, Subset
 
 
+@o.options(
+    TrainSettings,
+    file=False,
+    Study="ship measurement models fractions no_random",
+    Solver="seeds seed epochs step time_limit workers scheduler",
+)
 def compare(
+    settings: o.Given,
     train: Annotated[
-        list[str] | None, Option(help="Trials, or a published split: train-tzrb (default), train-tzb, train-tzrb+ ...")
+        list[str] | None, Option(help="Trials, or a split; default train-tzrb.", metavar="TRIAL...")
     ] = None,
     test: Annotated[
-        list[str] | None, Option(help="Trials, or a split; default development-holdout. They are taken out of --train.")
+        list[str] | None, Option(help="Trials, or a split; default development-holdout.", metavar="TRIAL...")
     ] = None,
-    ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
-    measurement: Annotated[
-        str, Option(help="Instruments that a calibration fits along, as in mmg fit; or none.")
-    ] = "velocity_filter",
-    models: Annotated[str, Option(help="Which, separated by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
-    seeds: Annotated[int, Option(help="Trainings of each network, from seeds one apart.")] = 5,
-    seed: Annotated[int, Option(help="The first seed.")] = 0,
-    fractions: Annotated[str, Option(help="Shares of the training data to repeat all with: 0.1,0.3,1.")] = "1",
-    no_random: Annotated[
-        bool, Option("--no-random", help="Repeat all shares without the runs of random manoeuvres as well.")
-    ] = False,
-    epochs: Annotated[int | None, Option(help="Of every training; default as in mmg train.")] = None,
-    step: Annotated[float | None, Option(help="Grid of the trainings [s].")] = None,
-    workers: Annotated[int, Option(help="Processes over which everything is spread.")] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
-    time_limit: Annotated[float | None, Option(help="Of the whole [s].")] = None,
-    unchecked: Annotated[
-        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
-    ] = False,
     out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
-    resume: Annotated[
-        bool, Option("--resume", help="Continue an interrupted comparison in --out; finished entries are kept.")
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print one JSON document instead of the tables.")] = False,
+    ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
+    measurement: Annotated[str, Option(help="Instruments to fit along, or none.")] = "velocity_filter",
+    models: Annotated[str, Option(help="Which, by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
+    fractions: Annotated[str, Option(help="Shares of training data, such as 0.1,0.3,1.")] = "1",
+    no_random: Annotated[bool, Option("--no-random", help="Again without runs of random manoeuvres.")] = False,
+    scheduler: o.Scheduler = None,
+    resume: o.Resume = False,
+    unchecked: o.Unchecked = False,
+    json: o.Json = False,
 ) -> int:
     """Calibrate and train every model on the same trials and score all of them on others, side by side.
 
@@ -67,10 +60,6 @@ def compare(
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
     names = tuple(dict.fromkeys(names_of([models])))
-    if seeds < 1 or workers < 1 or (epochs is not None and epochs < 1):
-        raise UserError("--seeds, --workers and --epochs must be at least 1")
-    if any(value is not None and not 0 < value < float("inf") for value in (step, time_limit)):
-        raise UserError("--step and --time-limit must be positive numbers of seconds")
     needs_torch("mmg compare")
     from fitting.report.plot_style import FigureFolder
     from residual.comparison.figures import write_figures
@@ -97,10 +86,7 @@ def compare(
     instruments = tuple(
         e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects
     )
-    study = Study(
-        captive, tuple(trained_on), tuple(tests), names, subsets, seeds, seed, workers,
-        epochs, step, time_limit, instruments,
-    )  # fmt: skip
+    study = Study(captive, tuple(trained_on), tuple(tests), names, subsets, instruments=instruments, **settings)
     store = _store(out, resume, study) if out else None
     try:
         with reserved(out) if out else nullcontext():

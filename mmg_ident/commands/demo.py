@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, progress, say
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def demo(
     out: Annotated[Path | None, Option(help="Folder to write; default mmg-demo, or the next free name.")] = None,
     seed: Annotated[int, Option(help="Seed of wind and sensor noise.")] = 1,
-    json: Annotated[bool, Option("--json", help="Print what was found as JSON.")] = False,
+    json: o.Json = False,
 ) -> int:
     """Simulate trials of a ship nobody knows, check, calibrate, score, learn residuals, diagnose a hidden effect.
 
@@ -86,7 +87,7 @@ def _calibrate(
     """The calibration, in ``folder``/run, and how it compares with the hidden ship."""
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.demo_trials import SHIP, compare_with_truth
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from fitting.settings import Settings
     from mmg_ident.api import calibrate
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
+from diagnosis.inputs import DiagnosisOptions
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
     command_line,
     end_progress,
@@ -25,45 +27,25 @@ if TYPE_CHECKING:
     from mmg.ship import Ship
 
 
+@o.options(
+    DiagnosisOptions,
+    Model="without site campaign between",
+    Solver="step learn bootstrap seed time_limit workers scheduler",
+)
 def diagnose(
-    run: Annotated[str, Argument(help="Run folder of mmg fit, ship file or library ship.", metavar="RUN")],
-    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.", metavar="TRIAL...")],
-    out: Annotated[Path, Option(help="Folder to write the diagnosis to.")],
-    test: Annotated[
-        list[Path] | None, Option(help="Trials that take no part, to check on; several may follow.")
-    ] = None,
-    without: Annotated[list[str] | None, Option(help="Leave a component out of the model, such as wind.")] = None,
-    site: Annotated[Path | None, Option(help="Site file (default: site.toml beside the trials).")] = None,
-    between: Annotated[
-        str | None,
-        Option(help="Also say what differs between groups of trials: day, month, year, folder, group, kind."),
-    ] = None,
-    campaign: Annotated[
-        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
-    ] = None,
-    step: Annotated[float | None, Option(help="Time step of the analysis [s].")] = None,
-    workers: Annotated[
-        int, Option(help="Processes that do the tasks; 1: this one, and one beside it on a second core.")
-    ] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
-    seed: Annotated[int, Option(help="Seed of the drawn probabilities and intervals.")] = 0,
-    bootstrap: Annotated[
-        int,
-        Option(help="Campaigns simulated without any effect, to find probabilities (0: by their law)."),
-    ] = 0,
-    time_limit: Annotated[float | None, Option(help="Wall-clock limit of the diagnosis [s].")] = None,
-    no_learn: Annotated[
-        bool, Option("--no-learn", help="Do not measure how much a learned residual closes of the remainder.")
-    ] = False,
-    resume: Annotated[
-        bool, Option("--resume", help="Continue an interrupted diagnosis in --out; finished campaigns are kept.")
-    ] = False,
-    unchecked: Annotated[
-        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print diagnosis.json.")] = False,
+    run: o.Run,
+    trials: o.Trials,
+    out: o.RunFolder,
+    settings: o.Given,
+    test: o.Test = None,
+    without: o.Without = None,
+    site: Annotated[Path | None, Option(help="Site file; default site.toml beside the trials.")] = None,
+    campaign: o.Campaign = None,
+    scheduler: o.Scheduler = None,
+    resume: o.Resume = False,
+    unchecked: o.Unchecked = False,
+    no_report: o.NoReport = False,
+    json: o.Json = False,
 ) -> int:
     """Say which effect a ship's model lacks, judged by trials: an effect by name, none, or unknown.
 
@@ -84,65 +66,45 @@ def diagnose(
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
-    from contextlib import nullcontext
     from dataclasses import replace
-    from functools import partial
-    from importlib import import_module
 
-    from fitting.parallel import begun_beside, both_processes, spread_beside
+    from cases.checks import ready
+    from cases.io.campaigns import said_campaign
+    from cases.io.read import read_trials
+    from diagnosis import diagnose as pipeline
+    from diagnosis.inputs import diagnosis_store
+    from diagnosis.result import is_complete
     from fitting.report.run_folder import RESULT, check_target, reserved
 
     if not (resume and out.exists()):
         check_target(out)
-    elif _is_complete(out):
+    elif is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
-    ship = _ship(run, without or [])
-    alone = workers > 1 or scheduler is not None  # these do the tasks
-    with nullcontext() if alone else both_processes(partial(import_module, "diagnosis.diagnose")) as beside:
-        from cases.checks import ready  # these take a while, in which the process beside comes up
-        from cases.io.campaigns import said_campaign
-        from cases.io.read import read_trials
-        from diagnosis import diagnose as pipeline
-        from diagnosis.inputs import diagnosis_store
-
-        options = pipeline.DiagnosisOptions(
-            step, seed, workers, not no_learn, command_line(), between, bootstrap, time_limit
-        )
-        spread = partial(spread_beside, beside)
-        train, tests = read_trials(trials, spread=spread), read_trials(test, spread=spread) if test else []
-        train, tests = ready(train, tests, unchecked=unchecked, spread=spread)
-        train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
-        if beside and tests and not no_learn:
-            begun_beside(beside, partial(import_module, "diagnosis.validation.learned"))  # reads torch
-        begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-        store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
-        if store.resume and not store.folder.is_dir() and any(out.iterdir()):
-            raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
-        try:
-            with reserved(out):
-                found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
-                end_progress()
-                found.save(out, replace=resume or store.folder.is_dir())
-        except (KeyboardInterrupt, UserError) as stop:
-            if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
-                if not store.has_parts:
-                    store.discard()
-                raise
-            say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
-            return 130
+    ship, options = _ship(run, without or []), DiagnosisOptions(**settings, command=command_line())
+    train, tests = ready(read_trials(trials), read_trials(test) if test else [], unchecked=unchecked)
+    train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
+    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+    if store.resume and not store.folder.is_dir() and any(out.iterdir()):
+        raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
+    try:
+        with reserved(out):
+            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
+            end_progress()
+            found.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
+    except (KeyboardInterrupt, UserError) as stop:
+        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
+            if not store.has_parts:
+                store.discard()
+            raise
+        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        return 130
     if json:
         print_json(found.to_dict())
     else:
         _summary(found, out)
     return 0
-
-
-def _is_complete(out: Path) -> bool:
-    """Whether the diagnosis in the folder ``out`` has finished."""
-    from diagnosis.result import is_complete
-
-    return is_complete(out)
 
 
 def _ship(where: str, without: Sequence[str]) -> Ship:

@@ -7,13 +7,14 @@ from typing import Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json
 
 
 def effects(
     name: Annotated[str | None, Argument(help="One effect: its physics and its parameters.")] = None,
     ship: Annotated[str, Option(help="Ship for whose size and models the numbers are given.")] = "esso_osaka_3m",
-    json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
+    json: o.Json = False,
 ) -> None:
     """List the effects, or explain one: parameters, neutral value, typical size, where it enters.
 

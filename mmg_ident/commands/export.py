@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.messages import message_rows
-from mmg_ident.commands.output import names_of, print_json, say, ship_names, working
+from mmg_ident.commands import options as o
+from mmg_ident.commands.output import names_of, print_json, say, working
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -19,18 +20,11 @@ def _formats(incomplete: str) -> list[str]:
 
 
 def export(
-    model: Annotated[
-        str,
-        Argument(
-            help="Run folder of mmg fit or mmg train, ship file, or ship.",
-            metavar="RUN|SHIP",
-            autocompletion=ship_names,
-        ),
-    ],
+    model: o.Ship,
     format: Annotated[
         str,
         Option(
-            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo or vrx: docs/reference/formats.md",
+            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.",
             autocompletion=_formats,
         ),
     ],
@@ -44,10 +38,9 @@ def export(
         ),
     ] = None,
     force: Annotated[
-        bool,
-        Option("--force", help="Deliver also what did not converge or was never calibrated; replace what exists."),
+        bool, Option("--force", help="Also what did not converge or was never calibrated; replace what exists.")
     ] = False,
-    json: Annotated[bool, Option("--json", help="Print what was written, and its caveats, as JSON.")] = False,
+    json: o.Json = False,
 ) -> None:
     """Deliver a calibrated or hybrid ship: code that runs without this program.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, end_progress, print_json, progress, say
 
 if TYPE_CHECKING:
@@ -15,18 +16,12 @@ if TYPE_CHECKING:
 
 
 def fleet(
-    plan: Annotated[Path, Argument(help="Plan of the fleet, a TOML file: ships, trials, campaigns, sisters.")],
-    out: Annotated[
-        Path | None, Option(help="Folder to write; default: beside the plan, with its name (plan.toml: plan/).")
-    ] = None,
-    workers: Annotated[int, Option(help="Processes over which the ships are spread.")] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
-    resume: Annotated[
-        bool, Option("--resume", help="Go on in --out: ships that are done with the same files are kept.")
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print fleet.json on stdout.")] = False,
+    plan: Annotated[Path, Argument(help="Plan of the fleet (TOML): ships, trials, campaigns, sisters.")],
+    out: Annotated[Path | None, Option(help="Folder to write; default plan/ beside plan.toml.")] = None,
+    workers: o.Workers = 1,
+    scheduler: o.Scheduler = None,
+    resume: o.Resume = False,
+    json: o.Json = False,
 ) -> int:
     """Fit, judge, diagnose and compare many ships; sister ships share a prior whose width is estimated.
 
@@ -42,8 +37,6 @@ def fleet(
     from mmg_ident.fleet.table import write_tables
 
     out = plan.with_suffix("") if out is None else out
-    if workers < 1:
-        raise UserError(f"--workers {workers} must be at least 1")
     if not (resume and out.exists()):
         check_target(out)
     elif not (out / PARTS).is_dir() and (not out.is_dir() or any(out.iterdir())):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import is_model, print_json, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
@@ -21,54 +22,34 @@ if TYPE_CHECKING:
     from mmg.ship import Ship
 
 
+@o.options(
+    Simulated="speed rudder_rate maneuver",
+    Measured="ship length kind correct current",
+    Solver="scatter seed workers scheduler",
+)
 def imo(
     ships_and_trials: Annotated[
         list[str],
-        Argument(
-            help="A ship to simulate, or measured trial files and folders.",
-            metavar="SHIP|TRIAL...",
-            autocompletion=ship_names,
-        ),
+        Argument(help="A ship to simulate, or measured trials.", metavar="SHIP|TRIAL...", autocompletion=ship_names),
     ],
-    speed: Annotated[
-        float | None, Option(help="Test speed [m/s]; default U_0 of the ship file, else Froude number 0.142.")
-    ] = None,
-    rudder_rate: Annotated[
-        float | None, Option(help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled.")
-    ] = None,
-    maneuver: Annotated[
-        list[str] | None, Option(help="Simulate also this, such as spiral:15/5 or pull-out:20; may be repeated.")
-    ] = None,
-    ship: Annotated[str | None, Option(help="Ship of the trial files: gives L and its name.")] = None,
-    length: Annotated[float | None, Option(help="L of the trial files' ship [m].")] = None,
-    kind: Annotated[str, Option(help="Read the trials as turning, zigzag or crash-stop; default from the data.")] = "",
-    scale: Annotated[
-        float | None,
-        Option(help="Of a model, ship length over model length (default: the ship file's): judged at ship scale."),
-    ] = None,
-    correct: Annotated[
-        bool,
-        Option("--correct", help="Correct measured runs to still water and calm air (MSC/Circ.1053, 3.4.2)."),
-    ] = False,
-    current: Annotated[
-        str | None, Option(help="For --correct, SPEED:TOWARDS [m/s:deg]; default from the circles among the trials.")
-    ] = None,
-    scatter: Annotated[
-        int | None,
-        Option(help="Ships drawn for the 90 % intervals; default 500 of a calibration or starting ship, 0: none."),
-    ] = None,
-    seed: Annotated[int, Option(help="Seed of the draws.")] = 0,
-    workers: Annotated[int, Option(help="Processes over which the manoeuvres of the draws are spread.")] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
+    speed: Annotated[float | None, Option(help="Test speed [m/s]; default U_0, else Fn 0.142.")] = None,
+    rudder_rate: Annotated[float | None, Option(help="[deg/s]; default the ship's, else 20 at 3 m.")] = None,
+    maneuver: Annotated[list[str] | None, Option(help="Also this: spiral:15/5, pull-out:20.")] = None,
+    ship: Annotated[str | None, Option(help="Ship of the trials: gives L and its name.")] = None,
+    length: Annotated[float | None, Option(help="L of the trials' ship [m].")] = None,
+    kind: Annotated[str, Option(help="turning, zigzag or crash-stop; default from the data.")] = "",
+    scale: Annotated[float | None, Option(help="Ship length over model length: judged at ship scale.")] = None,
+    correct: Annotated[bool, Option("--correct", help="To still water and calm air (MSC/Circ.1053).")] = False,
+    current: Annotated[str | None, Option(help="SPEED:TOWARDS [m/s:deg]; default from circles.")] = None,
+    scatter: Annotated[int | None, Option(help="Ships drawn for intervals, 0: none; default 500.")] = None,
+    seed: o.Seed = 0,
+    workers: o.Workers = 1,
+    scheduler: o.Scheduler = None,
     plot: Annotated[Path | None, Option(help="Figure to write (.png, .svg or .pdf).")] = None,
-    out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and the simulated runs as CSV.")] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    unchecked: Annotated[
-        bool, Option("--unchecked", help="Judge also files that mmg check calls contradictory, and broken stretches.")
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
+    out: Annotated[Path | None, Option(help="New folder for imo.json, imo.png and simulated runs.")] = None,
+    force: o.Force = False,
+    unchecked: o.Unchecked = False,
+    json: o.Json = False,
 ) -> None:
     """Judge a ship by IMO MSC.137(76): turning, initial turning, yaw checking, stopping; pass or fail per figure.
 
@@ -92,8 +73,6 @@ def imo(
             raise UserError(f"--{option} {value:g} must be positive")
     if kind and kind not in KINDS:
         raise UserError(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
-    if workers < 1:
-        raise UserError(f"--workers {workers} must be at least 1")
     _check_targets(plot, out, force)
     if models:
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import each, print_json, say, working
 
 if TYPE_CHECKING:
@@ -17,19 +18,20 @@ if TYPE_CHECKING:
     from cases.importing.import_map import ImportMap
 
 
+@o.options(Headers="rudder_positive wind_direction velocity_frame zone_hours")
 def import_(
     logs: Annotated[
         list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet) or folders of them.", metavar="FILE...")
     ],
-    out: Annotated[Path, Option(help="Folder to write: a trial file for each run, trials.toml, import.toml.")],
+    out: Annotated[Path, Option(help="Folder to write: a file for each run, trials.toml, import.toml.")],
     map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/how-to/import.md).")] = None,
-    rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard or port.")] = None,
+    rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard, port.")] = None,
     wind_direction: Annotated[str | None, Option(help="Where wind directions point: from or to.")] = None,
     velocity_frame: Annotated[str | None, Option(help="Frame of u and v: body or earth.")] = None,
-    zone_hours: Annotated[float | None, Option(help="Time zone of stamps without one, hours ahead of UTC.")] = None,
-    separate: Annotated[bool, Option("--separate", help="Every file is a run; none are joined on time.")] = False,
+    zone_hours: Annotated[float | None, Option(help="Of stamps without a time zone, ahead of UTC.")] = None,
+    separate: Annotated[bool, Option("--separate", help="Every file is a run; none are joined.")] = False,
     force: Annotated[bool, Option("--force", help="Write into a folder that holds files.")] = False,
-    json: Annotated[bool, Option("--json", help="Print what was done as JSON.")] = False,
+    json: o.Json = False,
 ) -> None:
     """Turn raw logs into canonical trials: separators, units, clocks, positions on the globe, derived velocities.
 

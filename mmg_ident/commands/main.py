@@ -134,33 +134,42 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     return run_verb
 
 
-VERBS = {
-    "demo": "The whole story on embedded synthetic trials, in under two minutes.",
-    "ships": "List the ships that come with the package, print one, or write a starting ship of your own.",
-    "effects": "List the effects that a model may leave out, or explain one.",
-    "import": "Turn raw logs (text, Excel, NMEA; any units and clocks) into trial files.",
-    "check": "Check trial files: units, signs, frames, gaps, copies, lags, excitation.",
-    "simulate": "Simulate a manoeuvre, or the inputs of a trial file.",
-    "imo": "Judge a ship, or measured runs, by the IMO criteria.",
-    "fit": "Calibrate a ship on trials.",
-    "plan": "Design the next trial: rudder and revolutions inside an area that tell most.",
-    "train": "Learn a residual on a calibrated ship, or a black box.",
-    "predict": "Predict open-loop windows of trials.",
-    "score": "Score models on trials, side by side.",
-    "compare": "Compare models with the published networks on the public splits.",
-    "select": "Generate models of any structure for a ship, fit them and choose (Abkowitz-MMG hybrids).",
-    "diagnose": "Say which effect a model lacks, where the gap lies and how far it shrinks.",
-    "months": "Study months of operational data: cut, fit what tells most, date what changed.",
-    "fleet": "Fit, judge, diagnose and compare many ships; sisters share a prior.",
-    "scale": "Carry a calibrated model to the ship: friction, wake and rudder inflow at her size.",
-    "export": "Deliver a calibrated or hybrid ship: C and other formats that run elsewhere.",
-    "report": "Write one HTML page on a run, or on several side by side.",
-    "view": "Write one interactive page: tracks, histories, bands and forces.",
+PANELS = {
+    "Start": {
+        "demo": "The whole story on embedded synthetic trials, in about a minute.",
+        "import": "Turn raw logs (text, Excel, NMEA; any units, clocks) into trial files.",
+        "check": "Check trial files: units, signs, frames, gaps, copies, lags.",
+        "ships": "List the ships of the package, print one, write a starting ship.",
+        "effects": "List the effects that a model may leave out, or explain one.",
+        "simulate": "Simulate a manoeuvre, or the inputs of a trial file.",
+    },
+    "Calibrate": {
+        "fit": "Calibrate a ship on trials.",
+        "train": "Learn a residual on a calibrated ship, or a black box.",
+        "select": "Generate models of any structure, fit them and choose.",
+    },
+    "Judge": {
+        "score": "Score models on trials, side by side.",
+        "predict": "Predict open-loop windows of trials.",
+        "imo": "Judge a ship, or measured runs, by the IMO criteria.",
+        "diagnose": "Say which effect a model lacks and how far the gap shrinks.",
+        "compare": "Compare models with the networks of the literature.",
+    },
+    "Deliver": {
+        "export": "Deliver a ship: FMU, C, MATLAB and other formats.",
+        "report": "Write one HTML page on a run, or on several side by side.",
+        "view": "Write one interactive page: tracks, histories, forces.",
+        "scale": "Carry a calibrated model to the size of the ship.",
+        "plan": "Design the next trial: the one that tells most in an area.",
+    },
+    "Many": {
+        "months": "Study months of operational data; date what changed.",
+        "fleet": "Fit, judge, diagnose and compare many ships.",
+    },
 }
-"""Verb -> its line in ``mmg --help``, in that order; each has a module and a function of its name in this folder
+"""Panel of ``mmg --help`` -> verb -> its line; each verb has a module and a function of its name in this folder
 ("import_" for import, which is a word of Python)."""
-
-
+VERBS = {verb: words for verbs in PANELS.values() for verb, words in verbs.items()}
 _PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 
 
@@ -173,15 +182,18 @@ class _Verbs(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name not in VERBS:
             return None
+        from mmg_ident.commands.options import Verb
+
         name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
         verb = getattr(import_module(f"mmg_ident.commands.{name}"), name)
         one = typer.Typer(**_PLAIN)
-        one.command(cmd_name)(_interruptible(verb))
+        one.command(cmd_name, cls=Verb)(_interruptible(verb))
         return typer.main.get_command(one)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(list(VERBS.items()))
+        for title, verbs in PANELS.items():
+            with formatter.section(title):
+                formatter.write_dl(list(verbs.items()))
 
 
 app = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
@@ -263,17 +275,19 @@ def main(arguments: list[str] | None = None) -> int:
     from fitting.solvers.interrupts import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
+    from mmg_ident.gone import refuse_gone_options
 
     OBSERVER.told = tell
     try:
         given = expand(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+        refuse_gone_options(given)
         _check_memory(given)
         outcome = app(given, standalone_mode=False)
         sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
-        line = " ".join(str(error).split())
-        print(f"mmg: {line}", file=sys.stderr)
+        kind = f" [{error.code}]" if "--json" in (arguments or sys.argv) else ""
+        print(f"mmg: {' '.join(str(error).split())}{kind}", file=sys.stderr)
         return 2
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)

@@ -7,27 +7,24 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import UserError, name_fault
+from fitting.settings import Settings
+from mmg.errors import name_fault
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, ship_names
 
 if TYPE_CHECKING:
     from diagnosis.hypotheses.over_time.month_study import MonthStudy
 
 
+@o.options(Settings, Solver="time_limit seed")
 def months(
-    folder: Annotated[Path, Argument(help="Folder of the Parquet files of the log; folders in it are read too.")],
-    ship: Annotated[
-        str, Option(help="Ship to start from: library name, ship file or run folder.", autocompletion=ship_names)
-    ],
-    out: Annotated[Path, Option(help="Run folder to write; it must not exist.")],
-    fit: Annotated[
-        bool, Option(help="Calibrate the ship on the windows that tell most; else she is taken as she is.")
-    ] = True,
-    windows: Annotated[int, Option(help="Most windows to fit.")] = 24,
-    time_limit: Annotated[float | None, Option(help="Wall-clock limit of the calibration [s].")] = None,
-    seed: Annotated[int, Option(help="Seed of the bootstrap of the dates.")] = 0,
-    compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
-    json: Annotated[bool, Option("--json", help="Print months.json on stdout.")] = False,
+    folder: Annotated[Path, Argument(help="Folder of the Parquet files of the log, and folders in it.")],
+    ship: Annotated[str, Option(help="Library ship, ship file or run folder.", autocompletion=ship_names)],
+    out: o.RunFolder,
+    settings: o.Given,
+    fit: Annotated[bool, Option(help="Take the ship as she is.")] = True,
+    windows: Annotated[int, Option(min=1, help="Most windows to fit.")] = 24,
+    json: o.Json = False,
 ) -> int:
     """Study months of operational data in partitioned Parquet: cut them, fit the windows that tell most, date changes.
 
@@ -37,19 +34,14 @@ def months(
     from diagnosis.report.months_page import write_study
     from fitting.report.page import label_of
     from fitting.report.run_folder import check_target, reserved
-    from fitting.settings import Settings
     from mmg_ident.months import MonthOptions, study_months
 
-    if windows < 1:
-        raise UserError(f"--windows {windows} must be at least 1")
-    if time_limit is not None and not time_limit > 0:
-        raise UserError(f"--time-limit {time_limit:g} must be positive")
     check_target(out)
     start = load_ship(ship)
-    settings = Settings(loss="huber", time_limit=time_limit, compiled=compiled)
+    chosen = Settings(**{"loss": "huber", **settings})
     with reserved(out):
         options = MonthOptions(
-            fit, windows, seed, settings, command_line(), "" if name_fault(label_of(out)) else label_of(out)
+            fit, windows, chosen.seed, chosen, command_line(), "" if name_fault(label_of(out)) else label_of(out)
         )
         study, result = study_months(folder, start, options, progress())
         write_study(study, result, out)

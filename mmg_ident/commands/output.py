@@ -6,7 +6,7 @@ import json
 import logging
 import shlex
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mmg.errors import UserError
 
 if TYPE_CHECKING:
-    from fitting.prediction.score import Score
+    from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
     from residual.result import TrainResult
@@ -58,24 +58,22 @@ def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
             raise UserError(f"{line}; {out} is written all the same, see its report.html and mmg check")
 
 
-def scores_in_words(before: Score, after: Score) -> str:
-    """Both metrics of two models on the same trials. before, after: their scores."""
+def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
+    """Say both metrics, and errors in units where they are known, before and after, of sets of trials.
+
+    scores: by name of the set; what: words on the two models.
+    """
     from fitting.prediction.score_words import in_words
 
-    windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
-    return f"{windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}"
-
-
-def units_in_words(before: Score, after: Score) -> str:
-    """Errors in units of two models on the same trials, "" where they are not known. before, after: their scores."""
-    if not (before.units and after.units and after.units.pooled.windows):
-        return ""
-    parts = []
-    for name, words, unit in (("position", "position", "m"), ("heading", "heading", "deg"), ("u", "u", "m/s"),
-                              ("r", "r", "deg/s")):  # fmt: skip
-        values = (score.units.pooled.errors[name] for score in (before, after) if score.units)
-        parts.append(f"{words} {' -> '.join(f'{value:.3g}' for value in values)} {unit}")
-    return f"rms errors over {after.units.window:g} s: {', '.join(parts)}"
+    for name, pair in scores.items():
+        before, after = pair.before, pair.after
+        windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
+        say(f"{name}{what}: {windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}")
+        if before.units and after.units and after.units.pooled.windows:
+            units = {"position": "m", "heading": "deg", "u": "m/s", "r": "deg/s"}
+            errors = before.units.pooled.errors, after.units.pooled.errors
+            words = ", ".join(f"{c} {errors[0][c]:.3g} -> {errors[1][c]:.3g} {unit}" for c, unit in units.items())
+            say(f"{name}{what}: rms errors over {after.units.window:g} s: {words}")
 
 
 def refuse_target(option: str, path: Path, force: bool) -> None:

@@ -9,43 +9,35 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, progress, refuse_target, say, working
+from mmg_ident.commands import options as o
+from mmg_ident.commands.output import names_of, print_json, progress, refuse_target, say, working
 
 if TYPE_CHECKING:
-    from fitting.report.planned_trial import PlannedTrial
+    from fitting.design.planned_trial import PlannedTrial
 
 
+@o.options(Limits="speed_limit margin start ahead rudder_limit", Solver="time_limit seed effort workers scheduler")
 def plan(
-    run: Annotated[Path, Argument(help="Run folder of mmg fit, or of mmg train on one.")],
+    run: Annotated[Path, Argument(help="Run folder of mmg fit, or of mmg train on one.", metavar="RUN")],
     area: Annotated[str, Option(help="Basin or sea area, length x width [m], such as 60x25.")],
     time: Annotated[float, Option(help="Length of the trial [s].")],
-    out: Annotated[Path, Option(help="CSV file for the autopilot; the map is written beside it.")],
-    coefficients: Annotated[
-        str | None, Option(help="Symbols, parts of the ship (hull, propeller, rudder) or all; default the hull's.")
-    ] = None,
+    out: Annotated[Path, Option(help="CSV file for the autopilot; a map comes with it.")],
+    coefficients: Annotated[str | None, Option(help="Symbols, hull, propeller, rudder or all; default hull.")] = None,
     figures: Annotated[
-        str | None,
-        Option(
-            help="Instead: advance, transfer, tactical_diameter, first_overshoot_10, second_overshoot_10, "
-            "first_overshoot_20, track_reach."
-        ),
+        str | None, Option(help="Instead: advance, transfer, tactical_diameter, track_reach, first_overshoot_10, ...")
     ] = None,
-    speed_limit: Annotated[float | None, Option(help="Highest speed [m/s]; default that of the trials.")] = None,
-    margin: Annotated[float | None, Option(help="That the hull keeps from the edges [m]; default half a beam.")] = None,
-    start: Annotated[
-        str | None, Option(help="x:y:heading [m, m, deg] of the start; default where there is most room.")
-    ] = None,
+    speed_limit: Annotated[float | None, Option(help="Highest [m/s]; default that of the trials.")] = None,
+    margin: Annotated[float | None, Option(help="From the edges [m]; default half a beam.")] = None,
+    start: Annotated[str | None, Option(help="x:y:heading [m, m, deg]; default where most room is.")] = None,
     ahead: Annotated[bool, Option("--ahead", help="The propeller is not reversed.")] = False,
     rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
-    time_limit: Annotated[float, Option(help="The search ends after so many seconds by the clock.")] = 150.0,
-    seed: Annotated[int, Option(help="Seed of the search.")] = 0,
+    time_limit: Annotated[float, Option(help="Limit of the search [s].")] = 150.0,
+    seed: o.Seed = 0,
     effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
-    workers: Annotated[int, Option(help="Processes over which the sequences of the search are spread.")] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    json: Annotated[bool, Option("--json", help="Print the plan as JSON.")] = False,
+    workers: o.Workers = 1,
+    scheduler: o.Scheduler = None,
+    force: o.Force = False,
+    json: o.Json = False,
 ) -> None:
     """Design the next trial: rudder and revolutions that make chosen coefficients or figures known best.
 
@@ -54,8 +46,8 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
+    from fitting.design.planned_trial import Wish, plan_trial
     from fitting.report.plan_section import in_words
-    from fitting.report.planned_trial import Wish, plan_trial
     from fitting.report.run_folder import read_result
     from mmg_ident.api import load_run
 
@@ -65,8 +57,9 @@ def plan(
         refuse_target("--out", path, force)
     if not (math.isfinite(effort) and 0 < effort <= 100):
         raise UserError(f"--effort {effort:g}: give a number above 0, at most 100")
+    symbols, wanted = (tuple(names_of([text or ""])) for text in (coefficients, figures))
     wish = Wish(
-        area, time, _names(coefficients), _names(figures), speed_limit, margin, _start(start), ahead, seed, effort,
+        area, time, symbols, wanted, speed_limit, margin, _start(start), ahead, seed, effort,
         math.radians(rudder_limit), time_limit, workers,
     )  # fmt: skip
     kind = read_result(run)["kind"]
@@ -86,11 +79,6 @@ def plan(
     say(f"written: {out}, {out.with_suffix('.png')}")
 
 
-def _names(text: str | None) -> tuple[str, ...]:
-    """The words of a list separated by commas."""
-    return tuple(word.strip() for word in (text or "").split(",") if word.strip())
-
-
 def _start(text: str | None) -> tuple[float, float, float] | None:
     """x, y [m], psi [rad] of words such as 5:12:90."""
     if text is None:
@@ -106,7 +94,7 @@ def _start(text: str | None) -> tuple[float, float, float] | None:
 
 def _write(planned: PlannedTrial, out: Path, run: Path) -> None:
     """The file for the autopilot and the map beside it; the run keeps the plan for its report."""
-    from fitting.report.plan_map import keep_plan, plan_map
+    from fitting.report.plan_section import keep_plan, plan_map
 
     try:
         planned.write(out)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, progress, say, ship_names
+from mmg_ident.commands import options as o
+from mmg_ident.commands.output import print_json, progress, say
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -18,26 +19,19 @@ if TYPE_CHECKING:
 
 
 def predict(
-    model: Annotated[str, Argument(help="Ship or run folder.", autocompletion=ship_names)],
-    trials: Annotated[list[Path], Argument(help="Trial files, or folders of them.")],
-    out: Annotated[Path, Option(help="CSV file (one trial) or folder (NAME.csv for each).")],
+    model: o.Ship,
+    trials: o.Trials,
+    out: Annotated[Path, Option(help="CSV file (one trial), or folder (NAME.csv for each).")],
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
-    stride: Annotated[float | None, Option(help="Seconds between window starts; default the window length.")] = None,
+    stride: Annotated[float | None, Option(help="Between window starts [s]; default the window.")] = None,
     adapt: Annotated[
         float | None,
-        Option(
-            help="Seconds before each window from which the run's disturbance is estimated; 0: none. "
-            "Default: what the run folder says pays."
-        ),
+        Option(help="Past of a window [s] that tells the disturbance, 0: none; default what the run folder says pays."),
     ] = None,
-    campaign: Annotated[
-        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
-    ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    unchecked: Annotated[
-        bool, Option("--unchecked", help="Predict also files that mmg check calls contradictory.")
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print what was written as JSON.")] = False,
+    campaign: o.Campaign = None,
+    force: o.Force = False,
+    unchecked: o.Unchecked = False,
+    json: o.Json = False,
 ) -> None:
     """Predict open-loop windows of trials, each started from the measured state.
 

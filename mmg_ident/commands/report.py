@@ -6,24 +6,22 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, say, working
 
 
 def report(
-    runs: Annotated[list[Path], Argument(help="Run folders of mmg fit, or of mmg train.", metavar="RUN...")],
-    out: Annotated[
-        Path | None, Option(help="HTML file to write; default RUN/report.html, ./report.html for several runs.")
-    ] = None,
+    runs: o.Runs,
+    out: Annotated[Path | None, Option(help="HTML file; default RUN/report.html, of several ./report.html.")] = None,
     pdf: Annotated[bool, Option("--pdf", help="Also a PDF beside it (needs WeasyPrint: the extra pdf).")] = False,
     full_load_draught: Annotated[
-        float | None,
-        Option(help="[m], at the length of the ship file: tested IMO figures are corrected to it."),
+        float | None, Option(help="[m], at the length of the ship file: tested IMO figures are corrected to it.")
     ] = None,
-    imo: Annotated[bool, Option(help="With the form for IMO, whose figures are simulated: some seconds.")] = True,
-    json: Annotated[bool, Option("--json", help="Print where the report is as JSON.")] = False,
+    imo: Annotated[bool, Option(help="Without the form for IMO, whose figures are simulated.")] = True,
+    json: o.Json = False,
 ) -> None:
     """Write one self-contained HTML page on a run, or on several side by side.
 

@@ -2,44 +2,29 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
-from mmg_ident.commands.output import command_line, print_json, say, say_remarks, ship_names, working
+from mmg_ident.commands import options as o
+from mmg_ident.commands.output import command_line, print_json, say, say_remarks, working
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
 
 
+@o.options(Scaling="speed rho form_factor roughness froude_only")
 def scale(
-    run: Annotated[
-        str,
-        Argument(
-            help="Run folder of mmg fit, a ship file, or a ship of the package.",
-            metavar="RUN|SHIP",
-            autocompletion=ship_names,
-        ),
-    ],
-    length: Annotated[float, Option(help="Length of the ship between perpendiculars [m].")],
-    out: Annotated[Path, Option(help="New run folder to write.")],
-    speed: Annotated[
-        float | None,
-        Option(
-            help="Speed of the ship [m/s] at which friction and wake are taken; default the model's, Froude scaled."
-        ),
-    ] = None,
-    rho: Annotated[float | None, Option(help="Density of the ship's water [kg/m^3]; default sea water.")] = None,
-    form_factor: Annotated[
-        float | None, Option(help="Form factor k where it was measured; default from the model's own resistance.")
-    ] = None,
+    run: o.Ship,
+    length: Annotated[float, Option(help="Of the ship between perpendiculars [m].")],
+    out: o.RunFolder,
+    speed: Annotated[float | None, Option(help="Of the ship [m/s], for friction; default the model's, scaled.")] = None,
+    rho: Annotated[float | None, Option(help="Density of water [kg/m^3]; default sea water.")] = None,
+    form_factor: Annotated[float | None, Option(help="k; default from the model's resistance.")] = None,
     roughness: Annotated[float, Option(help="Roughness of the ship's hull [m].")] = 150e-6,
-    froude_only: Annotated[
-        bool, Option("--froude-only", help="Similarity alone: resistance, wake and rudder inflow stay the model's.")
-    ] = False,
-    name: Annotated[str, Option(help="Name of the ship; default the model's, with the length.")] = "",
-    json: Annotated[bool, Option("--json", help="Print result.json on stdout.")] = False,
+    froude_only: Annotated[bool, Option("--froude-only", help="Similarity alone, no viscous effect.")] = False,
+    name: Annotated[str, Option(help="Of the ship; default the model's, with the length.")] = "",
+    json: o.Json = False,
 ) -> None:
     """Carry a calibrated model to the ship: Froude's law, and friction, wake and rudder inflow at her Reynolds number.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import each, is_model, numbers_of, print_json, say
 from mmg_ident.commands.score_tables import print_scores, worse_than_first
 
@@ -23,35 +24,19 @@ if TYPE_CHECKING:
 
 def score(
     runs_and_trials: Annotated[
-        list[str],
-        Argument(help="Ships or run folders, then trial files or folders of them.", metavar="SHIP|RUN... TRIAL..."),
+        list[str], Argument(help="Ships or run folders, then trials or folders of them.", metavar="SHIP... TRIAL...")
     ],
-    sigma: Annotated[str | None, Option(help="Sigma of x,y,psi,u,v,r to divide errors by (six numbers).")] = None,
-    sigma_from: Annotated[
-        list[Path] | None, Option(help="Trials whose pooled sigma to use; several may follow.")
-    ] = None,
+    sigma: Annotated[str | None, Option(help="Of x,y,psi,u,v,r, to divide errors by.")] = None,
+    sigma_from: Annotated[list[Path] | None, Option(help="Trials with that sigma.", metavar="TRIAL...")] = None,
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
     adapt: Annotated[
         float | None,
-        Option(
-            help="Score also with this many seconds before each window as a help; 0: not. Default: what pays, as one "
-            "of the run folders says."
-        ),
+        Option(help="Also with this past of a window [s], 0: not; default what a run folder says pays."),
     ] = None,
-    window: Annotated[
-        float, Option(help="Window of the errors in units [s]; 0: 30 s, or 4 L/U where 30 s are less than 2.5 of them.")
-    ] = 0.0,
-    campaign: Annotated[
-        str | None, Option(help="Campaign of the trials, where the file, day or folder does not tell it.")
-    ] = None,
-    unchecked: Annotated[
-        bool,
-        Option(
-            "--unchecked",
-            help="Score also files that mmg check calls contradictory, and broken stretches, as published.",
-        ),
-    ] = False,
-    json: Annotated[bool, Option("--json", help="Print one JSON document.")] = False,
+    window: Annotated[float, Option(help="Of errors in units [s]; default 30, or 4 L/U of a large ship.")] = 0.0,
+    campaign: o.Campaign = None,
+    unchecked: o.Unchecked = False,
+    json: o.Json = False,
 ) -> None:
     """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
 

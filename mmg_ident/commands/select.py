@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from fitting.settings import Settings
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
     command_line,
     names_of,
@@ -15,7 +17,6 @@ from mmg_ident.commands.output import (
     progress,
     refuse_target,
     say,
-    ship_names,
 )
 
 if TYPE_CHECKING:
@@ -23,76 +24,51 @@ if TYPE_CHECKING:
     from fitting.selection.candidates import Rules, StructureCandidate
     from fitting.selection.learning import Method
     from fitting.selection.structure_choice import StructureChoice
-    from fitting.settings import Settings
     from mmg.ship import Ship
 
 
+@o.options(
+    Settings,
+    Look="list_ terms write force",
+    Candidates="only order actuators asymmetric duplicates moduli hard",
+    Solver="objective optimizer seeds seed time_limit workers scheduler",
+)
 def select(
-    ship: Annotated[
-        str, Argument(help="Library ship (see mmg ships), ship file or run folder.", autocompletion=ship_names)
-    ],
-    trials: Annotated[list[Path] | None, Argument(help="Trial files or folders to fit on.")] = None,
+    ship: o.Ship,
+    settings: o.Given,
+    trials: Annotated[list[Path] | None, Argument(help="Trials to fit on, or folders.", metavar="TRIAL...")] = None,
     validate: Annotated[
-        list[Path] | None,
-        Option(help="Trials to choose by; several may follow. Default: the last quarter of the trials."),
+        list[Path] | None, Option(help="Trials to choose by; default the last quarter.", metavar="TRIAL...")
     ] = None,
-    test: Annotated[
-        list[Path] | None, Option(help="Trials on which the choice is tested, once; several may follow.")
-    ] = None,
-    only: Annotated[
-        list[str] | None, Option(help="Try only these candidates (comma-separated), such as mmg,sm2-order3.")
-    ] = None,
-    time_limit: Annotated[float | None, Option(help="Wall-clock limit of each fit [s].")] = 300.0,
-    seed: Annotated[int, Option(help="Seed of the harbour sequences.")] = 0,
-    compiled: Annotated[bool, Option(help="Use a C compiler if there is one.")] = True,
-    objective: Annotated[
-        str,
-        Option(
-            help="How polynomials are fitted: regression, then windows as mmg fit; or paper, the error of simulated "
-            "subsequences of Miyauchi et al. (2023)."
-        ),
-    ] = "regression",
-    optimizer: Annotated[
-        str | None,
-        Option(help="With --objective paper: gradient (by derivatives, along a path of L1 weights) or cmaes."),
-    ] = None,
-    seeds: Annotated[
-        int | None, Option(help="With --objective paper: runs of each candidate, from --seed on. Default: 1.")
-    ] = None,
-    workers: Annotated[int, Option(help="Processes over which fits are spread.")] = 1,
-    scheduler: Annotated[
-        str | None, Option(help="Dask scheduler, as tcp://host:8786: its workers do the tasks.", metavar="ADDRESS")
-    ] = None,
-    unchecked: Annotated[
-        bool, Option("--unchecked", help="Take also files that mmg check calls contradictory, and broken stretches.")
-    ] = False,
-    resume: Annotated[
-        bool, Option("--resume", help="Go on with the finished fits of an interrupted choice, OUT.unfinished.")
-    ] = False,
-    list_: Annotated[bool, Option("--list", help="Print the candidates with their numbers of unknowns.")] = False,
-    terms: Annotated[str | None, Option(help="Print the terms of one candidate, such as sm2-order2.")] = None,
-    write: Annotated[str | None, Option(help="Write one candidate as a ship file, to --out.")] = None,
+    test: Annotated[list[Path] | None, Option(help="Trials to test the choice on, once.", metavar="TRIAL...")] = None,
     out: Annotated[Path | None, Option(help="Run folder to write, with --write a ship file.")] = None,
+    unchecked: o.Unchecked = False,
+    resume: o.Resume = False,
+    no_report: o.NoReport = False,
+    json: o.Json = False,
+    list_: Annotated[bool, Option("--list", help="Print the candidates and their unknowns.")] = False,
+    terms: Annotated[str | None, Option(help="Print the terms of one, such as sm2-order2.")] = None,
+    write: Annotated[str | None, Option(help="Write one as a ship file, to --out.")] = None,
+    force: o.Force = False,
+    only: Annotated[list[str] | None, Option(help="Try only these, such as mmg,sm2-order3.")] = None,
     order: Annotated[int, Option(help="Highest order of the polynomials.")] = 3,
     actuators: Annotated[
-        str | None,
-        Option(
-            help="List of actuators, such as 'n, delta' or 'azimuth+azimuth_2, azimuth_3+azimuth_4'; a+b mirror each "
-            "other. Default: those of the ship, but its tunnel thrusters."
-        ),
+        str | None, Option(help="Such as 'n, delta' or 'n+n_2, delta', where + mirrors; default the ship's.")
     ] = None,
-    asymmetric: Annotated[
-        bool, Option("--asymmetric", help="Claim no symmetry of port and starboard: keep all terms.")
-    ] = False,
-    duplicates: Annotated[
-        str, Option(help="What sin^2 + cos^2 = 1 leaves out: paper (counts of the paper), identity (exact), none.")
-    ] = "paper",
-    moduli: Annotated[str, Option(help="Squares as moduli: paper, full (v|v| and the like too), none.")] = "paper",
-    hard: Annotated[bool, Option("--hard", help="Sub-models switch at once; default: blended.")] = False,
-    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
-    json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
+    asymmetric: Annotated[bool, Option("--asymmetric", help="Port and starboard differ: keep all.")] = False,
+    duplicates: Annotated[str, Option(help="Left out of sin^2 + cos^2: paper, identity, none.")] = "paper",
+    moduli: Annotated[str, Option(help="Squares as moduli: paper, full, none.")] = "paper",
+    hard: Annotated[bool, Option("--hard", help="Sub-models switch at once, not blended.")] = False,
+    objective: Annotated[
+        str, Option(help="regression, or paper: simulated subsequences (Miyauchi et al. 2023).")
+    ] = "regression",
+    optimizer: Annotated[str | None, Option(help="Of the paper's: gradient (default) or cmaes.")] = None,
+    seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
+    scheduler: o.Scheduler = None,
 ) -> int:
     """Generate Abkowitz-MMG hybrid models for a ship, fit them to trials, and choose the best.
+
+    A fit ends after 300 s unless --time-limit says otherwise.
 
     Example: mmg select vectwin_3m --list
 
@@ -103,7 +79,6 @@ def select(
     from cases.io.files import replace_text
     from cases.shipfiles.ship_file import dump_ship, load_ship
     from fitting.selection.candidates import Rules, candidate, candidates
-    from fitting.settings import Settings
     from mmg.components.expansion.structure import term_list
 
     wanted = [list_, terms is not None, write is not None, bool(trials)]
@@ -115,12 +90,10 @@ def select(
         refuse_target("--out", out, force)
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
     if trials and out is not None:
-        if time_limit is not None and not time_limit > 0:
-            raise UserError(f"--time-limit {time_limit:g} must be positive")
-        method = _method(objective, optimizer, seeds, (seed, workers, time_limit, compiled))
+        chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
+        method = _method(objective, optimizer, seeds, chosen)
         sets = _sets(trials, validate, test, unchecked)
-        settings = Settings(time_limit=time_limit, seed=seed, passes=2, compiled=compiled, workers=workers)
-        return _choose(model, rules, sets, names_of(only), (settings, method, resume), out, json)
+        return _choose(model, rules, sets, names_of(only), (chosen, method, resume, not no_report), out, json)
     if list_:
         found = candidates(model, rules)
         print_json({"ship": model.name, "candidates": [_row(c) for c in found]}) if json else _print(found)
@@ -163,17 +136,13 @@ def _sets(
     return train, held, last
 
 
-def _method(
-    objective: str, optimizer: str | None, seeds: int | None, shared: tuple[int, int, float | None, bool]
-) -> Method | None:
+def _method(objective: str, optimizer: str | None, seeds: int | None, settings: Settings) -> Method | None:
     """How candidates are learned by the objective of the paper; None for the other objective."""
     from fitting.selection.learning import Method
 
-    seed, workers, time_limit, compiled = shared
-    if workers < 1:
-        raise UserError(f"--workers {workers} must be at least 1")
     if objective == "paper":
-        return Method(optimizer or "gradient", 1 if seeds is None else seeds, seed, workers, time_limit, None, compiled)
+        shared = {name: getattr(settings, name) for name in ("seed", "workers", "time_limit", "compiled")}
+        return Method(optimizer or "gradient", seeds or 1, **shared)
     if objective != "regression":
         raise UserError(f"--objective {objective}: must be regression or paper")
     if optimizer is not None or seeds is not None:
@@ -186,7 +155,7 @@ def _choose(
     rules: Rules,
     sets: tuple[list[Trial], list[Trial], list[Trial]],
     only: list[str],
-    how: tuple[Settings, Method | None, bool],
+    how: tuple[Settings, Method | None, bool, bool],
     out: Path,
     json: bool,
 ) -> int:
@@ -199,7 +168,7 @@ def _choose(
     from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
-    settings, method, resume = how
+    settings, method, resume, report = how
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
     done = there and PENDING not in {message.text for message in read_fit(out).messages}
     if not there:
@@ -225,7 +194,7 @@ def _choose(
             raise
         found = choice.to_dict()
         result = replace(choice.result, command=command_line()).save(
-            out, replace=there, beside=lambda folder: _beside(choice, folder)
+            out, replace=there, beside=lambda folder: _beside(choice, folder, report), report=report
         )
         choice = replace(choice, result=result)
         kept.done()
@@ -233,21 +202,23 @@ def _choose(
     return 0 if choice.result.converged else 1
 
 
-def _beside(choice: StructureChoice, folder: Path) -> None:
+def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.report.plot_learning import learning_plot
-    from fitting.report.plot_structures import structure_plot
+    from fitting.report.plot_structures import learning_plot, structure_plot
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
     from fitting.selection.learning import write_learning
 
     found = choice.to_dict()
     write_json(folder / "selection.json", found)
+    runs = [run for some in choice.runs.values() for run in some]
+    if runs:
+        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+    if not report:
+        return
     figures = FigureFolder(folder / "figures")
     figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-    if choice.runs:
-        runs = [run for some in choice.runs.values() for run in some]
-        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+    if runs:
         curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
         figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, refuse_target, say, ship_names
 
 if TYPE_CHECKING:
@@ -17,23 +18,21 @@ if TYPE_CHECKING:
 
 def ships(
     name: Annotated[
-        str | None, Argument(help="Ship, ship file or run folder to print as TOML.", autocompletion=ship_names)
+        str | None,
+        Argument(help="Ship, ship file or run folder to print.", metavar="SHIP", autocompletion=ship_names),
     ] = None,
     new: Annotated[
         list[str] | None,
         Option(
-            help="Main particulars of a new ship, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE "
-            "(also x_G, aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...); "
-            "A_R=0 for no rudder."
+            help="Main particulars, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE (also x_G, "
+            "aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...); A_R=0 for no rudder."
         ),
     ] = None,
     called: Annotated[str | None, Option("--name", help="Name of the new ship; default from --out.")] = None,
-    hull: Annotated[
-        str, Option(help="Hull model of the new ship: unified (harbour too) or polynomial (ahead).")
-    ] = "unified",
+    hull: Annotated[str, Option(help="Hull model: unified (harbour too) or polynomial (ahead).")] = "unified",
     out: Annotated[Path | None, Option(help="Ship file to write; default: print it.")] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
-    json: Annotated[bool, Option("--json", help="Print as JSON.")] = False,
+    force: o.Force = False,
+    json: o.Json = False,
 ) -> None:
     """List the ships that come with the package, print one as a ship file, or write a starting ship of your own.
 

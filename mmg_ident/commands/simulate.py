@@ -6,70 +6,46 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.errors import UserError
-from mmg_ident.commands.output import print_json, refuse_target, say, ship_names, working
+from mmg_ident.commands import options as o
+from mmg_ident.commands.output import print_json, refuse_target, say, working
 
 if TYPE_CHECKING:
     from cases.trial import Trial
     from mmg.ship import Ship
 
 
+@o.options(Run="n speed duration rudder_rate sampled_helm dt seed campaign", Draws="scatter plot")
 def simulate(
-    ship: Annotated[
-        str, Argument(help="Library ship (see mmg ships), ship file or run folder.", autocompletion=ship_names)
-    ],
+    ship: o.Ship,
     maneuver: Annotated[
         str | None,
         Option(
-            help="turning:35, zigzag:20/20 (rudder/heading), spiral:15/5, pull-out:20, crash-stop, coasting, random, "
-            "random:SEED, straight, berthing or acceleration; degrees, negative begins to port; harbour:SEED uses "
-            "every actuator at random, each by itself."
+            help="turning:35, zigzag:20/20, spiral:15/5, pull-out:20, crash-stop, coasting, random:SEED, straight, "
+            "berthing, acceleration, harbour:SEED [deg, negative begins to port]."
         ),
     ] = None,
-    controls: Annotated[
-        Path | None, Option(help="Trial file whose n, delta and wind are followed, from its first state.")
-    ] = None,
-    wind: Annotated[
-        str | None, Option(help="speed:direction[:gusty], m/s and degrees it comes from; default calm air.")
-    ] = None,
-    effect: Annotated[
-        list[str] | None, Option(help="NAME or NAME:key=value,... (see mmg effects). May be repeated.")
-    ] = None,
+    controls: Annotated[Path | None, Option(help="Trial whose n, delta and wind are followed.")] = None,
+    wind: Annotated[str | None, Option(help="speed:direction[:gusty] [m/s, deg it comes from].")] = None,
+    effect: Annotated[list[str] | None, Option(help="NAME or NAME:key=value,... (see mmg effects).")] = None,
     noise: Annotated[bool, Option("--noise", help="Add white sensor noise to the states written.")] = False,
     n: Annotated[float | None, Option(help="Approach revolutions [1/s]; default from the speed.")] = None,
-    speed: Annotated[
-        float | None, Option(help="Approach speed [m/s]; default from n, else the ship's U_0, else Froude number 0.07.")
-    ] = None,
+    speed: Annotated[float | None, Option(help="Approach speed [m/s]; default from n, U_0, Fn 0.07.")] = None,
     duration: Annotated[float | None, Option(help="Longest time [s].")] = None,
-    rudder_rate: Annotated[
-        float | None, Option(help="[deg/s]; default the ship's own, else 20 for a 3 m model, Froude scaled.")
-    ] = None,
-    sampled_helm: Annotated[
-        bool, Option("--sampled-helm", help="Orders are given at samples only; default: at the very moment.")
-    ] = False,
+    rudder_rate: Annotated[float | None, Option(help="[deg/s]; default the ship's, else 20 at 3 m.")] = None,
+    sampled_helm: Annotated[bool, Option("--sampled-helm", help="Orders are given at samples only.")] = False,
     dt: Annotated[float | None, Option(help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
-    campaign: Annotated[
-        str | None, Option(help="Campaign whose instruments log the run; default the mean of all.")
-    ] = None,
+    campaign: Annotated[str | None, Option(help="Whose instruments log the run; default the mean.")] = None,
     scatter: Annotated[
-        int | None,
-        Option(
-            help="Draw the ship so often from the standard errors of her coefficients, of a run folder also from their "
-            "correlation and the unexplained accelerations of its trials; prints median and 90 % interval of each "
-            "figure, and the probability of meeting its criterion."
-        ),
+        int | None, Option(help="Ships drawn from the covariance: median and 90 % interval of each figure.")
     ] = None,
-    plot: Annotated[
-        Path | None, Option(help="With --scatter of a calibration, figure of the tracks (.png, .svg or .pdf).")
-    ] = None,
-    out: Annotated[
-        Path | None, Option(help="Trial file to write (.csv or .parquet), with --scatter the motions of all draws.")
-    ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite an existing file.")] = False,
-    json: Annotated[bool, Option("--json", help="Print the summary as JSON.")] = False,
+    plot: Annotated[Path | None, Option(help="Figure of their tracks (.png, .svg or .pdf).")] = None,
+    out: Annotated[Path | None, Option(help="Trial file to write (.csv or .parquet).")] = None,
+    force: o.Force = False,
+    json: o.Json = False,
 ) -> None:
     """Simulate a manoeuvre, or the inputs of a trial file, on a ship and write the motion as a trial file.
 

@@ -5,31 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Option
 
 from mmg.errors import UserError
+from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, refuse_target, say, working
 
 
 def view(
-    runs: Annotated[list[Path], Argument(help="Run folders of mmg fit, mmg train or mmg diagnose.", metavar="RUN...")],
-    out: Annotated[
-        Path | None, Option(help="HTML file to write; default RUN/view.html, ./view.html for several runs.")
-    ] = None,
+    runs: o.Runs,
+    out: Annotated[Path | None, Option(help="HTML file; default RUN/view.html, of several ./view.html.")] = None,
     trials: Annotated[
-        list[Path] | None,
-        Option(help="Trial files or folders to show; default those that the runs used, where they are as they were."),
+        list[Path] | None, Option(help="Trials to show; default those of the runs.", metavar="TRIAL...")
     ] = None,
     diagnosis: Annotated[
-        Path | None,
-        Option(help="Folder of mmg diagnose whose missing force is marked; default one beside the run, if any."),
+        Path | None, Option(help="Diagnosis whose force is marked; default one beside the run.")
     ] = None,
     window: Annotated[
-        list[float] | None,
-        Option(help="Seconds from restart to restart, 0: the whole run; may be repeated; default 30, 100 and 0."),
+        list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100 and 0.")
     ] = None,
-    force: Annotated[bool, Option("--force", help="Overwrite an existing --out.")] = False,
-    json: Annotated[bool, Option("--json", help="Print where the page is, and what it shows, as JSON.")] = False,
+    force: o.Force = False,
+    json: o.Json = False,
 ) -> None:
     """Write one page with tracks, histories, bands and forces of measured and predicted runs; it loads nothing.
 

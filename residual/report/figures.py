@@ -1,8 +1,8 @@
-"""Figures of a training: learning curves, scores, growth of the error, size of the residual against its bound."""
+"""Figures of a training: learning curves, growth of the error, size of the residual against its bound."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any, cast
 
@@ -14,7 +14,6 @@ from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, FigureFolder, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot
-from fitting.report.plots import score_plot
 from mmg.rollout import Simulator
 
 
@@ -64,39 +63,6 @@ def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def _figures(
-    content: Mapping[str, Any], models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial]
-) -> list[tuple[str, str, bool, Callable[[], Figure], str]]:
-    """Name, title, whether there is such a figure, how it is drawn, caption."""
-    hybrid, held_out = content.get("decision") is not None, content["validation_data"]
-    before, after = ("calibrated ship", "with residual") if hybrid else ("ship model", "black box")
-    start = before if hybrid else "untrained network"
-    apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
-    size = content.get("residual_size")
-    return [
-        (
-            "learning", "Error of the windows to stop by", True, lambda: learning_plot(content["per_seed"], start),
-            f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
-            f"at the right: their error on the windows that judge{apart}.",
-        ),
-        (
-            "scores", "Scores per trial", bool(content["scores"]), lambda: score_plot(content["scores"]),
-            f"Mean squared error of open-loop predictions; lower is better. Before: {before}; after: {after}.",
-        ),
-        (
-            "error_growth", "How errors grow with the length of the prediction",
-            any(row["has_position"] for row in held_out or content["data"]), lambda: error_growth_plot(models, trials),
-            f"Rms error over windows of the {'validation' if held_out else 'training'} trials, each started from the "
-            "measured state and from there on driven by the measured rudder, revolutions and wind alone.",
-        ),
-        (
-            "residual_size", "Size of the residual against its bound", bool(size), lambda: size_plot(size or {}),
-            "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
-            "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
-        ),
-    ]  # fmt: skip
-
-
 def write_figures(
     written: FigureFolder,
     content: Mapping[str, Any],
@@ -108,6 +74,25 @@ def write_figures(
     written: where to; models: by their names in the figures, without and with what was trained; trials: that show how
     the error grows, () to leave that figure out.
     """
-    for name, title, there, draw, words in _figures(content, models, trials):
-        if there and (trials or name != "error_growth"):
-            written.write(name, draw, title, words)
+    hybrid, held_out = content.get("decision") is not None, content["validation_data"]
+    start = "calibrated ship" if hybrid else "untrained network"
+    apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
+    written.write(
+        "learning", lambda: learning_plot(content["per_seed"], start), "Error of the windows to stop by",
+        f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
+        f"at the right: their error on the windows that judge{apart}.",
+    )  # fmt: skip
+    if trials and any(row["has_position"] for row in held_out or content["data"]):
+        written.write(
+            "error_growth", lambda: error_growth_plot(models, trials),
+            "How errors grow with the length of the prediction",
+            f"Rms errors over windows of the {'validation' if held_out else 'training'} trials, each started from the "
+            "measured state and from there on driven by the measured rudder, revolutions and wind alone. Shaded: one "
+            "standard error, by leaving out one trial (of a single one, one window) after the other.",
+        )  # fmt: skip
+    if size := content.get("residual_size"):
+        written.write(
+            "residual_size", lambda: size_plot(size), "Size of the residual against its bound",
+            "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
+            "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
+        )  # fmt: skip

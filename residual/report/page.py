@@ -8,7 +8,7 @@ from typing import Any
 
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page import citations_of, environment, score_sets
-from fitting.report.page_figures import figures_of
+from fitting.report.plot_style import figures_of
 from fitting.report.words import setting_rows
 from mmg.ship import Ship
 from residual.report.words import criteria, envelope_rows, headline, judged_table, percent

@@ -31,8 +31,9 @@ def public_functions() -> list[tuple[Source, Function]]:
 
 
 def has_help(argument: ast.arg) -> bool:
-    """Whether an option of the command line carries its own help."""
-    return argument.annotation is not None and "help=" in ast.unparse(argument.annotation)
+    """Whether an option of the command line carries its own help, or is one that several verbs share."""
+    words = ast.unparse(argument.annotation) if argument.annotation else ""
+    return "help=" in words or words.startswith("o.")  # mmg_ident.commands.options
 
 
 def unnamed_arguments() -> list[str]:

@@ -12,15 +12,13 @@ import pytest
 
 from benchmarks.blind import __main__ as blind
 from benchmarks.blind import solve as solving
-from benchmarks.blind.rows import Refused, Row, closure, covered, rows_of, size_error
+from benchmarks.blind.rows import Refused, Row, closure, covered, rows_of
 from benchmarks.blind.score import figures, interval, measures, misses, scored
 from benchmarks.blind.solve import solve
 
 Parameters = Mapping[str, Mapping[str, float]]
 TOW = {"tow": {"X": 0.1, "Y": 0.0, "N": 0.0}}
 DRAFT = {"draft": {"share": 0.2}}
-VISIBLE_FROM = {"tow": {"X": 0.04, "N": 0.01}, "draft": {"share": 0.3}}
-"""Three standard errors: the truth of TOW is 7.5 of them off, that of DRAFT two."""
 
 
 def answer(verdict: str, *names: str, first: str = "", same: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
@@ -34,10 +32,7 @@ def answer(verdict: str, *names: str, first: str = "", same: tuple[str, ...] = (
         "effects": [{"name": n, "parameters": parameters.get(n, {})} for n in names],
         "equivalence_class": list(same),
         "remainder": False,
-        "candidates": [
-            {"name": n, "delta_bic": g, "visible_from": VISIBLE_FROM.get(n, {})}
-            for n, g in zip(order, gains, strict=True)
-        ],
+        "candidates": [{"name": n, "delta_bic": g} for n, g in zip(order, gains, strict=True)],
         "held_out": held,
         "seconds": 2.0,
         "code": "abc",
@@ -80,7 +75,6 @@ def counts(lines: list[list[str]], label: str) -> tuple[str, ...]:
     ("label", "weak", "strong", "every"),
     [
         ("library: first candidate right (top-1)", "1/3", "0/1", "1/4"),
-        ("library: the same where the truth is 3 standard errors off", "1/1", "0/1", "1/2"),
         ("library: verdict named", "1/3", "1/1", "2/4"),
         ("library: named, and the right one first", "1/3", "0/1", "1/4"),
         ("library: truth in the equivalence class", "2/3", "1/1", "3/4"),
@@ -91,7 +85,6 @@ def counts(lines: list[list[str]], label: str) -> tuple[str, ...]:
         ("foreign: none", "1/2", "0/2", "1/4"),
         ("foreign: named with nothing left over", "0/2", "1/2", "1/4"),
         ("pair: both named, nothing else", "1/3", "", "1/3"),
-        ("pair: the same where both are 3 standard errors off", "", "", ""),
         ("pair: both named", "2/3", "", "2/3"),
         ("misfit: its effect named first", "1/1", "", "1/1"),
         ("all: wrong name, with nothing left over", "0/9", "2/3", "3/15"),
@@ -114,12 +107,10 @@ def test_intervals_are_those_of_the_tables() -> None:
     assert interval(9, 10) == pytest.approx((0.5550, 0.9975), abs=1e-4)
 
 
-def test_sizes_and_coverage() -> None:
+def test_intervals_of_sizes_are_counted() -> None:
     found = {"tow": {s: {"value": v, "std": 0.01} for s, v in (("X", 0.1), ("Y", 0.03), ("N", 0.04))}}
-    one = row("library", TOW, answer("named", "tow", parameters=found))
-    assert size_error(one) == pytest.approx(0.5)  # (0, .03, .04) off, of (.1, 0, 0); the typical sizes are alike
-    assert covered([one]) == (1, 3)
-    assert size_error(row("library", TOW, answer("none"))) is None
+    assert covered([row("library", TOW, answer("named", "tow", parameters=found))]) == (1, 3)
+    assert covered([row("library", TOW, answer("none"))]) == (0, 0)
 
 
 def test_closure_counts_only_what_is_named() -> None:

@@ -15,6 +15,7 @@ from diagnosis.hypotheses.group_findings import Between, GroupDifference, GroupP
 from diagnosis.report.figures import figures_for
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis, read_diagnosis
+from fitting.report.plot_style import png_of
 from mmg.errors import UserError
 from mmg.messages import Message
 from tests.diagnosis.report.test_report import case
@@ -99,7 +100,7 @@ def test_what_is_read_is_what_was_written(folder: Path, tmp_path: Path) -> None:
     assert found.null is found.final is found.data is found.before is None
     found.save(tmp_path / "again")
     assert read_diagnosis(tmp_path / "again").to_dict() == on_disk
-    assert {f.name for f in figures_for(found)} == {"where_in_state", "ranking", "held_out", "shares"}
+    assert {name for name, *_ in figures_for(found)} == {"where_in_state"}
 
 
 def test_the_page_compares_the_groups_where_that_was_asked(folder: Path) -> None:
@@ -161,12 +162,13 @@ def test_a_figure_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
     def broken(d: Diagnosis) -> None:
         raise ValueError("no such colour")
 
-    monkeypatch.setattr("diagnosis.report.figures.ranking_figure", broken)
+    monkeypatch.setattr("fitting.report.plot_style.png_of", png_of)  # figures are drawn here
+    monkeypatch.setattr("diagnosis.report.figures.state_figure", broken)
     full().save(tmp_path / "gap")
     assert read_diagnosis(tmp_path / "gap").verdict == "named"
     result = json.loads((tmp_path / "gap" / "result.json").read_text())
-    assert "figure ranking could not be made (ValueError: no such colour)" in result["warnings"]
-    assert "figures/ranking.png" not in [row["file"] for row in result["figures"]] and result["figures"]
+    assert "figure where_in_state could not be made (ValueError: no such colour)" in result["warnings"]
+    assert "figures/where_in_state.png" not in [row["file"] for row in result["figures"]] and result["figures"]
     assert (tmp_path / "gap" / "report.html").exists()
 
 

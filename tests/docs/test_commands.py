@@ -36,13 +36,13 @@ def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.Cap
         assert not missing(command.shown, err + out), (words, err + out)
 
 
-def test_the_first_commands_of_the_readme_print_its_figures(
+def test_the_first_commands_of_the_readme_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    shown = [c for c in commands(ROOT / "README.md") if c.shown]
-    assert [c.words[0] for c in shown] == ["ships", "simulate", "imo"]
-    run_page(ROOT / "README.md", tmp_path, shown, capsys)
+    first = commands(ROOT / "README.md")[:3]
+    assert [c.words[0] for c in first] == ["import", "check", "ships"]
+    run_page(ROOT / "README.md", tmp_path, first, capsys)
 
 
 @pytest.mark.slow

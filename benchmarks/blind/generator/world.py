@@ -5,14 +5,20 @@ A world is integrated for a ship of 3 m; ``length`` is that of the ship in the f
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
+
 from benchmarks.blind.generator import forces, forces_standard, forces_vectwin
-from benchmarks.blind.generator.controls import TWIN
 from benchmarks.blind.generator.surroundings import DRAUGHT
 
 Array = np.ndarray
@@ -24,15 +30,8 @@ ESSO = (
     "k_0", "t_P", "w_P0", "tau",
     "t_R", "a_H", "ell_R", "k_x", "epsilon", "gamma_P", "gamma_N",
 )  # fmt: skip
-KVLCC2 = (
-    "R_0", "X_vv", "X_vvvv", "Y_v", "Y_r", "Y_vvv", "N_v", "N_r", "N_vvr", "N_rrr",
-    "k_0", "k_1", "t_P", "w_P0", "C_1", "t_R", "a_H", "ell_R", "kappa", "epsilon", "gamma_R_plus", "gamma_R_minus",
-)  # fmt: skip
-VECTWIN = (
-    "X_0F", "X_vr", "Y_v", "Y_r", "N_v", "N_r", "C_D", "C_rY", "C_rN",
-    "a_0", "b_0", "c_0", "c_1", "k_0", "k_1", "k_2",
-    "k_x", "k_N", "k_gamma", "e_0", "f_1", "g_0", "g_1", "K_TP_BT", "K_TN_BT", "a_Y1_BT", "a_N1_BT",
-)  # fmt: skip
+"""Coefficients whose truth differs from the ship file in the first world."""
+MODELS: dict[str, ModuleType] = {"forces_standard": forces_standard, "forces_vectwin": forces_vectwin}
 
 
 @dataclass(frozen=True)
@@ -96,104 +95,21 @@ class World:
         return replace(self, name=f"{self.name}_wide", wide=True)
 
 
-TANKER = World(
-    "kvlcc2",
-    ship="kvlcc2_l7",
-    length=7.0,
-    forces=forces_standard,
-    drawn=KVLCC2,
-    force=(0.03, 0.08, 0.06),
-    memory=(1.5, 12.0),
-    noise=(0.004, 0.004, 0.002, 0.002, 0.003, 0.0004),
-    colour=(0.05, 0.4),
-    gyro=0.002,
-    sample=0.4,
-    without=("wind_force", "wind_sensor_bias", "propeller_side_force", "lee_of_a_wall"),
-    runge_kutta=True,
-    sets={"mixed": "ahead"},
-    sizes={
-        "thrust_loss_at_high_n": 0.45,
-        "roll_coupling": 0.65,
-        "rudder_rate_limit": 0.26,
-        "jammed_bearing": 0.35,
-        "asymmetric_rudder": 0.3,
-        "wavy_engine_map": 0.6,
-        "thrust_deduction_at_low_advance": 0.7,
-        "separation_at_large_drift": 0.45,
-        "fish_tailing": 0.6,
-        "towed_boat": 0.5,
-        "one_sided_fouling": 0.55,
-        "weed_patch": 0.6,
-        "reversing_stream": 0.6,
-        "irregular_swell": 0.6,
-    },
-)
-"""KVLCC2 of 7 m, ahead only."""
-NARROW = {
-    world.name: world
-    for world in (
-        World("pond"),
-        World("basin", memory=(3.5, 7.0), colour=(0.3, 0.8), gyro=0.005, gust=0.15, sample=0.2, runge_kutta=True),
-        TANKER,
-        World(
-            "vectwin",
-            ship="vectwin_3m",
-            forces=forces_vectwin,
-            drawn=VECTWIN,
-            force=(0.04, 0.10, 0.08),
-            memory=(2.0, 10.0),
-            noise=(0.006, 0.006, 0.001, 0.006, 0.004, 0.0008),
-            colour=(0.2, 1.0),
-            gyro=0.003,
-            gust=0.10,
-            sample=0.25,
-            step=0.0625,
-            without=("propeller_side_force", "rudder_stall", "rudder_stops_short"),
-            runge_kutta=True,
-            sets={"mixed": TWIN},
-            resistance=0.022745,
-            draught=0.1721,
-            soft=0.06,
-            sizes={
-                "thrust_loss_at_high_n": 0.25,
-                "roll_coupling": 0.5,
-                "rudder_rate_limit": 0.15,
-                "jammed_bearing": 0.27,
-                "steering_dropout": 0.35,
-                "passing_ships": 1.2,
-                "asymmetric_rudder": 0.4,
-                "wavy_engine_map": 0.6,
-                "thrust_deduction_at_low_advance": 0.3,
-                "ventilating_propeller": 0.45,
-                "separation_at_large_drift": 0.45,
-                "fish_tailing": 0.55,
-                "towed_boat": 0.5,
-                "one_sided_fouling": 0.6,
-                "weed_patch": 0.65,
-                "gathering_weed": 0.7,
-                "reversing_stream": 0.7,
-                "shaft_droop": 0.3,
-                "thrust_drop_in_turn": 0.25,
-            },
-        ),
-        replace(
-            TANKER,
-            name="sea",
-            ship="kvlcc2_full",
-            length=320.0,
-            force=(0.06, 0.12, 0.05),
-            memory=(1.0, 9.0),
-            noise=(0.008, 0.008, 0.0012, 0.005, 0.003, 0.0005),
-            colour=(0.1, 0.5),
-            gyro=0.003,
-            sample=0.2,
-        ),
-    )
-}
-"""pond: the first one, by which the diagnosis was made; basin: other noise, coloured sensors, unlogged gusts, another
-integration; kvlcc2: another ship of 7 m with another force model, other sizes of everything, other manoeuvres;
-vectwin: a ship with two rudders, a bow thruster and a propeller that never stops, in a harbour; sea: KVLCC2 herself,
-320 m long, by which nothing was made: what the diagnosis takes as a number of metres or seconds would show."""
+def _narrow() -> dict[str, World]:
+    """The worlds of worlds.toml, by name."""
+    found: dict[str, World] = {}
+    text = Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8")
+    for name, row in tomllib.loads(text).items():
+        start = found[row.pop("like")] if "like" in row else World("")
+        row = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+        if "forces" in row:
+            row["forces"] = MODELS[row["forces"]]
+        found[name] = replace(start, name=name, **row)
+    return found
+
+
+NARROW = _narrow()
+"""pond, basin, kvlcc2, vectwin, sea."""
 WORLDS = {**NARROW, **{wide.name: wide for wide in map(World.widened, NARROW.values())}}
 """The same and, as NAME_wide, each with conditions that every case draws anew."""
 

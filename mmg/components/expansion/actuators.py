@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mmg.components.expansion.words import Word
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, UnknownName
 from mmg.motion.flow import INPUTS
 
 TUNNELS = ("n_bow", "n_stern")
@@ -66,19 +66,19 @@ def parse_devices(text: str) -> tuple[Device, ...]:
     text, given = _shown(text), Counter(names)
     for name in given:
         if name not in INPUTS or name == "pitch":
-            raise UserError(
+            raise UnknownName(
                 f"actuators '{text}': '{_shown(name)}' is none; known: {', '.join(n for n in INPUTS if n != 'pitch')}"
             )
         if name.startswith("n_azimuth"):
-            raise UserError(f"actuators '{text}': name a pod by its angle, {name.removeprefix('n_')}")
+            raise BadValue(f"actuators '{text}': name a pod by its angle, {name.removeprefix('n_')}")
         if given[name] > 1:
-            raise UserError(f"actuators '{text}': {name} is given {given[name]} times")
+            raise Conflict(f"actuators '{text}': {name} is given {given[name]} times")
     for device in devices:
         kinds = {(INPUTS[name][1], name in TUNNELS, _is_pod(name)) for name in device.names}
         if len(device.names) > 2 or len(kinds) > 1:
-            raise UserError(f"actuators '{text}': {device} are no two of a kind that can mirror each other")
+            raise Conflict(f"actuators '{text}': {device} are no two of a kind that can mirror each other")
     if not devices:
-        raise UserError("actuators: the list is empty; name at least one, such as n")
+        raise Missing("actuators: the list is empty; name at least one, such as n")
     return tuple(devices)
 
 

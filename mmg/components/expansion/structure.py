@@ -21,7 +21,7 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.expansion.actuators import Device, ExpansionVariable, variables
 from mmg.components.expansion.units import unit_monomials, units_of
 from mmg.components.expansion.words import Monomial, Word
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UnknownName, Unsupported
 
 DUPLICATES = ("paper", "identity", "none")
 """paper: no squared cosine or sine, but in Y and N products of sines alone; identity: only what the identity of sine
@@ -63,15 +63,15 @@ class Structure:
     def __post_init__(self) -> None:
         for word, choices in ((self.submodels, SUBMODELS), (self.duplicates, DUPLICATES), (self.moduli, MODULI)):
             if word not in choices:
-                raise UserError(f"'{word}': known are {', '.join(choices)}")
+                raise UnknownName(f"'{word}': known are {', '.join(choices)}")
         if self.order < 1:
-            raise UserError(f"order {self.order}: must be at least 1")
+            raise OutOfRange(f"order {self.order}: must be at least 1")
         regimes(self)
         count = len(variables(self.devices))
         terms = math.comb(count + self.order, self.order) - 1
         if terms > MOST:
             many = str(terms) if terms < 1e9 else f"{terms:.1e}"
-            raise UserError(
+            raise OutOfRange(
                 f"order {self.order} of {count} variables has {many} monomials for each force, more than {MOST}; lower "
                 "the order or shorten the list of actuators"
             )
@@ -96,7 +96,7 @@ def regimes(structure: Structure) -> tuple[tuple[Word, ...], ...]:
     ahead, astern = Word("ahead"), Word("astern")
     if structure.submodels in ("SM-3", "SM-4"):
         if not rudders:
-            raise UserError(
+            raise Unsupported(
                 f"{structure.submodels} switches at the stall angle of a rudder, and none of the {len(names)} "
                 f"actuators is one ({', '.join(names)}); take SM-1 or SM-2"
             )
@@ -105,7 +105,7 @@ def regimes(structure: Structure) -> tuple[tuple[Word, ...], ...]:
         return ((ahead, attached), (ahead, stalled), *aft)
     if structure.submodels == "quadrants":
         if not screws:
-            raise UserError(
+            raise Unsupported(
                 f"quadrants switch by the revolutions of a propeller, and none of the {len(names)} actuators is one "
                 f"({', '.join(names)}); take SM-1 or SM-2"
             )

@@ -21,9 +21,8 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
-from diagnosis.report.form_words import VARIABLES, kind_words, likeness
 from diagnosis.report.page import build_report, held_rows, write_report
-from diagnosis.report.where_words import first_channel, region_words, where_words
+from diagnosis.report.where_words import VARIABLES, first_channel, kind_words, likeness, region_words, where_words
 from diagnosis.report.words import (
     held_words,
     meaning,
@@ -111,7 +110,7 @@ def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
     listed = write_report(case(verdict), tmp_path).rows
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert all((tmp_path / row["file"]).read_bytes().startswith(b"\x89PNG") for row in listed)
-    assert html.count("data:image/png;base64,") == len(listed) == {"named": 6, "unknown": 5, "none": 4}[verdict]
+    assert html.count("data:image/png;base64,") == len(listed) == {"named": 3, "unknown": 3, "none": 2}[verdict]
     assert "missing from the run folder" not in html
     assert not re.search(r'(src|href)="(?!data:|#)', html)
     text = text_of(html)
@@ -196,7 +195,7 @@ def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
         candidates=case("none").candidates[:1],
         unexplained_force=None,
     )
-    assert [row["file"] for row in write_report(d, tmp_path).rows] == ["figures/ranking.png"]
+    assert not write_report(d, tmp_path).rows
     assert "no lag, gain, bias or lever was seen" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 

@@ -24,21 +24,11 @@ from fitting.design.next_trial import NextTrial, fisher, identifiability_dict, n
 from fitting.identifiability.analysis import DETERMINED, KINDS, CoefficientFinding, Identifiability, analyse
 from fitting.identifiability.verdicts import cause, estimate_warnings, implausible, verdict
 from fitting.nlp.problem import Prior
-from fitting.record import FitObjects, FitRecord
 from fitting.report.page import section
-from fitting.report.plot_identifiability import (
-    correlation_plot,
-    next_trial_plot,
-    profile_plot,
-    share_plot,
-    write_identifiability_figures,
-)
-from fitting.report.plot_style import FigureFolder
-from fitting.report.run_folder import RESULT, read_result, write_json
+from fitting.report.plots import profile_plot
 from fitting.settings import Settings
 from tests.fitting.report.test_report import EVIL, report, run_folder
 from tests.support.calibrated import small_result
-from tests.support.figures import unrendered
 
 SIGMA = (0.05, 0.05, 0.01, 0.01, 0.01, 0.003)
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "t_P", "a_H", "ell_R", "gamma_P", "gamma_N", "X_0A", "Y_A1")
@@ -68,13 +58,6 @@ def nearly_straight() -> tuple[Calibration, Identifiability, NextTrial]:
     """A fit to accelerations and stops ahead: no rudder, no wind, never astern."""
     calibration = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1)])
     return calibration, calibration.identifiability, next_trial(calibration)
-
-
-def behind(scored: NextTrial) -> tuple[FitRecord, FitObjects]:
-    """A result and what stands behind it, with the fit that is nearly straight as its calibration."""
-    result = small_result()
-    assert result.objects
-    return result, replace(result.objects, calibration=nearly_straight()[0], next_trial=scored)
 
 
 def kinds(found: Identifiability) -> dict[str, str]:
@@ -154,12 +137,6 @@ def test_bounds_and_missing_uncertainty_are_said() -> None:
     assert kinds(found) == {"a": "bound", "b": "unknown"}
     assert "could not be computed" in verdict(found.findings[1])
     assert identifiability_dict(found)["counts"] == {"bound": 1, "unknown": 1}
-    result = small_result()
-    assert result.objects
-    blind = replace(result.objects.calibration, identifiability=analyse(prior, 0 * at, np.full((2, 2), np.nan)))
-    nothing = FigureFolder(Path("/nowhere"))
-    write_identifiability_figures(nothing, result, replace(result.objects, calibration=blind))
-    assert nothing.rows == nothing.failures == []
 
 
 def test_the_recommended_trial_does_what_was_predicted() -> None:
@@ -275,32 +252,15 @@ def test_no_verdict_asks_for_a_narrower_prior() -> None:
             assert ("mmg diagnose" in told) == (kind == "strained")
 
 
-def test_figures_show_what_they_claim(tmp_path: Path) -> None:
-    _, found, scored = nearly_straight()
-    drawn = correlation_plot(found).axes[0]
-    names = {t.get_text() for t in drawn.get_xticklabels()}
-    assert {"k_0", "t_P"} <= names and len(drawn.patches) == len(found.clusters)
-    assert len(share_plot(found.findings).axes[0].patches) == len(FREE)
-    assert "a_H" in {t.get_text() for t in next_trial_plot(scored, found.findings).axes[0].get_xticklabels()}
-    written = FigureFolder(tmp_path)
-    write_identifiability_figures(written, *behind(scored))
-    assert len(written.rows) == 3 and all((tmp_path / f["file"]).stat().st_size > 5000 for f in written.rows)
-
-
 def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     _, found, scored = nearly_straight()
     content = identifiability_dict(found, scored)
     content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
     folder = run_folder(tmp_path / "run", identifiability=content)
-    written = FigureFolder(folder / "figures")
-    with unrendered():
-        write_identifiability_figures(written, *behind(scored))
-    write_json(folder / RESULT, {**read_result(folder), "figures": written.rows})
     page = report(folder)
     assert "<script" not in page and page.count("&lt;script") == 2
     for words in ("not excited by these trials, which have no", "Next trials.", "Trials of the library", "Condition"):
         assert words in page
-    assert page.count('src="data:image/png') == 3
     bare: dict = {"coefficients": {"a_H": {}}, "counts": {}}
     assert "a_H" in report(run_folder(tmp_path / "bare", identifiability=bare))
 

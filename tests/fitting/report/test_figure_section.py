@@ -8,13 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import fitting.report.figure_section as module
+import fitting.report.delivered as module
 from cases.criteria.assessment import imo_figures
-from cases.criteria.figures import Since
-from fitting.prediction.figure_intervals import FigureScatter, correlation_in, with_intervals
-from fitting.report.delivered import Delivered, delivery_sections
-from fitting.report.figure_section import FigureSection, envelope_figure, figure_section, standard_figures
-from fitting.report.plot_style import AFTER, ALARM
+from fitting.prediction.figure_intervals import correlation_in, with_intervals
+from fitting.report.delivered import Delivered, FigureSection, delivery_sections, figure_section, standard_figures
 from tests.support.calibrated import small_result
 
 
@@ -31,7 +28,7 @@ def section() -> FigureSection:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(module, "DRAWS", 20)
         patched.setattr(module, "imo_figures", lambda ship: few)
-        made = figure_section(fit.to_dict(), standard_figures(fit.to_dict(), fit.ship))
+        made = figure_section(standard_figures(fit.to_dict(), fit.ship))
     assert made is not None
     expected = with_intervals(few, fit.ship, fit.to_dict(), 20).assessment
     row = next(row for row in expected.rows if row.figure == "advance")
@@ -45,10 +42,8 @@ def section() -> FigureSection:
 
 def test_the_page_gets_rows_pictures_and_sentences(section: FigureSection) -> None:
     assert {row["run"] for row in section.rows} == {"turning:35", "zigzag:10/10"}
-    assert [image["name"] for image in section.images] == ["maneuvers", "envelope"]
-    for image in section.images:
-        content = base64.b64decode(image["image"].partition("base64,")[2])
-        assert content.startswith(b"\x89PNG") and image["width"] > 600
+    assert base64.b64decode(section.image["image"].partition("base64,")[2]).startswith(b"\x89PNG")
+    assert section.image["name"] == "maneuvers" and section.image["width"] > 600
     outside = {row["run"] for row in section.rows if row["inside"] == "no"}
     assert outside == {words.rpartition(": ")[0].partition(": ")[0] for words in section.outside}
     fit = small_result()
@@ -62,13 +57,3 @@ def test_a_run_without_covariance_has_no_draws(damage: str) -> None:
     matrix[0][1] = None
     content["correlation"] = None if damage == "none" else {**content["correlation"], "matrix": matrix}
     assert correlation_in(content) is None
-
-
-def test_a_manoeuvre_is_red_in_the_quantity_in_which_it_leaves_the_trials() -> None:
-    shown: tuple[Since, ...] = ()
-    leaving = FigureScatter({}, {}, ("yaw rate 3 deg/s, in the trials 2",), 0, shown, {"u": (0.5, 1), "r": (0, 0.06)})
-    within = FigureScatter({}, {}, (), 0, shown, {"u": (0.6, 0.9), "r": (0.0, 0.01)})
-    figure = envelope_figure({"u": [0.4, 1.1], "r": [-0.04, 0.04]}, {"turning:35": leaving, "zigzag:10/10": within})
-    colours = [[line.get_color() for line in ax.lines] for ax in figure.axes]
-    assert colours == [[AFTER, AFTER], [ALARM, AFTER]]
-    np.testing.assert_allclose(figure.axes[1].lines[0].get_xdata(), [0.0, np.degrees(0.06)])

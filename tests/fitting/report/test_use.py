@@ -18,14 +18,12 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
-from fitting.report import figure_section
+from fitting.report import delivered as delivered_module
 from fitting.report import imo_form as module
-from fitting.report.conditions import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows
-from fitting.report.delivered import Delivered, delivery_sections
-from fitting.report.figure_section import standard_figures
+from fitting.report.delivered import Delivered, delivery_sections, figure_section, standard_figures
 from fitting.report.imo_form import imo_form
-from fitting.report.limits import limit_rows, use_rows
 from fitting.report.pdf import needs_weasyprint, write_pdf
+from fitting.report.use import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -92,14 +90,14 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
 def known() -> Delivered:
     """The form of a ship whose trials are her own standard manoeuvres."""
     with pytest.MonkeyPatch.context() as patched:
-        for where in (module, figure_section):
+        for where in (module, delivered_module):
             patched.setattr(where, "DRAWS", 40)
             patched.setattr(where, "imo_figures", turns_of)
         fit = small_result()
         trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
         model = standard_figures(fit.to_dict(), fit.ship)
         form = imo_form(fit.ship, trials, model, fit.to_dict(), 1.1 * fit.ship.particulars["d"])
-        drawn = figure_section.figure_section(fit.to_dict(), model)
+        drawn = figure_section(model)
         return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
 
 
@@ -139,8 +137,8 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
                for some in (found.rows, found.runs)]  # fmt: skip
         return replace(found, rows=own[0], runs=own[1])
 
-    monkeypatch.setattr(figure_section, "DRAWS", 20)
-    monkeypatch.setattr(figure_section, "imo_figures", stops_of)
+    monkeypatch.setattr(delivered_module, "DRAWS", 20)
+    monkeypatch.setattr(delivered_module, "imo_figures", stops_of)
     fit = small_result()
     ship = replace(fit.ship, particulars={**fit.ship.particulars, "scale": 108.33})
     result = fit.to_dict() | {"envelope": fit.envelope | {"n": [0.0, 30.0]}}
@@ -157,7 +155,7 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     fit = small_result()
     model = standard_figures({**fit.to_dict(), "correlation": None}, fit.ship)
-    assert not model.scatter and figure_section.figure_section(fit.to_dict(), model) is None
+    assert not model.scatter and figure_section(model) is None
     form = imo_form(fit.ship, (), model)
     assert next(row for row in form.rows if row.group.startswith("Zig-zag 20")).limit == 25.0
     assert not form.tested and not form.corrected and not form.intervals
@@ -254,7 +252,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
 
 
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(figure_section, "DRAWS", 30)
+    monkeypatch.setattr(delivered_module, "DRAWS", 30)
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
     assert "appendix 6" in text and "model, calm and deep [90 %]" in text and "starboard" in text

@@ -9,7 +9,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
-from fitting.report.plot_learning import learning_plot
+from fitting.report.plot_structures import learning_plot
 from fitting.selection import learning
 from fitting.selection.candidates import candidate
 from fitting.selection.learning import Lesson

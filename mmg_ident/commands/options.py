@@ -1,0 +1,179 @@
+"""Options that several verbs share, options made from the fields of settings, and the panels of a verb's help."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import inspect
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_type_hints
+
+import typer.core
+from typer import Argument, Option
+
+from mmg.errors import UserError
+from mmg_ident.commands.output import numbers_of, ship_names
+from mmg_ident.settings import given_settings, option_of, settings_of
+
+Ship = Annotated[
+    str,
+    Argument(help="Library ship (mmg ships), ship file or run folder.", metavar="SHIP", autocompletion=ship_names),
+]
+Run = Annotated[str, Argument(help="Run folder of mmg fit, ship file or library ship.", metavar="RUN")]
+Trials = Annotated[list[Path], Argument(help="Trial files, or folders of them.", metavar="TRIAL...")]
+Runs = Annotated[list[Path], Argument(help="Run folders of mmg fit or mmg train.", metavar="RUN...")]
+RunFolder = Annotated[Path, Option(help="Run folder to write; it must not exist.")]
+Validate = Annotated[list[Path] | None, Option(help="Held-out trials to judge by.", metavar="TRIAL...")]
+Test = Annotated[list[Path] | None, Option(help="Trials that take no part, to check on.", metavar="TRIAL...")]
+Without = Annotated[list[str] | None, Option(help="Leave a component or effect out, such as wind.")]
+Campaign = Annotated[str | None, Option(help="Campaign of the trials, where nothing else says it.")]
+Resume = Annotated[bool, Option("--resume", help="Go on with an interrupted run in --out.")]
+Unchecked = Annotated[bool, Option("--unchecked", help="Take contradictory files and broken stretches too.")]
+NoReport = Annotated[bool, Option("--no-report", help="Draw no figures and write no page.")]
+Force = Annotated[bool, Option("--force", help="Overwrite existing files.")]
+Json = Annotated[bool, Option("--json", help="Print the result as JSON on stdout.")]
+Seed = Annotated[int, Option(help="Seed of all random numbers.")]
+Workers = Annotated[int, Option(min=1, help="Processes over which tasks are spread.")]
+Scheduler = Annotated[str | None, Option(help="Dask scheduler that does the tasks: tcp://host:8786.")]
+Compiled = Annotated[bool, Option(help="Use a C compiler if there is one.")]
+Given = dict[str, Any]
+"""Settings of a verb by name: those on the command line, and those in the file of --settings."""
+
+GENERAL = "Options"
+"""The panel of options that are in no other one."""
+MOST = 8
+"""Options up to which a panel reads at a glance (by the issue of step 17); a verb with no more has one panel."""
+VALUES = {"int": "N", "float": "NUMBER", "path": "PATH", "str": "TEXT", "text": "TEXT"}
+"""What the name of a kind of value contains, which differs by the version of typer -> how the help calls it."""
+
+
+def _panelled(parameter: inspect.Parameter, panel: str) -> inspect.Parameter:
+    """The ``parameter`` of a verb with its option in a ``panel``."""
+    kind, info = get_args(parameter.annotation)
+    info = copy.copy(info)
+    info.rich_help_panel = panel
+    return parameter.replace(annotation=Annotated[kind, info])
+
+
+def _generated(kind: type, name: str) -> inspect.Parameter:
+    """The option of a field of the dataclass ``kind``: None where it is not given."""
+    field = settings_of(kind)[name]
+    hint = get_type_hints(kind)[name]
+    plain = next((t for t in (bool, int, float, str) if hint in (t, t | None)), str)  # tuples as text: 1,2,3
+    flag = option_of(field)
+    names = [f"--{name.replace('_', '-')}/--no-{name.replace('_', '-')}" if plain is bool else flag]
+    words = str(field.metadata["help"])
+    if plain is not bool and field.default is not None and field.default != "" and "default" not in words:
+        words = _with_default(words, field.default)
+    option = Annotated[plain | None, Option(*names, help=words)]  # type: ignore[valid-type]
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
+
+
+def options(
+    kind: type | None = None, file: bool = True, **panels: str
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A decorator that puts options of a verb into panels of its help, and makes those that its signature lacks.
+
+    kind: the dataclass of which they are fields; the verb takes what is given of them as its argument ``settings``;
+    file: whether --settings takes the other fields; panels: title -> names of arguments, separated by spaces.
+    """
+
+    def decorated(verb: Callable[..., Any]) -> Callable[..., Any]:
+        panel_of = {name: title for title, names in panels.items() for name in names.split()}
+        signature = inspect.signature(verb, eval_str=True)
+        kept = {name: p for name, p in signature.parameters.items() if name != "settings"}
+        made = {name: _generated(kind, name) for name in panel_of if kind and name not in kept}
+        if kind and file:
+            rest = ", ".join(name for name in settings_of(kind) if name not in made)
+            words = "TOML file of settings by name" + (f": the options below, and {rest}." if rest else ".")
+            option = Annotated[Path | None, Option(help=words, metavar="FILE")]
+            made["settings"] = inspect.Parameter(
+                "settings", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option
+            )
+        both = {**kept, **made}
+        named = {n: p for n, p in both.items() if n not in panel_of}
+        named |= {n: _panelled(both[n], panel) for n, panel in panel_of.items()}
+
+        @functools.wraps(verb)
+        def run(*given: Any, **values: Any) -> Any:
+            if kind is None:
+                return verb(*given, **values)
+            line = {name: values.pop(name, None) for name in made}
+            path = line.pop("settings", None)
+            line = {name: _parsed(kind, name, value) for name, value in line.items() if value is not None}
+            return verb(*given, **values, settings=given_settings(kind, line, path))
+
+        shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
+        run.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
+        run.settings = kind  # type: ignore[attr-defined]
+        run.__annotations__ = {name: p.annotation for name, p in named.items()}
+        return run
+
+    return decorated
+
+
+def _parsed(kind: type, name: str, value: Any) -> Any:
+    """The ``value`` of an option, numbers where its field holds some and the line gives text."""
+    field = settings_of(kind)[name]
+    if "count" in field.metadata:
+        return numbers_of(value, field.metadata["count"], option_of(field))
+    return value
+
+
+class Verb(typer.core.TyperCommand):
+    """A verb whose help shows its options in panels, in plain text."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        try:
+            return list(super().parse_args(ctx, args))
+        except Exception as error:
+            option, kind = getattr(error, "option_name", ""), getattr(self.callback, "settings", None)
+            name = option.removeprefix("--").removeprefix("no-").replace("-", "_")
+            if kind and name in settings_of(kind):
+                raise UserError(f"{option} is a key of the file of --settings now: {name} = ...") from None
+            raise
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        arguments = [p for p in self.get_params(ctx) if p.param_type_name == "argument"]
+        names = [p.metavar or p.name.upper() for p in arguments]
+        return ["[OPTIONS]", *(n if p.required else f"[{n}]" for n, p in zip(names, arguments, strict=True))]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            if row := _row(parameter, ctx):
+                panel = getattr(parameter, "rich_help_panel", None) or GENERAL
+                panels.setdefault("Arguments" if parameter.param_type_name == "argument" else panel, []).append(row)
+        arguments = panels.pop("Arguments", [])
+        if sum(map(len, panels.values())) <= MOST:
+            panels = {GENERAL: [row for rows in panels.values() for row in rows]}
+        first = {"Arguments": arguments} if arguments else {}
+        for title, rows in {**first, GENERAL: panels.pop(GENERAL, []), **panels}.items():
+            with formatter.section(title):
+                formatter.write_dl(rows, col_max=26)
+
+
+def _row(parameter: Any, ctx: Any) -> tuple[str, str] | None:
+    """Name and words of an argument or option in the help; None for --help itself, and what is hidden."""
+    if parameter.param_type_name == "argument":
+        return parameter.metavar or parameter.name.upper(), parameter.help or ""
+    record = parameter.get_help_record(ctx)
+    if parameter.name == "help" or record is None:
+        return None
+    words, name = parameter.help or "", parameter.opts[0]
+    if parameter.is_flag:
+        opposite = parameter.secondary_opts and parameter.default in (True, None)
+        return (parameter.secondary_opts[0] if opposite else name), words
+    value = re.sub(r"^.*--\S+ ", "", record[0]).strip("<>").replace("FLOAT", "float").replace("INTEGER", "int")
+    if parameter.required:
+        words += "  [required]"
+    elif parameter.default not in (None, "") and "default" not in words.lower():
+        words = _with_default(words, parameter.default)
+    value = next((short for part, short in VALUES.items() if value.islower() and part in value), value)
+    return f"{name} {value}", words
+
+
+def _with_default(words: str, default: Any) -> str:
+    return f"{words.rstrip('.')}; default {f'{default:g}' if isinstance(default, float) else default}."

@@ -1,0 +1,37 @@
+"""Options that went with this version, and what to do instead. The table is emptied with the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from mmg.errors import UserError
+
+_CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself, or compare models with mmg select"
+_FORCES = "it made no left-out run better; mmg predict --adapt and mmg diagnose estimate a slowly varying force"
+
+GONE: dict[str | tuple[str, str], str] = {
+    "auto": f"--auto is gone: {_CHOICE}",
+    "auto_limit": f"--auto-limit is gone with --auto: {_CHOICE}",
+    "try_disturbance": f"--try-disturbance is gone: {_FORCES}",
+    "horizon": "--horizon is gone: it made no left-out run better; give the length of a window yourself with --window",
+    ("loss", "auto"): "--loss auto is gone: the Gaussian loss is the default; huber and student suit outliers",
+}
+"""Field, or field and value -> the sentence."""
+
+
+def refuse_gone(values: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> None:
+    """Raises UserError for the first of the ``values`` by name that is gone."""
+    for name, value in dict(values).items():
+        sentence = GONE.get(name) or (GONE.get((name, value)) if isinstance(value, str) else None)
+        if sentence:
+            raise UserError(sentence)
+
+
+def refuse_gone_options(arguments: list[str]) -> None:
+    """Raises UserError for the first option of the command line ``arguments`` that is gone."""
+    for i, argument in enumerate(arguments):
+        option, _, value = argument.partition("=")
+        if option.startswith("--"):
+            following = value or (arguments[i + 1] if i + 1 < len(arguments) else "")
+            refuse_gone({option[2:].replace("-", "_"): following})
