@@ -13,6 +13,7 @@ from itertools import pairwise
 
 from mmg.errors import BadValue
 
+
 def kernel_threads() -> int:
     """Threads of a compiled loop: MMG_THREADS (default 1), but not more than there are processors.
 
