@@ -40,8 +40,8 @@ class Format:
     def function(self) -> Callable[..., Sequence[Message] | None]:
         """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
         module, name = self.writer.split(":")
-        found: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
-        return found
+        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
+        return writer
 
 
 FORMATS: dict[str, Format] = {
@@ -76,12 +76,12 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     for name in sorted(set(options) - set(chosen.options)):
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
-    said: list[Message] = []
+    messages: list[Message] = []
     if chosen.beside:
         options["replace"] = force
 
     def fill(place: Path) -> None:
-        said.extend(chosen.function(product, place, **options) or ())
+        messages.extend(chosen.function(product, place, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
@@ -89,7 +89,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         _write_file(target, fill)
     else:
         write_whole(target, fill, replace=force)
-    return said
+    return messages
 
 
 def export_ship(

@@ -97,10 +97,10 @@ class HeadingController:
             self.guess = np.concatenate([np.full(K, delta), np.tile(state, K)])
         u, g = self.bounds["ubx"], self.bounds["ubg"]
         p = np.concatenate([state, [delta, heading], wind])
-        found = self.solver(x0=self.guess, p=p, lbx=-u, ubx=u, lbg=-g, ubg=g)
+        solution = self.solver(x0=self.guess, p=p, lbx=-u, ubx=u, lbg=-g, ubg=g)
         if not self.solver.stats()["success"]:
             raise RuntimeError(f"no plan: {self.solver.stats()['return_status']}")
-        x = np.array(found["x"]).ravel()
+        x = np.array(solution["x"]).ravel()
         self.plan = x[:K]
         moved = x[K:].reshape(K, S)
         self.guess = np.concatenate([x[1:K], x[K - 1 : K], moved[1:].ravel(), moved[-1]])

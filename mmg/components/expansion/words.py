@@ -49,8 +49,8 @@ class Word:
     @property
     def inputs(self) -> frozenset[str]:
         """Actuators that it depends on."""
-        own = {self.name} if self.name in INPUTS and not self.parts else set[str]()
-        return frozenset(own).union(*(part.inputs for part in self.parts))
+        input_names = {self.name} if self.name in INPUTS and not self.parts else set[str]()
+        return frozenset(input_names).union(*(part.inputs for part in self.parts))
 
     @property
     def short(self) -> str:
