@@ -26,9 +26,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.ablation.fits import Fold, inside_bands
-from benchmarks.accuracy import SHIP, trials_of
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
+from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
 from benchmarks.record import Figure, keep
 from cases import published_splits as splits
 from cases.criteria.assessment import imo_figures
