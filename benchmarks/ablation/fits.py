@@ -23,10 +23,10 @@ from benchmarks.ablation.switches import Switch, constantly, replaced
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.generator.write import generate
 from benchmarks.blind.solve import blind_ship
+from benchmarks.coverage import figure_hits
+from benchmarks.cross_validation import SHIP, folds_of, trials_of
 from cases import published_splits as splits
-from cases.checks.duplicates import duplicates
 from cases.checks.trusted import without_broken
-from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
@@ -36,34 +36,37 @@ from fitting.prediction.bands import bands_of
 from fitting.prediction.campaign_bands import bands_in
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.unexplained import accelerations
 from fitting.result import FitResult
-from fitting.selection.left_out_runs import folds_by
 from fitting.settings import Settings
+from fitting.uncertainty.sandwich import Robust, changes_without_each
 from mmg.ship import Ship
 from mmg_ident.api import calibrate
 
+FIGURES, SEEDS = "figures", range(500, 508)
+"""Ground of the intervals of manoeuvring figures, and seeds of its ships, 3 m and 7 m in turn."""
 SANDWICH = "fitting.uncertainty.sandwich:robust"
 
 
 def by_the_model(info: Any) -> Any:
     """The covariance without the scores' own scatter, in place of the robust one."""
-    from fitting.uncertainty.sandwich import Robust, changes_without_each
-
     model, runs = np.linalg.inv(info.hessian), info.by_run()
     clusters = (len(info.run), len(runs.run))
     moves = changes_without_each(runs) if clusters[1] > 1 else np.zeros((1, len(model)))
     return Robust(model, model, np.full(len(model), 1e9), 1.0, clusters, moves)
 
 
+def without_lasting(*given: Any) -> Any:
+    """Unexplained accelerations in a manoeuvre without their lasting part, whose share is the last of the arguments."""
+    return accelerations(*given[:-1], 0.0)
+
+
 SWITCHES = (
     Switch("as it is", "nothing"),
-    Switch("chosen weighting", "loss and weight of the runs chosen by runs left out",
-           settings={"loss": None, "weight": None}),
-    Switch("horizon", "windows by --horizon 100", settings={"horizon": 100.0}),
-    Switch("random forces", "--try-disturbance", options={"try_disturbance": True}),
-    Switch("few instruments", "values by campaign of gyro lag, gyro gain and log scale alone",
-           options={"per_campaign": ("gyro", "log_scale")}),
     Switch("no campaigns", "no values by campaign", options={"per_campaign": ("none",)}),
+    Switch("no gyro by campaign", "one lag and gain of the gyro in all campaigns",
+           options={"per_campaign": ("log_scale",)}),
+    Switch("no log by campaign", "one scale of the log in all campaigns", options={"per_campaign": ("gyro",)}),
     Switch("long windows", "windows of 100 s", settings={"window": 100.0}),
     Switch("windows alone", "no second estimate (multiple shooting alone)", options={"estimator": "windows"}),
     Switch("filter alone", "the second estimate alone", replaced={"fitting.selection.two_estimates:SHARE": 1.0}),
@@ -73,6 +76,8 @@ SWITCHES = (
     Switch("one pass", "one solve, no second with re-estimated noise", settings={"passes": 1}),
     Switch("white residuals", "no correlation time of the residuals (tau = 1)",
            replaced={"fitting.solvers.residual_noise:correlation_time": constantly(1.0)}),
+    Switch("lasting accelerations", "figures of manoeuvres: drawn ships have no lasting unexplained accelerations",
+           replaced={"fitting.prediction.unexplained:accelerations": without_lasting}, ground=FIGURES),
     Switch("model covariance", "covariance by the model alone, not robust", replaced={SANDWICH: by_the_model}),
 )  # fmt: skip
 """Each is measured against the first."""
@@ -113,16 +118,9 @@ class Fold:
 
 def records() -> Iterator[Fold]:
     """The records of Train-TZRB+ in five folds; those that share rows stay together."""
-    trials = without_broken(read_trials(splits.find(splits.TRAIN_TZRB_PLUS)))
-    days = group_trials(trials, "day")
-    labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
-    together = list(range(len(trials)))
-    for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            j = next(k for k, t in enumerate(trials) if t.name == copy["other"])
-            together = [min(together[i], together[j]) if g in (together[i], together[j]) else g for g in together]
-    sigma, ship = pooled_sigma(trials), load_ship("esso_osaka_3m")
-    for k, out in enumerate(folds_by(labels, together, 5)):
+    trials = trials_of(splits.TRAIN_TZRB_PLUS)
+    sigma, ship = pooled_sigma(trials), load_ship(SHIP)
+    for k, out in enumerate(folds_of(trials)):
         rest = [t for i, t in enumerate(trials) if i not in out]
         yield Fold("records", str(k), ship, rest, [trials[i] for i in out], sigma, {})
 
@@ -153,7 +151,13 @@ def generated(work: Path, world: str) -> Iterator[Fold]:
 
 def grounds(work: Path) -> list[Fold]:
     """All folds; work: folder of what is generated."""
-    return [*records(), *gunnerus(work), *(fold for world in GENERATED for fold in generated(work, world))]
+    figures = [Fold(FIGURES, str(seed), load_ship(SHIP), (), (), np.zeros(6), {}) for seed in SEEDS]
+    return [*records(), *gunnerus(work), *(fold for world in GENERATED for fold in generated(work, world)), *figures]
+
+
+def is_for(switch: Switch, fold: Fold) -> bool:
+    """Whether a ``switch`` is measured on a ``fold``: the first on all, others where they may matter."""
+    return switch.name == SWITCHES[0].name or (fold.ground == FIGURES) == (switch.ground == FIGURES)
 
 
 def fitted(switch: Switch, fold: Fold) -> FitResult:
@@ -167,6 +171,10 @@ def fitted(switch: Switch, fold: Fold) -> FitResult:
 def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
     """What is kept of a ``switch`` on a ``fold``: errors by trial and metric, bands, intervals of coefficients."""
     began, used = time.perf_counter(), time.process_time()
+    if fold.ground == FIGURES:
+        with replaced(switch.replaced):
+            hits = figure_hits(int(fold.name))
+        return {"hits": [[sum(some), len(some)] for some in hits], "processor": time.process_time() - used}
     found = fitted(switch, fold)
     seconds = {"seconds": time.perf_counter() - began, "processor": time.process_time() - used}
     assert found.objects is not None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
-from benchmarks.ablation.fits import BANDS, METRICS, SWITCHES, change
+from benchmarks.ablation.fits import BANDS, FIGURES, METRICS, SWITCHES, change
 from benchmarks.ablation.record import ROOT, Record
 from benchmarks.ablation.switches import Switch
 
@@ -62,6 +62,9 @@ def fit_row(record: Record, switch: Switch) -> dict[str, Any] | None:
         return None
     code = rows[-1]["code"]
     found: dict[str, Any] = {"off": switch.off, "commit": rows[-1]["commit"], "grounds": {}}
+    hits = [r["hits"] for r in record.of(row=switch.name, code=code, ground=FIGURES)]
+    if hits:
+        found["figures"] = np.sum(hits, axis=0).tolist()
     for ground in GROUNDS:
         after = {r["fold"]: r for r in record.of(row=switch.name, code=code, ground=ground)}
         before = {r["fold"]: r for r in record.of(row=FIRST, code=code, ground=ground) if r["fold"] in after}
@@ -226,7 +229,12 @@ def _coverage(rows: Mapping[str, Any]) -> list[str]:
             for length in ("30 s", "100 s"):
                 cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
                 lines.append([f"{name}: bands {part}, {length}", *cells])
-    return _lines(["", *GROUNDS], [row for row in lines if any(row[1:])])
+    made = _lines(["", *GROUNDS], [row for row in lines if any(row[1:])])
+    for name, row in rows.items():
+        if "figures" in row:
+            inside, outside = map(_share, row["figures"])
+            made += ["", f"Manoeuvring figures, {name}: {inside} where the trials went, {outside} outside of that."]
+    return made
 
 
 def _share(counted: Sequence[int] | None) -> str:
