@@ -111,7 +111,7 @@ def test_an_iteration_limit_leaves_a_flagged_best_iterate() -> None:
 def test_constant_inputs_are_refused() -> None:
     trial = make_trial()
     constant = make_trial(n=np.full(len(trial), 10.0), delta=np.zeros(len(trial)))
-    with pytest.raises(UserError, match="nothing to identify"):
+    with pytest.raises(UserError):
         estimate_coefficients(load_ship("esso_osaka_3m"), [constant])
 
 

@@ -71,7 +71,7 @@ def test_a_result_saved_again_leaves_the_same_folder(folder: Path, tmp_path: Pat
     again = read_fit(folder).save(tmp_path / "again")
     assert content_of(tmp_path / "again") == content_of(folder) == again.to_dict()
     assert {p.name for p in (tmp_path / "again").rglob("*")} == {p.name for p in folder.rglob("*")}
-    with pytest.raises(UserError, match="already exists"):
+    with pytest.raises(UserError):
         again.save(tmp_path / "again")
 
 

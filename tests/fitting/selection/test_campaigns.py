@@ -121,7 +121,7 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
     miss = [np.mean(np.vstack([w.error(trials[0].states) for w in windows])[:, 5] ** 2) for windows in (known, other)]
     assert miss[0] < 0.5 * miss[1]
     assert ship_in(ship, trials)[0].coefficients["gyro.T"].value == own
-    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows 2026-03-02, 2026-03-09"):
+    with pytest.raises(UserError, match="--campaign summer.*2026-03-02, 2026-03-09"):
         said_campaign(trials, "summer", ship)
 
 
@@ -179,7 +179,7 @@ def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_sa
 
 def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) -> None:
     text = dump_ship(ESSO) + '\n[campaigns."spring"]\n"gyro.Tt" = 0.1\nY_v = 99.0\n'
-    with pytest.raises(UserError, match=r"campaigns.*unknown coefficient 'gyro.Tt'.*outside its bounds"):
+    with pytest.raises(UserError, match=r"campaigns.*'gyro\.Tt'"):
         parse_ship(text, str(tmp_path / "ship.toml"))
 
 
@@ -187,7 +187,7 @@ def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_t
     trials = fleet(HIDDEN, {day: () for day in DAYS[:2]}, RUNS[:2], 5, 10.0, 20.0)
     assert [m.code for m in not_asked(trials, ())] == ["campaigns_not_asked"]
     assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
-    with pytest.raises(UserError, match=r"--per-campaign gyro: .* leave out --per-campaign or --per-run"):
+    with pytest.raises(UserError, match="--per-campaign gyro.*--per-run"):
         calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
 
 
@@ -259,7 +259,7 @@ def test_what_only_one_campaign_gains_counts() -> None:
 
 
 def test_an_instrument_that_no_longer_differs_by_campaign_is_refused_in_one_line() -> None:
-    with pytest.raises(UserError, match=r"--per-campaign fouling: is gone.*; choose among gyro, log_scale, or none"):
+    with pytest.raises(UserError, match="--per-campaign fouling.*gyro"):
         instruments(ESSO, ("fouling",))
     assert [each.name for each in instruments(ESSO.with_effect("gyro").fixing(["gyro.T"]))] == [
         "gyro scale",

@@ -187,5 +187,5 @@ def test_a_profile_is_the_parabola_of_the_model_based_error_near_the_estimate() 
     assert profile.lower == pytest.approx(best - 1.96 * se, abs=0.3 * se)
     assert profile.upper == pytest.approx(best + 1.96 * se, abs=0.3 * se)
     assert not profile.failures and pytest.approx(1.96**2 / 2, rel=1e-3) == LIMIT
-    with pytest.raises(ValueError, match="not among the free"):
+    with pytest.raises(ValueError):
         profiles(p, s.x, ["m_x"], found.model, found.model)

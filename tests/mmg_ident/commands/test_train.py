@@ -174,7 +174,7 @@ def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, decli
     assert "<table>" in result._repr_html_() and "declined" in result._repr_html_()
     result.save(tmp_path / "copy")
     assert load_ship(tmp_path / "copy").network is not None
-    with pytest.raises(UserError, match="already exists"):
+    with pytest.raises(UserError):
         result.save(tmp_path / "copy")
 
 
