@@ -133,9 +133,6 @@ def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(fol
     assert np.array_equal(again.values, mmg_ident.load_ship(folder / "run").values)
     with pytest.raises(mmg_ident.UserError):
         mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml")
-    assert any(
-        "not calibrated" in line for line in mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "b.toml", True)
-    )
 
 
 def test_predictions_are_tables(folder: Path) -> None:

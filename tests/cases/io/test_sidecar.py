@@ -13,6 +13,7 @@ from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entr
 from cases.io.toml_file import validated
 from cases.trial import UNITS
 from mmg.errors import UserError
+from mmg.messages import has_code
 from tests.support.trial_files import motion_columns, write_csv
 
 
@@ -85,7 +86,7 @@ units = { u = "kn", t = "s" }
     trial = read_trial(tmp_path / "a.csv")
     for name in ("t", "u", "n", "delta"):
         np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12)
-    assert any("positive to port" in notice for notice in trial.notices)
+    assert has_code(trial.notices, "sign")
 
 
 @pytest.mark.parametrize("applies", ["position", "velocity", "both"])

@@ -172,7 +172,7 @@ def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest
 
     monkeypatch.setattr(module, "solve_led", sometimes)
     found = bootstrap(info, 2, 0, p, s.x)
-    assert [label for label, _ in found.failures] == ["0"] and "made up" in found.failures[0][1]
+    assert [label for label, _ in found.failures] == ["0"]
     assert np.isnan(found.p[0]).all() and len(found.good) == 1
 
 
