@@ -16,6 +16,7 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials
+from tests.support.quick import first_quick
 
 FORMS = {
     "heading_bias alone": {"alone": 0.05},
@@ -70,7 +71,7 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
         np.testing.assert_allclose(late[column][12:], y[column][:-12], atol=1e-12)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", first_quick(FORMS))
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     (problem, found), c = searched(form), candidate_of(form)
     assert found.effects == (c,)

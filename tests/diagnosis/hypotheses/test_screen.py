@@ -59,7 +59,7 @@ def rows_of(problem: SearchProblem, null: Estimate) -> dict[str, ScoreTest]:
 def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
     """That of the largest of all, and that of each by itself (a one-sided one is 1 every other time)."""
     candidates, S = made_up()
-    rng, draws = np.random.default_rng(1), 200
+    rng, draws = np.random.default_rng(1), 100
     root = np.linalg.cholesky(S)
     least, single = [], []
     for k in range(draws):

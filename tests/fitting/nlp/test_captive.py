@@ -112,7 +112,7 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
 def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]
-    settings = Settings(passes=2)
+    settings = Settings(passes=2, compiled=False)
     free_running = estimate_coefficients(ESSO, trials, settings)
     joint = estimate_coefficients(ESSO, trials, settings, captive=points(truth, noise=1.0))
     assert joint.converged

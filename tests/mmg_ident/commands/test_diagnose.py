@@ -212,6 +212,7 @@ def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Pat
     assert "zigzag_b" in html
 
 
+@pytest.mark.slow
 def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Path, poor: Path) -> None:
     """One run, no wind, and no test trial left."""
     where = ("--test", poor / "test" / "again.csv", "--out", poor / "one")
