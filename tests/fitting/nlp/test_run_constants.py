@@ -288,7 +288,7 @@ def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.Capture
     ("more", "said"),
     [
         (["--per-run", "tide"], "tide"),
-        (["--per-run", "current:z"], "has no parameter 'z'"),
+        (["--per-run", "current:z"], "'z'"),
         (["--per-run", "current:x=9"], "must be a number from"),
         (["--per-run", "current", "--per-run", "current:x"], "current is in the model already"),
         (["--per-run", "current", "--with", "current"], "current is in the model already"),

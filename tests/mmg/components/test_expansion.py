@@ -206,7 +206,7 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "is empty"), ("ahead", "no factor"), ("u q", "'q' is no variable"), ("sin(u)", "not an angle"),
+        ("", "is empty"), ("ahead", "no factor"), ("u q", "'q'"), ("sin(u)", "not an angle"),
         ("cos(n)", "not an angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
         ("sin(delta))", "brackets"), ("mean(u,v)", "two variables of actuators"), ("u^2", "no variable"),
