@@ -71,6 +71,7 @@ def by_chance() -> np.ndarray:
     return scores_of(np.random.default_rng(0).standard_normal((K + 1, R, 6, 1000)))
 
 
+@pytest.mark.slow
 def test_independent_forces_are_random_at_the_nominal_level(by_chance: np.ndarray) -> None:
     found = np.hstack([scores_of(residuals_of(system(), system(), 400, seed)) for seed in range(3)])
     laws = np.random.default_rng(4).choice(by_chance, (1200, 200), axis=1)  # each has drawn a law of its own

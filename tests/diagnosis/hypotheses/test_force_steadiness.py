@@ -66,6 +66,7 @@ def test_a_force_that_is_larger_in_a_part_is_found_with_its_channel(channel: int
     assert np.mean(right) > 0.8
 
 
+@pytest.mark.slow
 def test_runs_and_headings_may_differ_in_their_weather() -> None:
     for way in WEATHER:
         assert p_values(unsteady(np.minimum(way, 1), 1, 3.0, 6, 3)).min() > 1e-3
@@ -79,6 +80,7 @@ def test_parts_that_are_whole_runs_say_nothing_however_much_these_differ() -> No
     assert min(f.p_value for f in found) > 0.5
 
 
+@pytest.mark.slow
 def test_a_part_in_which_parameters_take_most_errors_is_no_steadier() -> None:
     s, rng = system(), np.random.default_rng(6)
     fast = np.concatenate([WAYS["fast"], WAYS["fast"][-1:]]) == 1

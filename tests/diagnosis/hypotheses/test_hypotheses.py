@@ -69,6 +69,7 @@ def test_none_is_named_by_chance(seed: int) -> None:
     assert decide(found, before.beyond_chance, before.log_bayes, before.limit, None) == ("none", [])
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
     problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))

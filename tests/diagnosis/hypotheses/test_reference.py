@@ -141,6 +141,7 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     assert near < 0.7 and near < far
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(LARGE))
 def test_a_strong_effect_of_the_reference_is_listed_and_not_taken_as_usual(name: str) -> None:
     found, problem = known(LARGE[name]).reference, known(LARGE[name]).problem
@@ -165,6 +166,7 @@ def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> N
         assert value == pytest.approx(float(truth[symbol.split(".")[1]]), abs=0.5 * c.typical[0]), symbol
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(MODERATE))
 def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
     """The same trials with a reference that has it too, and with one that has not."""
