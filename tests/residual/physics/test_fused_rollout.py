@@ -14,13 +14,14 @@ from residual.physics.operator import Physics
 from residual.system import Hybrid, TrainableSystem
 from tests.residual.physics.test_operator import OTHERS, points
 from tests.support.networks import random_network
+from tests.support.quick import first_quick
 
 SHIPS = {"esso": load_ship("esso_osaka_3m"), "vectwin": load_ship("vectwin_3m"), **OTHERS}
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("method", ["euler", "rk4"])
-@pytest.mark.parametrize("name", SHIPS)
+@pytest.mark.parametrize("name", first_quick(SHIPS))
 def test_states_and_gradients_are_those_of_single_steps(name, method):
     ship = SHIPS[name]
     physics, residual = Physics(ship), Residual.of_network(random_network(ship, width=10))
