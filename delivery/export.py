@@ -26,15 +26,15 @@ class Format:
 
     writer: "module:function" of ``function(product, target, **options)``; it writes to ``target``, a folder that exists
     and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix: of a file,
-    "" for a folder. options: names of further options that the function takes. beside: whether it writes a file beside
-    its target as well; it is then told by ``replace`` whether that may take the place of another.
+    "" for a folder. options: names of further options that the function takes. writes_second: whether it writes a
+    second file next to its target; ``replace`` then says whether that may take the place of another.
     """
 
     writer: str
     summary: str
     suffix: str = ""
     options: tuple[str, ...] = ()
-    beside: bool = False
+    writes_second: bool = False
 
     @property
     def function(self) -> Callable[..., Sequence[Message] | None]:
@@ -77,7 +77,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if chosen.beside:
+    if chosen.writes_second:
         options["replace"] = force
 
     def fill(place: Path) -> None:

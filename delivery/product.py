@@ -134,16 +134,16 @@ class ProductCoefficient:
 class Product:
     """A ship that is to be delivered.
 
-    ship: plain, hybrid, with effects, as it is delivered. identifier: its name made a C identifier in lower case. held:
-    quantity (``ship.features`` and "beta") -> the range that the trials held (lower, upper), SI; empty where none is
-    known. provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
+    ship: plain, hybrid, with effects, as delivered. identifier: its name as a C identifier in lower case. ranges:
+    quantity (``ship.features`` and "beta") -> its range in the trials (lower, upper), SI; empty where none is known.
+    provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
     values; never a path, so that a run gives the same product wherever it lies. caveats: what a user of the product
     must know, each with a code.
     """
 
     ship: Ship
     identifier: str
-    held: Mapping[str, tuple[float, float]]
+    ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, Any]
     caveats: tuple[Message, ...]
 
@@ -195,7 +195,7 @@ class Product:
             "hybrid": self.ship.network is not None,
             "longest_step_s": self.longest_step,
             "coefficients": {c.symbol: vars(c) for c in self.coefficients},
-            "range_of_the_trials": {name: list(pair) for name, pair in self.held.items()},
+            "range_of_the_trials": {name: list(pair) for name, pair in self.ranges.items()},
             "provenance": dict(self.provenance),
             "caveats": [{"code": m.code, "text": str(m)} for m in self.caveats],
         }
@@ -228,9 +228,9 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if identifier != ship.name:
         words = f"the ship's name '{ship.name}' is no lower-case identifier: names in the code begin with {identifier}"
         caveats.append(Message(words, NAME_CHANGED))
-    ranges = _held(content) or _held_again(ship, content)
+    ranges = _ranges(content) or _ranges_again(ship, content)
     if not ranges:
-        words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
+        words = "no record of the range of the trials, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
     caveats += _unexcited(content)
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
@@ -274,14 +274,14 @@ def _unexcited(content: Mapping[str, Any]) -> list[Message]:
     return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)] if silent else []
 
 
-def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def _ranges(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """The range of each quantity that a run folder's record holds."""
     envelope = content.get("envelope")
     rows = envelope.items() if isinstance(envelope, dict) else ()
     return {name: (float(low), float(high)) for name, (low, high) in rows}
 
 
-def _held_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def _ranges_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """The same from the trials themselves, for a run folder of an older version: where all are there, unchanged."""
     rows = content.get("data")
     if not isinstance(rows, list) or not rows or not all(row.get("path") and row.get("sha256") for row in rows):

@@ -48,10 +48,10 @@ def tables(product: Product) -> list[Table]:
         ("const double", "coefficient_lower", [number(c.lower) for c in coefficients]),
         ("const double", "coefficient_upper", [number(c.upper) for c in coefficients]),
         ("const double", "coefficient_stds", [number(c.std) for c in coefficients]),
-        (words, "range_names", [quoted(s) for s in product.held]),
-        (words, "range_units", [quoted(unit_of(s)) for s in product.held]),
-        ("const double", "range_lower", [number(low) for low, _ in product.held.values()]),
-        ("const double", "range_upper", [number(high) for _, high in product.held.values()]),
+        (words, "range_names", [quoted(s) for s in product.ranges]),
+        (words, "range_units", [quoted(unit_of(s)) for s in product.ranges]),
+        ("const double", "range_lower", [number(low) for low, _ in product.ranges.values()]),
+        ("const double", "range_upper", [number(high) for _, high in product.ranges.values()]),
     ]
     return [Table(kind, name, tuple(elements)) for kind, name, elements in named if elements]
 
@@ -90,7 +90,7 @@ def sizes(product: Product) -> dict[str, int]:
         "COEFFICIENTS": len(model.symbols),
         "ROLES": len(model.roles),
         "COLUMNS": 6,
-        "RANGES": len(product.held),
+        "RANGES": len(product.ranges),
     }
 
 

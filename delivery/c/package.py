@@ -61,7 +61,7 @@ def approach(product: Product) -> tuple[float, dict[str, float]]:
     It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
     begins: at the ship's own speed.
     """
-    ship, highest = product.ship, product.held.get("n", (0.0, 0.0))[1]
+    ship, highest = product.ship, product.ranges.get("n", (0.0, 0.0))[1]
     try:
         speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
     except UserError:  # a ship before its calibration may hold no speed

@@ -233,7 +233,7 @@ int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) 
 
     def _range(self) -> str:
         """Distance to what the trials held."""
-        p, ranges = self.p, self.product.held
+        p, ranges = self.p, self.product.ranges
         head = f"double {p}_extrapolation(const {p}_model *model, const real *state, const real *inputs)"
         if not ranges:
             return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])

@@ -38,7 +38,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
     roles = [list(next(filter(None, p.forces), {})) for p in predicted]
     most = rows_per_run(campaign, lengths, roles)
     inputs = campaign.ship.inputs
-    missing = campaign.found.missing if campaign.found else {}
+    missing = campaign.diagnosis.missing if campaign.diagnosis else {}
     runs = [
         run_content(
             trial, inputs, [([w[k] for w in p.windows], p.forces[k]) for p in predicted], most, missing.get(trial.name)
@@ -50,7 +50,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
 
 def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> dict[str, Any]:
     """What the script reads before any run: names, lengths, models, inputs, the diagnosis."""
-    ship, found = campaign.ship, campaign.found
+    ship, found = campaign.ship, campaign.diagnosis
     p = ship.particulars
     L = p["L"]
     places = {"propeller": -0.5, "rudder": p.get("x_R", -0.5 * L) / L}
