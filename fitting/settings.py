@@ -19,7 +19,6 @@ class Settings:
     """
 
     window: float | None = field(default=None, metadata={"help": "Window length [s]; default 100 steps.", "gt": 0})
-    horizon: float | None = None
     step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
     interval: int = field(default=5, metadata={"help": "Runge-Kutta steps per shooting interval.", "ge": 1})
     passes: int = field(default=3, metadata={"help": "Solves; the noise is estimated anew between them.", "ge": 1})

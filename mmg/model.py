@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from mmg.compile.vectorised import FEWEST, VectorisedFunction, by_numpy
 from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
@@ -45,7 +44,6 @@ class Model:
     coefficients ``measured_by`` (numbers of them) alone.
     features: Function (state (S,), controls (C,), coefficients (P,)) -> what a network sees, ``ship.features`` (F,).
     measured: whether the columns differ from the first six states.
-    vectorised: functions by name as ``at_points`` has made them.
     """
 
     ship: Ship
@@ -63,21 +61,15 @@ class Model:
     measured_by: np.ndarray
     features: ca.Function
     measured: bool
-    vectorised: dict[str, VectorisedFunction | None] = field(default_factory=dict, repr=False, compare=False)
 
     def at_points(self, name: str, *inputs: np.ndarray) -> np.ndarray:
         """Result (rows, M) of the function called ``name`` at M points, without a compiler.
 
         inputs: its arguments, (rows, M) where the points have their own, (rows,) where they share it; at least the
-        first one has M. CasADi's own call copies what is shared to every point.
+        first one has M.
         """
         function: ca.Function = getattr(self, name)
-        if name not in self.vectorised:
-            self.vectorised[name] = by_numpy(function)
-        vectorised, points = self.vectorised[name], inputs[0].shape[1]
-        if vectorised is None or points < FEWEST:
-            return np.array(function(*[a if a.size else 0.0 for a in inputs]))
-        return vectorised(points, inputs)[0]
+        return np.array(function(*[a if a.size else 0.0 for a in inputs]))
 
 
 def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoothing) -> dict[str, Force]:
@@ -161,9 +153,7 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-KEPT = 16
-"""Models that are remembered."""
-_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=KEPT)
+_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
 
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:
@@ -183,11 +173,11 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         tuple((name, None if name in chosen else value) for name, value in values.items()),
         (ship.effects, *map(effect, ship.effects), chosen, exact, acted),
     )
-    found = next((each for each in list(_KNOWN) if each[0] == key), None)
-    if found is None:
-        found = (key, *_assembled(ship, chosen, exact, acted))
-        _KNOWN.append(found)
-    _, model, sizes = found
+    entry = next((each for each in list(_KNOWN) if each[0] == key), None)
+    if entry is None:
+        entry = (key, *_assembled(ship, chosen, exact, acted))
+        _KNOWN.append(entry)
+    _, model, sizes = entry
     return replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
 
 
@@ -241,13 +231,13 @@ def _numbers(sizes: ca.Function, chosen: Sequence[str], values: Mapping[str, flo
 
 def _settled(memory: Memory) -> list[Any]:
     """Initial values of the remembered states, each free of the others."""
-    known: list[Any] = []
+    settled: list[Any] = []
     for target in memory.targets:
         start = ca.SX(target)
-        if known:
-            start = ca.substitute([start], memory.symbols[: len(known)], known)[0]
-        known.append(start)
-    return known
+        if settled:
+            start = ca.substitute([start], memory.symbols[: len(settled)], settled)[0]
+        settled.append(start)
+    return settled
 
 
 POINTS = 50_000
@@ -276,15 +266,15 @@ def columns(
         return states[..., :6, :]
     flat = states.reshape(-1, *states.shape[-2:])
     # few coefficients: CasADi copies what it is given to every point
-    own = np.asarray(theta, dtype=float)[model.measured_by]
+    coefficients = np.asarray(theta, dtype=float)[model.measured_by]
     M, logged = states.shape[-1], np.empty((len(flat), 6, states.shape[-1]))
     many = max(1, POINTS // max(M, 1))
     for first in range(0, len(flat), many):
         z = flat[first : first + many]
-        each = np.tile(own, (1, len(z))) if np.ndim(own) == 2 else own
+        each = np.tile(coefficients, (1, len(z))) if np.ndim(coefficients) == 2 else coefficients
         points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)
-        found = at(points, each) if at else model.at_points("columns_by", points, each)
-        logged[first : first + many] = found.reshape(6, len(z), M).transpose(1, 0, 2)
+        values = at(points, each) if at else model.at_points("columns_by", points, each)
+        logged[first : first + many] = values.reshape(6, len(z), M).transpose(1, 0, 2)
     return logged.reshape(*states.shape[:-2], 6, M)
 
 

@@ -40,23 +40,27 @@ class Simulator:
         """Names of its inputs, as of ``Ship.inputs``."""
         return self.ship.inputs
 
+    @property
+    def _named(self) -> str:
+        return f"the equations of {self.ship.name}"
+
     @cached_property
     def _batch(self) -> tuple[BatchFunction, str]:
-        (batch,), reason = batch_functions([self._function], self.compiled, hot=True)
+        (batch,), reason = batch_functions([self._function], self.compiled, self._named)
         return batch, reason
 
     @cached_property
     def _logged(self) -> BatchFunction | None:
-        (batch,), _ = batch_functions([self.model.columns_by], self.compiled)
+        (batch,), _ = batch_functions([self.model.columns_by], self.compiled, self._named)
         return batch if batch.library else None
 
     @cached_property
     def _many(self) -> Rollout | None:
-        return compile_rollout(self._function, self.model.first, LANES) if self.compiled else None
+        return compile_rollout(self._function, self.model.first, LANES, self._named) if self.compiled else None
 
     @cached_property
     def _single(self) -> Rollout | None:
-        return compile_rollout(self._function, self.model.first, 1) if self.compiled else None
+        return compile_rollout(self._function, self.model.first, 1, self._named) if self.compiled else None
 
     @property
     def is_stepwise(self) -> bool:
@@ -159,11 +163,11 @@ class Simulator:
         for k in range(N):
             h, a = steps[k], controls[k]
             b = controls[k + 1] if linear else a
-            held = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
+            inputs_at = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
             if method == "euler":
                 z = z + h * self.rates(z, a, theta)
             else:
-                z = rk4_step(lambda state, at, held=held: self.rates(state, held[at], theta), z, h)  # type: ignore[misc]
+                z = rk4_step(lambda state, at, by=inputs_at: self.rates(state, by[at], theta), z, h)  # type: ignore[misc]
             if keep[k]:
                 out[row] = z
                 row += 1

@@ -89,26 +89,18 @@ __all__ = [
     "write_report",
 ]
 
-__version__: str
+__version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> Any:
     """The public ``name``, loaded at its first use. Raises ImportError where another package ``mmg`` is in the way."""
-    if name == "__version__":
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            value: Any = version("mmg-ident")
-        except PackageNotFoundError:
-            value = "unknown"
-    elif name in __all__:
-        from mmg_ident.shadow import shadowing_mmg
-
-        if in_the_way := shadowing_mmg():
-            raise ImportError(in_the_way)
-        value = getattr(import_module(_HOMES.get(name, "mmg_ident.api")), name)
-    else:
+    if name not in __all__:
         raise AttributeError(f"module 'mmg_ident' has no attribute {name!r}")
+    from mmg_ident.shadow import shadowing_mmg
+
+    if in_the_way := shadowing_mmg():
+        raise ImportError(in_the_way)
+    value = getattr(import_module(_HOMES.get(name, "mmg_ident.api")), name)
     globals()[name] = value
     return value
 

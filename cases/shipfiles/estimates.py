@@ -146,7 +146,7 @@ def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, fl
     found = {}
     for symbol, (value, share, source) in rows.items():
         factor = CORRECTIONS[hull].get(symbol.removesuffix("_plus").removesuffix("_minus"), 1.0)
-        words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py)"
+        words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py of 5f878e7)"
         least = scatter[symbol] if symbol in LINEAR else 0.0
         found[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
     return found

@@ -6,15 +6,12 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
-DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of every file in an archive: the first that a zip file can hold."""
-
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
     """Write ``files``, by their names in it, to the archive ``path``; the same files give the same bytes."""
     with zipfile.ZipFile(path, "w") as archive:
         for name in sorted(files):
-            entry = zipfile.ZipInfo(name, DATE)
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the first date that a zip file can hold
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.create_system = 3  # Unix, whose permissions follow, on every system
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16

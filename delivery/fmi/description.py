@@ -17,8 +17,6 @@ CATEGORIES = {
     "logStatusDiscard": "values that were refused",
     "logAll": "everything else",
 }
-DURATION = 600.0
-"""End [s] of the experiment that a description proposes."""
 
 
 def text_of(root: Xml.Element) -> str:
@@ -47,7 +45,7 @@ def head(ship: CoSimulatedShip, version: str) -> dict[str, str]:
 def experiment(ship: CoSimulatedShip) -> dict[str, str]:
     """Attributes of the experiment that a description of ``ship`` proposes."""
     step = float(f"{ship.longest_step / 5:.1g}")
-    return {"startTime": "0.0", "stopTime": repr(DURATION), "stepSize": repr(step)}
+    return {"startTime": "0.0", "stopTime": "600.0", "stepSize": repr(step)}
 
 
 def units(parent: Xml.Element, table: VariableTable) -> None:
@@ -65,18 +63,18 @@ def units(parent: Xml.Element, table: VariableTable) -> None:
 
 def real_attributes(row: FmuVariable) -> dict[str, str]:
     """Attributes of the value of a real variable ``row`` that both versions have."""
-    found = {}
+    attributes = {}
     if row.unit:
-        found["unit"] = row.unit
+        attributes["unit"] = row.unit
         if row.unit in SHOWN:
-            found["displayUnit"] = SHOWN[row.unit][0]
+            attributes["displayUnit"] = SHOWN[row.unit][0]
     if math.isfinite(row.lower):
-        found["min"] = repr(row.lower)
+        attributes["min"] = repr(row.lower)
     if math.isfinite(row.upper):
-        found["max"] = repr(row.upper)
+        attributes["max"] = repr(row.upper)
     if row.start is not None:
-        found["start"] = repr(row.start)
-    return found
+        attributes["start"] = repr(row.start)
+    return attributes
 
 
 def description_2(ship: CoSimulatedShip, table: VariableTable, token: str, files: list[str]) -> str:

@@ -22,8 +22,6 @@ from mmg.motion.flow import INPUTS
 from mmg.network import Layers, Network
 from mmg.ship import Ship
 
-OPSET, IR_VERSION = 13, 8
-"""Versions of the operators and of the file: old enough for every runtime since 2021."""
 MOTION = {
     "u": ("surge velocity through the water at midship", "m/s"),
     "v": ("sway velocity through the water at midship", "m/s"),
@@ -61,7 +59,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     for i, name in enumerate(network.features):
         words, unit = MOTION.get(name) or INPUTS[name]
         row = {"name": name, "unit": unit, "description": words, "scale": network.feature_scales[i]}
-        rows.append(row | {"lower": _known(network.lower[i]), "upper": _known(network.upper[i])})
+        rows.append(row | {"lower": _finite(network.lower[i]), "upper": _finite(network.upper[i])})
     outputs = [
         {"name": name, "unit": unit, "scale": scale, "bound": bound}
         for (name, unit), scale, bound in zip(ACCELERATIONS, network.output_scales, network.bound, strict=True)
@@ -77,7 +75,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     )
 
 
-def _known(bound: float) -> float | None:
+def _finite(bound: float) -> float | None:
     return float(bound) if np.isfinite(bound) else None
 
 
@@ -109,8 +107,8 @@ def onnx_model(network: Network, metadata: dict[str, Any]) -> Any:
         constants,
         doc_string="Accelerations that a learned residual adds to those of the forces of a ship.",
     )
-    model = onnx.helper.make_model(
-        made, opset_imports=[onnx.helper.make_opsetid("", OPSET)], ir_version=IR_VERSION, producer_name="mmg-ident"
+    model = onnx.helper.make_model(  # versions that every runtime since 2021 takes
+        made, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=8, producer_name="mmg-ident"
     )
     onnx.helper.set_model_props(model, {k: v if isinstance(v, str) else json.dumps(v) for k, v in metadata.items()})
     onnx.checker.check_model(model, full_check=True)

@@ -7,14 +7,13 @@ first state of a window is given so wide a covariance that it is as good as unkn
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from diagnosis.estimation.transition_model import LinearModel
-from mmg.compile.recycled import cleared
+from mmg.compile.recycled import cleared, room
 
 PRIOR_SAMPLES = 30.0
 """Samples that a prior of the noise counts as."""
@@ -94,41 +93,6 @@ class LinearSystem:
         )
 
 
-@dataclass(frozen=True)
-class SystemParts:
-    """What T and Z of a system are made of.
-
-    linear, good, inside, gusts: as of ``linear_system``; decay: (n - S,) of force, gusts and coloured errors over a
-    step; coloured: (c,) sensors that have these.
-    """
-
-    linear: LinearModel
-    decay: np.ndarray
-    coloured: np.ndarray
-    good: np.ndarray
-    inside: np.ndarray
-    gusts: np.ndarray | None
-
-
-def assembled(parts: SystemParts) -> tuple[np.ndarray, np.ndarray]:
-    """T (K, R, n, n) and Z (K + 1, R, 6, n) of the system of these ``parts``."""
-    linear, decay, coloured, gusts = parts.linear, parts.decay, parts.coloured, parts.gusts
-    K, R, S = linear.force.shape[:3]
-    n = S + len(decay)
-    seen, at = n - len(coloured), np.arange(S, n)
-    T = cleared(K, R, n, n)
-    T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
-    if gusts is not None:
-        T[..., :S, S + 3 : seen] = linear.force @ gusts
-    T[..., at, at] = decay
-    T[~parts.inside] = np.eye(n)
-    Z = cleared(K + 1, R, 6, n)
-    Z[..., :S] = linear.H
-    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
-    Z[~parts.good] = 0.0
-    return T, Z
-
-
 def linear_system(
     linear: LinearModel,
     noise: NoiseModel,
@@ -137,22 +101,29 @@ def linear_system(
     inside: np.ndarray,
     h: float,
     gusts: np.ndarray | None = None,
-    assemble: Callable[[SystemParts], tuple[np.ndarray, np.ndarray]] = assembled,
 ) -> LinearSystem:
     """State-space model of S ship states, latent force, gusts and coloured errors.
 
     linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
-    6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``; assemble: makes T
-    and Z.
+    6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``.
     """
-    R, S = linear.force.shape[1:3]
+    K, R, S = linear.force.shape[:3]
     coloured = np.flatnonzero(noise.coloured > 0)
     gust = noise.gust[: 0 if gusts is None else 2]
     n = S + 3 + len(gust) + len(coloured)
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
-    at = np.arange(S, n)
-    T, Z = assemble(SystemParts(linear, decay, coloured, good, inside, gusts))
+    at, seen = np.arange(S, n), n - len(coloured)
+    T = cleared(K, R, n, n)
+    T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
+    if gusts is not None:
+        T[..., :S, S + 3 : seen] = linear.force @ gusts
+    T[..., at, at] = decay
+    T[~inside] = np.eye(n)
+    Z = cleared(K + 1, R, 6, n)
+    Z[..., :S] = linear.H
+    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
+    Z[~good] = 0.0
     own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
     start = np.zeros((R, n, n))
@@ -235,18 +206,15 @@ def smoothed(
     s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``responses``.
     """
     K, R, n = s.T.shape[:3]
-    v = -(f.root.swapaxes(2, 3) @ white[..., None])
-    r, mean = np.zeros((R, n, 1)), np.empty((K + 1, R, n))
-    rs, us = np.zeros((K, R, n)), np.empty((K + 1, R, 6))
+    us = -(f.root.swapaxes(2, 3) @ white[..., None])
+    rs, r = np.empty((K + 1, R, n, 1)), np.zeros((R, n, 1))  # rs: also with what is seen at the same time
     for k in range(K, -1, -1):
-        us[k] = v[k, ..., 0]
         if k < K:
-            rs[k] = r[..., 0]
-            us[k] -= (f.gain[k].swapaxes(1, 2) @ r)[..., 0]
-            r = (s.T[k] - f.gain[k] @ s.Z[k]).swapaxes(1, 2) @ r
-        r = r + s.Z[k].swapaxes(1, 2) @ v[k]
-        mean[k] = states[k] + (f.P[k] @ r)[..., 0]
-    return mean, rs, us
+            us[k] -= f.gain[k].swapaxes(1, 2) @ r
+            r = s.T[k].swapaxes(1, 2) @ r
+        rs[k] = r = r + s.Z[k].swapaxes(1, 2) @ us[k]
+    mean = states + (f.P @ rs)[..., 0]
+    return mean, rs[1:, ..., 0], us[..., 0]
 
 
 @dataclass(frozen=True)
@@ -264,7 +232,7 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     """Derivatives of the filter run f of the system s, by the recursion N_t = Z' F^-1 Z + L' N_t+1 L, in
     which L = T - K Z."""
     K, R, n = s.T.shape[:3]
-    by_T, by_Z = np.empty((K, R, n, n)), np.empty((K + 1, R, 6, n))
+    by_T, by_Z = room(K, R, n, n), room(K + 1, R, 6, n)
     Ns, Ds = np.zeros((K, R, n)), np.empty((K + 1, R, 6))
     N = np.zeros((R, n, n))
     for k in range(K, -1, -1):
@@ -276,9 +244,10 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
             NK = N @ f.gain[k]
             Ds[k] += np.einsum("rij,rij->rj", f.gain[k], NK)
             L = s.T[k] - f.gain[k] @ s.Z[k]
-            by_T[k] = N @ L @ f.P[k]
+            NL = N @ L
+            by_T[k] = NL @ f.P[k]
             by_Z[k] -= f.gain[k].swapaxes(1, 2) @ by_T[k]
-            N = L.swapaxes(1, 2) @ N @ L
+            N = L.swapaxes(1, 2) @ NL
         N = N + ZF @ s.Z[k]
     return Adjoint(by_T, by_Z, Ns, Ds)
 
@@ -290,15 +259,14 @@ def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarra
     s: the system; found: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
     exponential of the generator: a change of the generator acts equally on either side of the step.
     """
-    K, R = s.T.shape[:2]
     by_T = found.by_T[:, :, :A, : A + 3]
     if gusts is not None:
         pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
         by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)
     weight = np.where(s.inside[..., None, None], by_T, 0.0)
-    through, rest = s.T[:, :, :A, : A + 3], np.broadcast_to(np.eye(A + 3)[A:], (K, R, 3, A + 3))
-    ahead = weight @ np.concatenate([through, rest], axis=2).swapaxes(2, 3)
-    return np.asarray(h * 0.5 * (ahead + through[..., :A].swapaxes(2, 3) @ weight))
+    through = s.T[:, :, :A, : A + 3]
+    ahead = np.concatenate([weight @ through.swapaxes(2, 3), weight[..., A:]], axis=3)
+    return np.asarray(0.5 * h * (ahead + through[..., :A].swapaxes(2, 3) @ weight))
 
 
 def observations(s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:

@@ -10,9 +10,18 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
-from diagnosis.estimation.filtering import adjoint, assembled, by_rates, filtered, smoothed, whitened
+from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import Adjoint, Filtered, LinearSystem, NoiseModel, linear_system
+from diagnosis.estimation.kalman import (
+    Adjoint,
+    Filtered,
+    LinearSystem,
+    NoiseModel,
+    adjoint,
+    by_rates,
+    linear_system,
+    smoothed,
+)
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.compile.recycled import room
@@ -218,7 +227,7 @@ def linearise_and_filter(
     data = acting(steps, data, theta)
     linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
-    system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts, assembled)
+    system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
     filter_run = filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
     parts: list[DrivenColumns | ProductColumns] = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]

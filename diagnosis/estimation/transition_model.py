@@ -71,7 +71,9 @@ class TransitionModel:
         self.force = np.array([ship.symbols.index(s) for s in FORCE])
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
         functions = [*self._rate_functions(), *self._logged_functions()]
-        batch, self.interpreted_because = batch_functions(functions, compiled)
+        batch, self.interpreted_because = batch_functions(
+            functions, compiled, f"the equations of {ship.name} with all effects"
+        )
         (
             self._rates,
             self._jacobian,

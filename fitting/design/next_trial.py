@@ -170,7 +170,7 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     """
     ship, settings, P = calibration.ship, calibration.settings, len(calibration.prior.symbols)
     h = calibration.segments.h
-    window = settings.window or settings.horizon or 100 * h
+    window = settings.window or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
     problem = _problem(calibration, parts)
     p = np.concatenate([calibration.p, np.zeros(problem.P - P)])

@@ -47,7 +47,9 @@ class Kernels:
         self.interval: IntervalKernel | None = None
         self.interpreted_because = "compilation switched off"
         if compiled:
-            self.interval, self.interpreted_because = IntervalKernel.of(self.whole, self._tried)
+            self.interval, self.interpreted_because = IntervalKernel.of(
+                self.whole, self._tried, f"the equations of {model.ship.name} and their derivatives"
+            )
         self.measurement = Measurement(model, self.free, compiled)
 
     @cached_property

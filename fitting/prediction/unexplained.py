@@ -21,7 +21,7 @@ UNTRIED = 1 / 3
 """Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
 library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor
 have other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships
-that no trial told anything of turn within about that share (``benchmarks.own_ships``)."""
+that no trial told anything of turn within about that share (``benchmarks.literature``)."""
 MOST_SHARE = 0.9
 """Greatest error of a deceleration, by it: water and a reversed propeller do not drive a ship on."""
 LEVER = 4.0

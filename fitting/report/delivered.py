@@ -16,12 +16,11 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, correlation_in, with_intervals
-from fitting.report.conditions import Condition, condition_rows
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
-from fitting.report.limits import limit_rows, use_rows
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
 from fitting.report.trial_files import trial_rows, trials_again
+from fitting.report.use import Condition, condition_rows, limit_rows, use_rows
 from mmg.errors import UserError
 from mmg.messages import Message, has_code
 from mmg.ship import Ship

@@ -8,26 +8,30 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from cases.io.files import replace_text
-from cases.trial import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
-from fitting.report.coefficient_table import capped, coefficient_groups, correlated_pairs, shown_number
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
-from fitting.report.structure_section import structure_section
-from fitting.report.unit_section import unit_section
-from fitting.report.words import (
+from fitting.report.sections import (
     campaign_section,
+    coefficient_groups,
+    correlated_pairs,
+    per_run_table,
+    score_sets,
+    section,
+    shown_number,
+    structure_section,
+)
+from fitting.report.words import (
     headline,
     not_in_model,
-    per_run_table,
     report_warnings,
     setting_rows,
 )
@@ -36,7 +40,6 @@ from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.ship import Ship
-from mmg.states import STATES
 
 DATA_SOURCES = (
     (
@@ -63,81 +66,6 @@ PLACES = {
     "scaling": ("scaling",),
 }
 """Sections of the page and how the names of their figures begin."""
-
-
-LARGE = 1e12
-"""Condition number of the information beyond which the numbers themselves are in doubt (MuJoCo's limit)."""
-
-
-def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
-    """What the template shows of identifiability in ``result`` (content of result.json), None where it is missing.
-
-    most_options: trials of the library shown at most.
-    """
-    content = result.get("identifiability")
-    if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
-        return None
-    rows = [
-        {"kind": "unknown", "cause": "", "advice": ""} | row | {"symbol": s, "share": capped(row.get("prior_share"))}
-        for s, row in content["coefficients"].items()
-    ]
-    rank = {kind: i for i, kind in enumerate(reversed(KINDS))}
-    trial = content.get("next_trial") or {}
-    options = sorted(trial.get("options", []), key=lambda o: o.get("mean_prior_share") or 2.0)[:most_options]
-    return {
-        "rows": sorted(rows, key=lambda r: (rank.get(r["kind"], 0), -(r["share"] or 0.0))),
-        "counts": [(KINDS[kind], sum(r["kind"] == kind for r in rows)) for kind in KINDS],
-        "clusters": content.get("clusters", []),
-        "directions": [
-            " ".join(f"{weight:+.2f} {symbol}" for symbol, weight in d.get("weights", {}).items()).replace("-", "−")
-            for d in content.get("weak_directions", [])
-        ],
-        "condition": content.get("condition_number"),
-        "condition_with_prior": content.get("condition_number_with_prior"),
-        "ill": content.get("condition_number") is None or content["condition_number"] > LARGE,
-        "duration": trial.get("duration_s"),
-        "before": trial.get("mean_prior_share"),
-        "worth": trial.get("worth"),
-        "options": options,
-        "plan": trial.get("plan", []),
-        "left_out": trial.get("left_out", []),
-    }
-
-
-def score_sets(result: dict) -> list[dict]:
-    """The sets of trials scored in ``result`` (content of result.json), before and after, ready for the table."""
-    sets = []
-    for name, pair in result["scores"].items():
-        before, after = pair["before"], pair["after"]
-        sigma = [f"{s} {v:.4g} {UNITS[s]}" for s, v in after["sigma"].items() if v is not None]
-        sets.append({
-            "name": {"validation": "Held-out trials", "training": "Training trials"}.get(name, name),
-            "key": name,
-            "rows": [_score_row(b["name"], b, a) for b, a in zip(before["trials"], after["trials"], strict=True)],
-            "pooled": _score_row("all rows pooled", before, after),
-            "sigma": ", ".join(sigma),
-            "sigma_from": after["sigma_from"],
-            "notes": after["notes"],
-            "units": unit_section(pair),
-            "by_state": [{when: _pooled(pair[when]["trials"], s) for when in ("before", "after")} for s in STATES],
-        })  # fmt: skip
-    return sets
-
-
-def _score_row(name: str, before: dict, after: dict) -> dict:
-    row = {"name": name, "windows": after.get("windows")}
-    for key in ("window", "paper"):
-        b, a = before.get(key), after.get(key)
-        row[key] = {"before": b, "after": a, "gain": b / a if a and b is not None else None}
-    return row
-
-
-def _pooled(trials: list[dict], state: str) -> float | None:
-    """One state's part of the 30 s-window error, pooled by the number of windows."""
-    parts = [(t["window_by_state"][state], t["windows"]) for t in trials if t.get("windows")]
-    total = sum(count for _, count in parts)
-    good = total and all(value is not None for value, _ in parts)
-    return sum(value * count for value, count in parts) / total if good else None
 
 
 def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
@@ -230,6 +158,7 @@ def _differs(first: dict | None, other: dict | None) -> bool:
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
+@cache
 def environment(*packages: str) -> Environment:
     """The templates of these ``packages`` and of this one, with their filters; what they print is escaped."""
     found = Environment(
@@ -248,8 +177,8 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
     """
     if not results:
         raise UserError("no run folder given")
-    beside = [*known, *(Delivered() for _ in results[len(known) :])]
-    runs = [_run(*result, i + 1, beside[i]) for i, result in enumerate(results)]
+    deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
+    runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
-from typing import Any
 
 from mmg.errors import UserError
 
@@ -25,31 +24,14 @@ def needs_weasyprint() -> None:
         ) from None
 
 
-def _inside() -> Any:
-    """What fetches for a page: nothing but pictures that it holds itself."""
-    from weasyprint import urls
-
-    if hasattr(urls, "URLFetcher"):  # of WeasyPrint 68 and newer
-        return urls.URLFetcher(allowed_protocols=("data",), allow_redirects=False)
-    return _held_by_the_page
-
-
-def _held_by_the_page(url: str, *_: Any, **__: Any) -> dict[str, Any]:
-    """The same as a function, for older versions."""
-    from weasyprint import default_url_fetcher
-
-    if not url.startswith("data:"):
-        raise ValueError(f"{url[:80]} is outside of the page")
-    found: dict[str, Any] = default_url_fetcher(url)
-    return found
-
-
 def write_pdf(text: str, out: Path) -> None:
     """Write the page ``text`` as PDF to ``out``, whole or not at all. Raises UserError where that cannot be done."""
     needs_weasyprint()
     from weasyprint import HTML
+    from weasyprint.urls import URLFetcher
 
-    content = HTML(string=text, url_fetcher=_inside()).write_pdf()
+    inside = URLFetcher(allowed_protocols=("data",), allow_redirects=False)  # pictures that the page holds itself
+    content = HTML(string=text, url_fetcher=inside).write_pdf()
     scratch = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         scratch.write_bytes(content)

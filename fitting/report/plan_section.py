@@ -1,16 +1,25 @@
-"""A planned trial in words, and the section of a report on that which the folder of a run keeps (``plan_map``)."""
+"""A planned trial in words and as a map, and the section of a report on that which the folder of a run keeps."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cases.io.files import read_json
-from fitting.report.plot_style import figure_entry
+import numpy as np
+
+from cases.io.files import read_json, replaced
+from fitting.design.area import corners
+from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, figure_entry, new_figure, png_of
+from fitting.report.run_folder import write_json
 from mmg.errors import UserError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fitting.design.planned_trial import PlannedTrial
 
 FOLDER, PLAN, MAP = "planned_trial", "plan.json", "map.png"
 """Folder in that of a run which holds its last planned trial, and the files in it."""
@@ -18,57 +27,45 @@ MOST = 5
 """Manoeuvres of the library beside the plan."""
 
 
-@dataclass(frozen=True)
-class PlanSection:
-    """What the template shows. lead: sentences; wanted: name, before, after and what is left of what is to be known
-    better; beside: the trial and those of the library: name, gain, what is left of a standard deviation, stays inside;
-    orders: t [s], n [1/s], rudder [deg]; assumed: sentences; image: the map, as the macro ``figure`` takes it."""
-
-    lead: tuple[str, ...]
-    wanted: tuple[tuple[str, str, str, str], ...]
-    beside: tuple[tuple[str, str, str, str], ...]
-    orders: tuple[tuple[str, str, str], ...]
-    assumed: tuple[str, ...]
-    image: dict[str, Any] | None
-
-
-def plan_section(folder: Path) -> PlanSection | None:
-    """The planned trial that the ``folder`` of a run keeps, None where there is none or it cannot be read."""
-    path = folder / FOLDER / PLAN
+def plan_section(folder: Path) -> dict[str, Any] | None:
+    """The planned trial that the ``folder`` of a run keeps, as the template shows it: what ``_words`` gives and image,
+    the map as the macro ``figure`` takes it. None where there is none or it cannot be read."""
+    path, drawn = folder / FOLDER / PLAN, folder / FOLDER / MAP
     if not path.is_file():
         return None
+    caption = (
+        "Hull at equal times, the first one filled; shaded: two standard deviations of its place by draws of the "
+        "coefficients; dashed: the margin."
+    )
     try:
-        content = read_json(path)
-        image = (folder / FOLDER / MAP).read_bytes() if (folder / FOLDER / MAP).is_file() else b""
-        return _section(content, image)
+        words = _words(read_json(path))
+        content = drawn.read_bytes() if drawn.is_file() else b""
     except (UserError, OSError, LookupError, TypeError, ValueError, AttributeError):
         return None
+    image = figure_entry(content, "planned_trial", "Map and orders of the designed trial", caption, MAP)
+    return words | {"image": image if content else None}
 
 
-def _section(content: Mapping[str, Any], image: bytes) -> PlanSection:
-    """The section of a plan's ``content`` with its ``image``."""
-    start, area, orders = content["start"], content["area_m"], content["orders"]
-    lead = (
-        f"{content['time_s']:g} s in {area['length']:g} x {area['width']:g} m, by mmg plan. Start at x "
-        f"{start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, with "
-        f"{start['speed_m_s']:.3g} m/s and {start['n_rps']:.3g} 1/s. File for the autopilot: {content['file']}.",
-        _comparison(content),
-    )
-    found = None
-    if image:
-        caption = (
-            "Hull at equal times, the first one filled; shaded: two standard deviations of its place by draws of the "
-            "coefficients; dashed: the margin."
-        )
-        found = figure_entry(image, "planned_trial", "Map and orders of the designed trial", caption, MAP)
-    return PlanSection(
-        lead,
-        tuple(_wanted(name, row) for name, row in _by_gain(content)),
-        tuple(_beside(content)),
-        tuple((f"{o['t_s']:.1f}", f"{o['n_rps']:.2f}", f"{o['delta_deg']:.0f}") for o in orders),
-        (*map(str, content["assumed"]), *map(str, content["notes"])),
-        found,
-    )
+def _words(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a plan's ``content`` says. lead: sentences; wanted: name, standard deviation before, after, and what is left
+    of it; library: the trial and the best ones of the library: name, gain, what is left, stays inside; orders: t [s],
+    n [1/s], rudder [deg]; assumed: sentences."""
+    start, area = content["start"], content["area_m"]
+    wanted = sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
+    rows = [("the designed trial", content["mean_log_variance"], True)]
+    rows += [(row["name"], row["mean_log_variance"], row["stays_inside"]) for row in content["library"][:MOST]]
+    return {
+        "lead": (
+            f"{content['time_s']:g} s in {area['length']:g} x {area['width']:g} m, by mmg plan. Start at x "
+            f"{start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, with "
+            f"{start['speed_m_s']:.3g} m/s and {start['n_rps']:.3g} 1/s. File for the autopilot: {content['file']}.",
+            _comparison(content),
+        ),
+        "wanted": [_wanted(name, row) for name, row in wanted],
+        "library": [(name, f"{gain:+.2f}", _left(gain), "yes" if fits else "no") for name, gain, fits in rows],
+        "orders": [(f"{o['t_s']:.1f}", f"{o['n_rps']:.2f}", f"{o['delta_deg']:.0f}") for o in content["orders"]],
+        "assumed": (*map(str, content["assumed"]), *map(str, content["notes"])),
+    }
 
 
 def _comparison(content: Mapping[str, Any]) -> str:
@@ -89,10 +86,6 @@ def _left(gain: float) -> str:
     return f"{math.exp(gain / 2):.0%}"
 
 
-def _by_gain(content: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    return sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
-
-
 def _wanted(name: str, row: Mapping[str, Any]) -> tuple[str, str, str, str]:
     """The cells of what is to be known better; angles in degrees."""
     unit, factor = row.get("unit") or "", 1.0
@@ -102,36 +95,65 @@ def _wanted(name: str, row: Mapping[str, Any]) -> tuple[str, str, str, str]:
     return name + (f" [{unit}]" if unit and unit != "-" else ""), before, after, f"{row['left']:.0%}"
 
 
-def _beside(content: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """The designed trial and the best ones of the library."""
-    gain = content["mean_log_variance"]
-    rows = [("the designed trial", f"{gain:+.2f}", _left(gain), "yes")]
-    for row in content["library"][:MOST]:
-        gain = row["mean_log_variance"]
-        rows.append((row["name"], f"{gain:+.2f}", _left(gain), "yes" if row["stays_inside"] else "no"))
-    return rows
-
-
-def in_words(content: Mapping[str, Any], most: int = 12) -> Sequence[str]:
-    """Lines for a person on a planned trial. content: its ``to_dict``; most: rows of a table."""
-    start, area = content["start"], content["area_m"]
-    lines = [
-        f"{content['title']}: {content['time_s']:g} s in {area['length']:g} x {area['width']:g} m",
-        f"start at x {start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, "
-        f"{start['speed_m_s']:.3g} m/s, {start['n_rps']:.3g} rps",
-        "    t [s]   n [1/s]   rudder [deg]",
-    ]
-    lines += [f"  {o['t_s']:7.1f} {o['n_rps']:9.2f} {o['delta_deg']:14.0f}" for o in content["orders"]]
+def in_words(content: Mapping[str, Any], file: str) -> list[str]:
+    """Lines for a person on a planned trial. content: its ``to_dict``; file: name of that for the autopilot."""
+    words = _words({**content, "file": file})
+    lines = [f"{content['title']}: {words['lead'][0]}", "    t [s]   n [1/s]   rudder [deg]"]
+    lines += [f"  {t:>7s} {n:>9s} {delta:>14s}" for t, n, delta in words["orders"]]
     lines.append("standard deviation before -> after")
-    for cells in (_wanted(name, row) for name, row in _by_gain(content)):
-        lines.append(f"  {cells[0]:22s} {cells[1]:>10s} -> {cells[2]:>10s}  ({cells[3]})")
-    lines.append(f"mean log variance: {content['mean_log_variance']:+.3f} by this trial")
-    for row in content["library"][: most // 4]:
-        inside = "" if row["stays_inside"] else "  (leaves the area)"
-        lines.append(f"  {row['mean_log_variance']:+.3f} by {row['name']}{inside}")
-    for key, words in (("inside", "of those that stay inside"), ("library", "of the library, wherever there is room")):
-        if key in content["best_two_of_the_library"]:
-            pair = content["best_two_of_the_library"][key]
-            lines.append(f"  {pair['mean_log_variance']:+.3f} by the best two {words}: {' and '.join(pair['names'])}")
-    lines += [f"assumed: {words}" for words in content["assumed"]]
-    return lines
+    lines += [f"  {name:22s} {before:>10s} -> {after:>10s}  ({left})" for name, before, after, left in words["wanted"]]
+    lines.append("mean log variance")
+    for name, gain, _, inside in words["library"]:
+        lines.append(f"  {gain} by {name}" + ("" if inside == "yes" else "  (leaves the area)"))
+    return [*lines, words["lead"][1], *(f"assumed: {line}" for line in content["assumed"])]
+
+
+def keep_plan(planned: PlannedTrial, folder: Path, out: Path) -> None:
+    """Keep a ``planned`` trial in the ``folder`` of its run, in the place of an earlier one, for the report.
+
+    out: the file for the autopilot, of which the report says the name. Raises OSError where it cannot be written.
+    """
+    own = folder / FOLDER
+    own.mkdir(exist_ok=True)
+    with replaced(own / MAP) as scratch:
+        scratch.write_bytes(png_of(partial(plan_map, planned)))
+    write_json(own / PLAN, planned.to_dict() | {"file": out.name})
+
+
+def plan_map(planned: PlannedTrial) -> Figure:
+    """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
+    from matplotlib.patches import Polygon, Rectangle  # late: slow to import
+
+    f, area, ship = planned.found, planned.task.area, planned.ship
+    figure = new_figure(8.0)
+    figure.suptitle(f"Planned trial of {planned.task.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left")
+    grid = figure.add_gridspec(3, 1, height_ratios=(3.6, 1, 1))
+    ax = dress(figure.add_subplot(grid[0]), "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
+    ax.add_patch(Rectangle((0, 0), area.length, area.width, fill=False, ec="black", lw=1.5))
+    m = area.margin
+    ax.add_patch(Rectangle((m, m), area.length - 2 * m, area.width - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
+    x, y = f.states[:, 0], f.states[:, 1]
+    every = max(1, len(x) // 12)
+    for k in range(0, len(x), every):
+        cx, cy = corners(f.states[k : k + 1, :3, None], ship)
+        outline = [(cx[i, 0, 0], cy[i, 0, 0]) for i in (0, 1, 3, 2)]
+        ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
+        ax.add_patch(_ellipse(x[k], y[k], f.std[k]))
+    ax.plot(x, y, color=AFTER, lw=1.6)
+    ax.set_aspect("equal")
+    ax.invert_yaxis()  # north to the right, east down: starboard is to the right of the track
+    t = planned.dt * np.arange(len(x))
+    for row, (values, words) in enumerate(
+        ((np.degrees(f.orders[:, 1]), "rudder [deg]"), (f.orders[:, 0], "revolutions [1/s]")), 1
+    ):
+        ax = dress(figure.add_subplot(grid[row]), "t [s]" if row == 2 else "", words)
+        ax.step(t, values, where="post", color=AFTER, lw=1.4)
+        ax.axhline(0, color=GREY, lw=0.6)
+    return figure
+
+
+def _ellipse(x: float, y: float, std: np.ndarray) -> Any:
+    """Two standard deviations about a place x, y [m]; std: (6,)."""
+    from matplotlib.patches import Ellipse
+
+    return Ellipse((x, y), 4 * min(std[0], 1e3), 4 * min(std[1], 1e3), fc=AFTER, ec="none", alpha=0.15)

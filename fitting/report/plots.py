@@ -28,7 +28,6 @@ from fitting.report.plot_style import (
     room_for_labels,
 )
 from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
-from fitting.settings import Start
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -174,36 +173,6 @@ def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
     return figure
 
 
-def waterfall_plot(starts: Sequence[Start]) -> Figure:
-    """Objective of each of ``starts`` above the best one, in increasing order: did all reach the same optimum?
-
-    Open squares did not converge; a ring marks a start that was solved again with damping.
-    """
-    figure = new_figure(3.2)
-    ax = dress(figure.subplots(), "start, in order of its objective [-]", "objective above the best [-]")
-    ordered = sorted(starts, key=lambda s: s.objective)
-    best = min((s.objective for s in ordered if s.converged), default=ordered[0].objective)
-    floor = 1e-10 * max(abs(best), 1.0)
-    above = np.array([max(s.objective - best, floor) for s in ordered])
-    done, again = (np.array([getattr(s, name) for s in ordered]) for name in ("converged", "restarted"))
-    place = np.arange(1, len(ordered) + 1)
-    for which, look in (
-        (done, {"marker": "o", "color": AFTER, "mfc": AFTER, "label": "converged"}),
-        (~done, {"marker": "s", "color": ALARM, "mfc": "none", "label": "not converged"}),
-        (again, {"marker": "o", "ms": 12, "color": GREY, "mfc": "none", "label": "restarted, damped"}),
-    ):
-        if which.any():
-            ax.plot(place[which], above[which], ls="none", **look)
-    for x, y, s in zip(place, above, ordered, strict=True):
-        ax.annotate(str(s.number), (x, y), xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7)
-    ax.set_yscale("log")
-    ax.axhline(max(1e-5 * abs(best), 10 * floor), color=GREY, lw=0.8, ls="--", label="same optimum to 1e-5")
-    ax.set_xticks(place)
-    ax.margins(y=0.15)
-    ax.legend(fontsize=8, frameon=False)
-    return figure
-
-
 def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "") -> Figure:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
@@ -266,16 +235,17 @@ def write_figures(
             "How errors grow with the length of the prediction",
             f"Rms errors over windows of the {'held-out' if validation else 'training (none was held out)'} trials, "
             "each started from the measured state and from there on driven by the measured rudder, revolutions and "
-            "wind alone. Shaded: one standard error, by leaving out one trial after the other.",
+            "wind alone. Shaded: one standard error, by leaving out one trial (of a single one, one window) after the "
+            "other.",
         )  # fmt: skip
     shown = _shown(trials, validation, TRACKS)
     windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):
-        pairs = [side[number][0] for side in windows]
-        rms = [_position_rms(trial, windows) for windows in pairs]
+        earlier, later = (side[number][0] for side in windows)
+        rms = [_position_rms(trial, some) for some in (earlier, later)]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         written.write(
-            f"track_{number + 1}", partial(trajectory_plot, trial, *pairs, after.ship.particulars["L"]),
+            f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}",
@@ -292,12 +262,6 @@ def write_figures(
         written.write(
             "convergence", partial(convergence_plot, history), "Iterations of the last solve",
             "Objective and largest gap between shooting intervals at each iteration.",
-        )  # fmt: skip
-    if len(record.starts) > 1:
-        written.write(
-            "starts", partial(waterfall_plot, record.starts), "Starts",
-            "Objective of each start above the best one: points below the line reached the same optimum. Numbers are "
-            "those of the starts (0: the prior); a ring marks one that was solved again with damping.",
         )  # fmt: skip
     for row in record.profiles or ():
         known = record.coefficients[row["symbol"]]

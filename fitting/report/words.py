@@ -122,38 +122,9 @@ def not_in_model(ship: Ship) -> list[str]:
     ]
 
 
-LABELS = {
-    "window": "window length [s]",
-    "step": "integration and sampling step [s]",
-    "interval": "steps per shooting interval",
-    "passes": "solves, noise re-estimated between them",
-    "starts": "starts",
-    "seed": "seed",
-    "tolerance": "tolerance of IPOPT",
-    "max_iterations": "iteration limit per solve",
-    "time_limit": "time limit [s]",
-    "sigma": "given residual sigma (x, y, psi, u, v, r)",
-    "compiled": "C compiler allowed",
-    "seeds": "trainings, from seeds one apart",
-    "workers": "processes",
-    "width": "neurons of each hidden layer",
-    "symmetric": "port and starboard alike",
-    "penalty": "weight of the penalty on the residual or the weights",
-    "rate": "first learning rate of Adam",
-    "last_rate": "last learning rate",
-    "clip": "largest norm of a gradient",
-    "batch": "windows per gradient step",
-    "epochs": "passes over the windows",
-    "curriculum": "length of rollouts [s], share of the epochs",
-    "stride": "seconds between windows",
-    "jitter": "noise added to the states, in that of the instruments",
-    "block": "length of blocks where there are few runs [s]",
-}
-
-
 def setting_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The ``settings`` in result.json in words."""
-    return [(LABELS.get(key, key), _shown(value)) for key, value in settings.items()]
+    """The ``settings`` in result.json by their keys, as a file of settings has them."""
+    return [(key, _shown(value)) for key, value in settings.items()]
 
 
 def _shown(value: Any) -> str:
@@ -162,45 +133,3 @@ def _shown(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return {None: "none", True: "yes", False: "no"}[value]
     return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "none"
-
-
-def per_run_table(result: dict) -> dict | None:
-    """Table of the constants of each run in ``result`` (content of result.json), None where runs have none."""
-    return _constants(result.get("per_run"))
-
-
-def campaign_section(result: dict) -> dict | None:
-    """What the template shows of campaigns in ``result`` (content of result.json), None where trials are of one."""
-    content = result.get("campaigns")
-    if not content:
-        return None
-    left_out = content.get("left_out") or {}
-    return {
-        "runs": list(content["runs"].items()),
-        "sentences": content["sentences"],
-        "table": _constants(content["values"]),
-        "without": left_out.get("without"),
-        "own": left_out.get("with"),
-        "tried": [
-            row | {"measured": row.get("measured"), "chance": _chance(row.get("chance"))} for row in content["tried"]
-        ],
-    }
-
-
-def _chance(p: float | None) -> str:
-    """A probability in two digits."""
-    return "" if p is None else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
-
-
-def _constants(table: dict | None) -> dict | None:
-    """Names, rows and prior of constants by run or campaign; None for none."""
-    if not table:
-        return None
-    first = next(iter(table.values()))
-    return {
-        "names": [f"{symbol} [{row['unit']}]" if row["unit"] else symbol for symbol, row in first.items()],
-        "rows": [
-            (run, [plus_minus(row["value"], row["std"]) for row in cells.values()]) for run, cells in table.items()
-        ],
-        "prior": [plus_minus(row["prior_value"], row["prior_std"]) for row in first.values()],
-    }

@@ -50,7 +50,7 @@ def prepared(
     """
     _check_inputs(ship, trials)
     step = settings.step or default_step(trials, ship.particulars["L"])
-    window = settings.window or settings.horizon or 100.0 * step
+    window = settings.window or 100.0 * step
     if window < 10 * step:
         raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
@@ -86,12 +86,11 @@ def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Set
     return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
 
 
-def holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem:
-    """The ``problem`` with the coefficients ``symbols`` bound to where they are at x (n,)."""
+def holding(problem: Problem, x: np.ndarray, held: np.ndarray) -> Problem:
+    """The ``problem`` with the coefficients that are ``held`` (P,) bound to where they are at x (n,)."""
     prior = problem.prior
     here = prior.mean + prior.std * problem.split(x)[1]
-    own = np.isin(prior.symbols, symbols)
-    return problem.with_bounds(np.where(own, here, prior.lower), np.where(own, here, prior.upper))
+    return problem.with_bounds(np.where(held, here, prior.lower), np.where(held, here, prior.upper))
 
 
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:

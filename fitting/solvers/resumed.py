@@ -1,9 +1,8 @@
-"""An interrupted calibration: whether it may go on with these trials and options, where, and what it had chosen."""
+"""An interrupted calibration: whether it may go on with these trials and options, and where."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.record import SolveRow
 from fitting.result import FitResult
-from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -43,12 +41,6 @@ def _by_campaign(earlier: FitResult) -> set[str]:
     """Symbols of the constants that have a value in each campaign."""
     rows = (earlier.campaigns or {}).get("values") or {}
     return {symbol for row in rows.values() for symbol in row}
-
-
-def as_chosen(settings: Settings, made: Settings) -> Settings:
-    """The ``settings`` with what an interrupted run, ``made`` by others, had chosen already."""
-    window = made.window if settings.window is None and settings.horizon else settings.window
-    return replace(settings, window=window)
 
 
 def earlier_passes(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:

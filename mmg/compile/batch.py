@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -14,7 +14,6 @@ from mmg.compile import batch_source, codegen, staged_lanes, stages, vector_math
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 from mmg.compile.self_test import differences, finite_points, require_values
-from mmg.compile.vectorised import FEWEST, VectorisedFunction, by_numpy
 
 FLAGS: tuple[str, ...] = (
     "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
@@ -38,10 +37,6 @@ class BatchFunction:
     function: ca.Function
     library: ctypes.CDLL | None
     _mapped: dict = field(default_factory=dict, repr=False)
-
-    @cached_property
-    def _by_numpy(self) -> VectorisedFunction | None:
-        return by_numpy(self.function)
 
     def __call__(self, *inputs: np.ndarray, outputs: Sequence[bool] | None = None) -> list[np.ndarray | None]:
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)
@@ -69,10 +64,8 @@ class BatchFunction:
         return results
 
     def _interpreted(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray | None]:
-        """The same by numpy at many points, else by CasADi's virtual machine, zero-copy buffers, one map over them."""
+        """The same by CasADi's virtual machine, zero-copy buffers, one map over the points."""
         f = self.function
-        if points >= FEWEST and self._by_numpy is not None:
-            return list(self._by_numpy(points, inputs))
         shared = tuple(a.ndim == 1 for a in inputs)
         key = (points, shared)
         if key not in self._mapped:
@@ -101,20 +94,18 @@ def filled(array: np.ndarray, points: int) -> np.ndarray:
 
 
 def batch_functions(
-    functions: Sequence[ca.Function], compiled: bool = True, hot: bool = False
+    functions: Sequence[ca.Function], compiled: bool = True, what: str = "equations"
 ) -> tuple[list[BatchFunction], str]:
     """Batch versions of SXFunctions, compiled into one cached library if possible.
 
     Returns them with a sentence on why they run interpreted, or "" when compiled.
-    functions: with distinct names; compiled: False interprets; hot: compile so that many points are soon done, which
-    takes three times as long.
+    functions: with distinct names; compiled: False interprets; what: they are, for people.
     """
     library, reason = None, "compilation switched off"
     if compiled:
         try:
-            make = partial(batch_source.source, functions, hot)
-            text = LateSource.of(functions, make, *GENERATORS, kind="hot" if hot else "")
-            library, reason = load_library(text, FLAGS, partial(_faults, functions))
+            text = LateSource.of(functions, partial(batch_source.source, functions), *GENERATORS)
+            library, reason = load_library(text, FLAGS, partial(_faults, functions), what)
         except NotImplementedError as error:
             reason = str(error)
     return [BatchFunction(f, library) for f in functions], reason

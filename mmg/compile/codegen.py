@@ -59,9 +59,9 @@ HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
 #endif
 """
 """What a function is that is called from another unit of the same library alone."""
-UNIT_SIZE = 3000
-"""Instructions in one C function: compilers take more than twice the time, and memory, for twice as many."""
-_COMMON = "#include <math.h>\n#include <string.h>\n" + EXPORT
+_COMMON = (
+    "#include <math.h>\n#include <string.h>\n#define INLINE static inline __attribute__((always_inline))\n" + EXPORT
+)
 _VECTOR = f"""#define LANES {LANES}
 typedef double V __attribute__((vector_size(8 * LANES)));
 typedef long long M __attribute__((vector_size(8 * LANES)));
@@ -69,33 +69,34 @@ typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
 #define bits(x) ((U)(x))
 #define real(x) ((V)(x))
 #define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
-static inline V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
+INLINE V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
 static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
-static inline V fill(double a) {{ return a - (V){{0}}; }}
-static inline V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
+INLINE V fill(double a) {{ return a - (V){{0}}; }}
+INLINE V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
 #if defined(__AVX512DQ__) && defined(__GNUC__) && !defined(__clang__)
 #define ALL_LANES (unsigned char)-1
 #define any(m) (__builtin_ia32_cvtq2mask512(m) != 0)
-static inline V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
+INLINE V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
 #else
-static inline int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
+INLINE int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
-static inline V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
+INLINE V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
 #else
-static inline V more(V a, V b, V c) {{ return a * b + c; }}
+INLINE V more(V a, V b, V c) {{ return a * b + c; }}
 #endif
 #endif
-static inline V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
+INLINE V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
 static V each_sin(V x) {{ LANEWISE(sin(x[i])); }}
 static V each_cos(V x) {{ LANEWISE(cos(x[i])); }}
 static V each_atan2(V y_, V x) {{ LANEWISE(atan2(y_[i], x[i])); }}
+#define v_sqrt each_sqrt
 """
 _SCALAR = """#define LANES 1
 typedef double V;
 typedef int M;
 typedef unsigned long long U;
-static inline U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
-static inline V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
+INLINE U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
+INLINE V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
 #define load(p) (*(p))
 #define store(p, x) (*(p) = (x))
 #define fill(a) (a)
@@ -109,55 +110,26 @@ static inline V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
 #define each_sin sin
 #define each_cos cos
 #define each_atan2 atan2
+#define v_sqrt sqrt
 """
-_DIVIDER = """#define quotient(a, b) ((a) / (b))
-"""
-_ROOT = """#define v_sqrt each_sqrt
-#define MATH static V
-"""
-_SCALAR_ROOT = """#define v_sqrt sqrt
-#define MATH static V
-"""
-_NEWTON = f"""#define MATH static inline __attribute__((always_inline)) V
-#ifdef ALL_LANES
-static inline V quotient(V a, V b) {{
-  const V y0 = __builtin_ia32_rcp14pd512_mask(b, b, ALL_LANES), e = more(-b, y0, fill(1.0));
-  const V y = more(y0, more(e, e, e), y0), q = a * y, whole = more(more(-b, q, a), y, q);
-  return __builtin_ia32_mulpd512_mask(a, y0, whole, __builtin_ia32_cmppd512_mask(whole, whole, 3, ALL_LANES, 4), 4);
-}}
-static inline V v_sqrt(V x) {{
-  const V some = x + 1e-300, y = __builtin_ia32_rsqrt14pd512_mask(some, some, ALL_LANES), s = x * y, h = 0.5 * y;
-  const V r = more(-s, h, fill(0.5)), t = more(s, r, s), half = more(h, r, h), u = more(more(-t, t, x), half, t);
-  return more(more(-u, u, x), half, u);
-}}
-#else
-{_DIVIDER}#define v_sqrt each_sqrt
-#endif
-"""
-"""Division and square root from the processor's estimates by Newton's method (Markstein 1990), for code that waits for
-the one unit that has instructions for them and is busy for 16 cycles with each. The bits are those of the instructions
-but below 1e-290, and that the root of infinity is no number. Where the correction is none, as the divisor is 0 or
-infinite, the estimate is the quotient."""
-_LAST = """#define compare(m) choose(m, fill(1.0), fill(0.0))
+_LAST = """#define MATH static V
+#define quotient(a, b) ((a) / (b))
+#define compare(m) choose(m, fill(1.0), fill(0.0))
 #define when(c, x) choose((c) != 0.0, x, fill(0.0))
 """
 _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
 """Functions that do without the C library."""
 
 
-def prelude(lanes: int = LANES, hot: bool = False) -> str:
-    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it.
-
-    hot: for little code that takes its time in divisions, roots and functions: these are written out in place.
-    """
+def prelude(lanes: int = LANES) -> str:
+    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
     one, two = (sorted(set(names) - set(_OWN)) for names in (_ONE, _TWO))
     if lanes == 1:
         calls = [f"#define v_{f} {f}" for f in (*one, *two)]
     else:
         calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
         calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
-    vectors = _VECTOR + (_NEWTON if hot else _DIVIDER + _ROOT)
-    kind = _SCALAR + _DIVIDER + _SCALAR_ROOT if lanes == 1 else vectors
+    kind = _SCALAR if lanes == 1 else _VECTOR
     return _COMMON + kind + _LAST + MATH + "\n".join(calls) + "\n"
 
 

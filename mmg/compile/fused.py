@@ -18,12 +18,11 @@ import numpy as np
 
 from mmg import runge_kutta
 from mmg.compile.batch import FLAGS, GENERATORS
-from mmg.compile.batch_source import FEW, VECTORS
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import prelude
 from mmg.compile.kernel_threads import even_shares, in_threads, kernel_threads
 from mmg.compile.self_test import by_virtual_machine, differences, finite_points, points, require_values
-from mmg.compile.staged_lanes import side_by_side, staged_bodies
+from mmg.compile.staged_lanes import staged_bodies
 from mmg.compile.stages import Program
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
@@ -38,9 +37,8 @@ typedef struct {
   double* out;
   long long c_step, c_row, c_point, dt_step, dt_point, theta_row, theta_point;
 } Run;
-#define AT(p, each) ((each) ? load((p) + i[e]) : fill(*(p)))
-#define EACH(j, size) for (int j = 0; j < size; j++) for (int e = 0; e < @N@; e++)
-#define E(j) [(j) * @N@ + e]
+#define AT(p, each) ((each) ? load((p) + i) : fill(*(p)))
+#define EACH(j, size) for (int j = 0; j < size; j++)
 static void shared(const V* p, V* K) {
   @shared@
 }
@@ -50,20 +48,19 @@ static void inputs(const V* c, const V* p, const V* K, V* H) {
 static void rates(const V* q, const V* c, const V* p, const V* K, const V* H, V* d) {
   @rates@
 }
-static void read_controls(const Run* r, long long step, const long long* i, V* c) {
-  EACH(j, @C@) c E(j) = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
+static void read_controls(const Run* r, long long step, long long i, V* c) {
+  EACH(j, @C@) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
 }
 EXPORT void rollout(const Run* r, long long begin, long long end) {
-  V p[@P@ * @N@ + 1], K[@K@ * @N@ + 1], held[3][@H@ * @N@ + 1], given[3][@C@ * @N@ + 1], h[@N@];
-  V z[@S@ * @N@], y[@S@ * @N@], k1[@S@ * @N@], k2[@S@ * @N@], k3[@S@ * @N@], k4[@S@ * @N@];
-  for (long long at = begin; at < end; at += @N@ * LANES) {
-    long long i[@N@];
-    for (int e = 0; e < @N@; e++) i[e] = at + (e + 1) * LANES <= end ? at + e * LANES : end - LANES;
+  V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], given[3][@C@ + 1], h;
+  V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
+  for (long long at = begin; at < end; at += LANES) {
+    const long long i = at + LANES <= end ? at : end - LANES;
     double* out = r->out;
     V *H0 = held[0], *Hm = held[0], *H1 = held[0], *c0 = given[0], *cm = given[0], *c1 = given[0];
-    EACH(j, @P@) p E(j) = AT(r->theta + j * r->theta_row, r->theta_point);
+    EACH(j, @P@) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);
     shared(p, K);
-    EACH(s, @S@) { z E(s) = load(r->start + s * r->points + i[e]); store(out + s * r->points + i[e], z E(s)); }
+    EACH(s, @S@) { z[s] = load(r->start + s * r->points + i); store(out + s * r->points + i, z[s]); }
     out += @S@ * r->points;
     if (r->linear) {
       Hm = held[1]; H1 = held[2]; cm = given[1]; c1 = given[2];
@@ -71,31 +68,31 @@ EXPORT void rollout(const Run* r, long long begin, long long end) {
       inputs(c0, p, K, H0);
     }
     for (long long step = 0; step < r->steps; step++) {
-      for (int e = 0; e < @N@; e++) h[e] = AT(r->dt + step * r->dt_step, r->dt_point);
+      h = AT(r->dt + step * r->dt_step, r->dt_point);
       if (r->linear) {
         read_controls(r, step + 1, i, c1);
-        EACH(j, @C@) cm E(j) = 0.5 * (c0 E(j) + c1 E(j));
+        EACH(j, @C@) cm[j] = 0.5 * (c0[j] + c1[j]);
         inputs(cm, p, K, Hm);
         inputs(c1, p, K, H1);
       } else {
         read_controls(r, step, i, c0);
         inputs(c0, p, K, H0);
       }
-      rates(z + @first@ * @N@, c0, p, K, H0, k1);
+      rates(z + @first@, c0, p, K, H0, k1);
       if (r->euler) {
-        EACH(s, @S@) z E(s) = z E(s) + h[e] * k1 E(s);
+        EACH(s, @S@) z[s] = z[s] + h * k1[s];
       } else {
         @stages@
       }
       if (r->linear) { V *H = H0, *c = c0; H0 = H1; H1 = H; c0 = c1; c1 = c; }
       if (!r->keep[step]) continue;
-      EACH(s, @S@) store(out + s * r->points + i[e], z E(s));
+      EACH(s, @S@) store(out + s * r->points + i, z[s]);
       out += @S@ * r->points;
     }
   }
 }
 """
-"""The integration loop of @N@ vectors at a time; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
+"""The integration loop of a vector of points; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
 H1: what they give. A vector that would end beyond ``end`` is moved back: the points it repeats come out the same."""
 
 
@@ -105,12 +102,12 @@ _INPUTS_AT = {0.5: "m", 1.0: "1"}
 def _stages() -> str:
     """C statements of the second stage of a Runge-Kutta step to its end, with the numbers of the method."""
     lines = [
-        f"EACH(s, @S@) y E(s) = z E(s) + {NODES[i]} * h[e] * k{i} E(s); "
-        f"rates(y + @first@ * @N@, c{_INPUTS_AT[NODES[i]]}, p, K, H{_INPUTS_AT[NODES[i]]}, k{i + 1});"
+        f"EACH(s, @S@) y[s] = z[s] + {NODES[i]} * h * k{i}[s]; "
+        f"rates(y + @first@, c{_INPUTS_AT[NODES[i]]}, p, K, H{_INPUTS_AT[NODES[i]]}, k{i + 1});"
         for i in (1, 2, 3)
     ]
-    total = " + ".join(f"{float(part)} * k{i + 1} E(s)" for i, part in enumerate(PARTS))
-    return "\n        ".join([*lines, f"EACH(s, @S@) z E(s) = z E(s) + h[e] / {float(sum(PARTS))} * ({total});"])
+    total = " + ".join(f"{float(part)} * k{i + 1}[s]" for i, part in enumerate(PARTS))
+    return "\n        ".join([*lines, f"EACH(s, @S@) z[s] = z[s] + h / {float(sum(PARTS))} * ({total});"])
 
 
 def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
@@ -121,15 +118,14 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     """
     program = Program.of(rates, (3, 2, 1))
     bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d", fuse=True)
-    vectors = VECTORS if lanes > 1 and rates.n_instructions() <= FEW else 1
-    texts = [side_by_side(bodies[stage].text, "qcpKHd", vectors) for stage in (1, 2, 3)]
-    parts: dict[str, str | int] = dict(zip(("shared", "inputs", "rates"), texts, strict=True))
-    parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "N": vectors, "first": first}
+    names = ("shared", "inputs", "rates")
+    parts: dict[str, str | int] = {name: bodies[i].text for i, name in enumerate(names, 1)}
+    parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "first": first}
     parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2)}
     text = _LOOP.replace("@stages@", _stages())
     for key, value in parts.items():
         text = text.replace(f"@{key}@", str(value))
-    return prelude(lanes, hot=vectors > 1) + text
+    return prelude(lanes) + text
 
 
 class _RunArguments(ctypes.Structure):
@@ -192,14 +188,14 @@ class Rollout:
         return out
 
 
-def compile_rollout(rates: ca.Function, first: int, lanes: int) -> Rollout | None:
+def compile_rollout(rates: ca.Function, first: int, lanes: int, what: str = "equations") -> Rollout | None:
     """The rollout of these rates, compiled or from the cache; None where that is not possible. first, lanes: as for
-    ``rollout_source``."""
+    ``rollout_source``; what: they are, for people."""
     make, flags = partial(rollout_source, rates, first, lanes), FLAGS_OF_ONE if lanes == 1 else FLAGS
     made_by = (*GENERATORS, runge_kutta, sys.modules[__name__])
     text = LateSource.of([rates], make, *made_by, kind=f"rollout from {first} of {lanes}")
     try:
-        library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first))
+        library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first), what)
     except NotImplementedError:
         return None
     return None if library is None else Rollout(library, lanes)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import casadi as ca
 
-from mmg.compile.cache import UNIT
-from mmg.compile.codegen import HIDDEN, UNIT_SIZE, prelude
+from mmg.compile.cache import LONG, UNIT
+from mmg.compile.codegen import HIDDEN, prelude
 from mmg.compile.interval_loops import LOOPS, TYPES
-from mmg.compile.staged_lanes import staged_bodies
+from mmg.compile.staged_lanes import divided_code, units_of
 from mmg.compile.stages import Program
 from mmg.compile.transposed_c import TRANSPOSED
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
@@ -37,7 +37,6 @@ _DECLARED = (
     "HIDDEN void {}_shared(const V* p, V* K)",
     "HIDDEN void {}_inputs(const V* c, const V* p, const V* K, V* H)",
 )
-_PART = "HIDDEN void {}_{}(const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* M, V* d)"
 _ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
 _ARRAYS = {1: "K", 2: "H"}
 
@@ -57,29 +56,18 @@ def interval_source(whole: ca.Function) -> str:
         "MIDDLE": MIDDLE, "STACK": STACK,
     }  # fmt: skip
     program = Program.of(whole, _STAGES)
-    head, units, known, kept = prelude() + HIDDEN, [], [], [0, 0]
+    head, units, known, kept = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
     for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
-        mine = program.divided(outputs, UNIT_SIZE)
-        parts = max(value.stage for value in mine.values) - 2
-        arrays = _ARRAYS | {3 + i: f"(M + {i} * MOST)" for i in range(parts - 1)}
-        bodies = staged_bodies(mine, outputs, _ARGUMENTS, arrays, "d")
-        kept = [max(a, bodies[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
-        most = max([bodies[3 + i].handed for i in range(parts - 1)], default=0) + 1
-        own = {line.format(name): bodies[i].text for i, line in enumerate(_DECLARED, 1)}
-        own |= {_PART.format(name, i): bodies[3 + i].text for i in range(parts)}
-        every = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in own.items()]
-        first = len(_DECLARED) + 1
-        units += [f"{head}#define MOST {most}\n" + "".join(some) for some in (every[:first], *zip(every[first:]))]
-        known += [f"{line};\n" for line in own]
-        known.append(
-            f"static void {name}_at({_AT}) {{\n  V M[{most * parts}];\n  "
-            + " ".join(f"{name}_{i}(q, c, p, u, K, H, M, d);" for i in range(parts))
-            + "\n}\n"
-        )
+        code = divided_code(name, program, outputs, _ARGUMENTS, _ARRAYS)
+        kept = [max(a, code.early[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
+        early = {line.format(name): code.early[i].text for i, line in enumerate(_DECLARED, 1)}
+        functions = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in early.items()] + code.functions
+        units += units_of(LONG + head if name == "hessian" else head, functions)
+        known += [*(f"{line};\n" for line in early), code.declared]
+        known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
-    return UNIT.join(
-        ["".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS]), *units]
-    )
+    first = "".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS])
+    return UNIT.join([first, *units])
 
 
 def _head(sizes: dict[str, int]) -> str:

@@ -120,11 +120,12 @@ class IntervalKernel:
 
     @classmethod
     def of(
-        cls, whole: ca.Function, check: Callable[[IntervalKernel], str] | None = None
+        cls, whole: ca.Function, check: Callable[[IntervalKernel], str] | None = None, what: str = "equations"
     ) -> tuple[IntervalKernel | None, str]:
         """The kernel of the function ``whole`` (see ``interval_source``), or None and why there is none.
 
-        check: what is wrong with a kernel, "" for nothing; asked of a newly compiled one before it is kept.
+        check: what is wrong with a kernel, "" for nothing; asked of a newly compiled one before it is kept; what: it
+        is, for people.
         """
 
         def made(library: ctypes.CDLL) -> IntervalKernel:
@@ -133,7 +134,7 @@ class IntervalKernel:
         generators = (codegen, vector_math, stages, staged_lanes, transposed_c, interval_loops, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
         try:
-            library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None)
+            library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
         except NotImplementedError as error:
             return None, str(error)
         return (None if library is None else made(library)), reason

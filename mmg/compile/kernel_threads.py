@@ -1,5 +1,4 @@
-"""Threads of compiled loops over intervals, windows or simulated points: one, unless more are asked for or processors
-are idle.
+"""Threads of compiled loops over intervals, windows or simulated points: one, unless MMG_THREADS asks for more.
 
 Compiled code lets the interpreter go on meanwhile. What each of these gives does not depend on the number of threads.
 """
@@ -7,35 +6,20 @@ Compiled code lets the interpreter go on meanwhile. What each of these gives doe
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
 
 from mmg.errors import BadValue
 
-_IDLE: list[Callable[[], int]] = []
-
-
-@contextmanager
-def idle_processors(count: Callable[[], int]) -> Iterator[None]:
-    """Within this, compiled loops take a thread more for each processor that, by ``count``, is idle then: another
-    process of the same command, say, that has nothing to do. It does not change a bit of the numbers."""
-    _IDLE.append(count)
-    try:
-        yield
-    finally:
-        _IDLE.remove(count)
-
 
 def kernel_threads() -> int:
-    """Threads of a compiled loop: MMG_THREADS, but not more than there are processors; where it is not set, 1 and those
-    of ``idle_processors``.
+    """Threads of a compiled loop: MMG_THREADS (default 1), but not more than there are processors.
 
     Raises UserError where it is no positive number.
     """
-    asked = os.environ.get("MMG_THREADS") or str(1 + sum(count() for count in _IDLE))
+    asked = os.environ.get("MMG_THREADS") or "1"
     if not asked.isdecimal() or int(asked) < 1:
         raise BadValue(f"MMG_THREADS={asked}: not a number of threads; set it to 1 or more")
     return min(int(asked), os.cpu_count() or 1)

@@ -6,12 +6,17 @@ those of the inputs none within a step. Each stage becomes the body of a C funct
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mmg.compile.codegen import constant, expression
 from mmg.compile.stages import CONSTANT, Program
+
+FUNCTION_SIZE = 800
+"""Instructions in one C function: registers are given out in more than twice the time for twice as many. Of 11,000
+instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent."""
+UNIT_TEXT = 150_000
+"""Characters of such functions that are compiled together: each start of a compiler takes some .02 s."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +25,57 @@ class StagedBody:
 
     text: str
     handed: int
+
+
+@dataclass(frozen=True)
+class DividedCode:
+    """C functions of a program whose last stage is divided among several.
+
+    early: bodies of the stages before the last one; functions: C text of each part of the last stage; declared: what a
+    caller has to know of them; call: statements that call them one after the other, with the names that they were made
+    with and an array d for the results.
+    """
+
+    early: dict[int, StagedBody]
+    functions: list[str]
+    declared: str
+    call: str
+
+
+def divided_code(
+    name: str, program: Program, outputs: Sequence[int], arguments: Mapping[int, str], arrays: Mapping[int, str]
+) -> DividedCode:
+    """Code for some ``outputs`` of a ``program``, its last stage in functions NAME_0, NAME_1, ... of at most
+    FUNCTION_SIZE instructions. name: NAME; arguments, arrays: as of ``staged_bodies``, arrays for early stages only."""
+    last = max(arrays, default=CONSTANT) + 1
+    mine = program.divided(outputs, last, FUNCTION_SIZE)
+    parts = max([last, *(value.stage for value in mine.values)]) + 1 - last
+    between = {last + i: f"(M + {i} * {name}_most)" for i in range(parts - 1)}
+    bodies = staged_bodies(mine, outputs, arguments, {**arrays, **between}, "d")
+    most = max([bodies[stage].handed for stage in between], default=0) + 1
+    given = [*arguments.values(), *arrays.values()]
+    taken = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
+    heads = [f"HIDDEN void {name}_{i}({taken})" for i in range(parts)]
+    size = f"#define {name}_most {most}\n"
+    functions = [
+        f"{size}{head} {{\n  {bodies[last + i].text}\n}}\n#undef {name}_most\n" for i, head in enumerate(heads)
+    ]
+    calls = " ".join(f"{name}_{i}({', '.join([*given, 'M', 'd'])});" for i in range(parts))
+    declared = "".join(f"{head};\n" for head in heads)
+    return DividedCode({stage: bodies[stage] for stage in arrays}, functions, declared, f"V M[{most * parts}]; {calls}")
+
+
+def units_of(head: str, functions: Sequence[str]) -> list[str]:
+    """C ``functions`` in units of about UNIT_TEXT characters, each behind the same ``head``."""
+    units: list[str] = []
+    size = UNIT_TEXT
+    for text in functions:
+        if size + len(text) > UNIT_TEXT:
+            units.append(head)
+            size = 0
+        units[-1] += text
+        size += len(text)
+    return units
 
 
 def staged_bodies(
@@ -69,26 +125,6 @@ def staged_bodies(
             lines.append(f"{place[at]} = a{at};")
         bodies[stage] = StagedBody("\n  ".join(lines), len(handed))
     return bodies
-
-
-def side_by_side(body: str, arrays: str, vectors: int) -> str:
-    """The statements of a ``body`` for several ``vectors`` at once, each for one after the other: while one waits, the
-    others go on.
-
-    arrays: letters with which the names of its arrays begin, in which element i of vector e is i * vectors + e.
-    """
-    if vectors == 1:
-        return body
-    element = re.compile(rf"\b([{arrays}]\d*)\[(\d+)\]")
-    lines = []
-    for line in body.splitlines():
-        for e in range(vectors):
-
-            def moved(found: re.Match[str], e: int = e) -> str:
-                return f"{found[1]}[{int(found[2]) * vectors + e}]"
-
-            lines.append(element.sub(moved, re.sub(r"\ba(\d+)\b", rf"a\1_{e}", line)))
-    return "\n".join(lines)
 
 
 def _known(

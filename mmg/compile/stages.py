@@ -107,10 +107,9 @@ class Program:
                     break
         return sums, {i for place in sums for i in self.values[place].operands if uses[i] == 0}
 
-    def divided(self, outputs: Iterable[int], size: int) -> Program:
-        """The same with the last stage divided after each ``size`` of its values behind these ``outputs``: a later
+    def divided(self, outputs: Iterable[int], last: int, size: int) -> Program:
+        """The same with its ``last`` stage divided after each ``size`` of its values behind these ``outputs``: a later
         part is a later stage."""
-        last = max(value.stage for value in self.values)
         values, count = list(self.values), 0
         for place in self.needed(outputs, last - 1):
             if values[place].argument is None:

@@ -2,7 +2,7 @@
 
 Each is multiplied by 1 + a g, g = (d/h) / (1 - d/h), with one a per quantity (GROWTH; own form,
 UNVERIFIED numbers chosen so that added mass in sway doubles at about h/d = 1.6; published factors are
-in benchmarks/shallow_factors.py). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
+in ``benchmarks/shallow_factors.py`` of 5f878e7). Beyond the shelf line means x cos(bearing) + y sin(bearing) > line.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}
-"""Growth of hull forces and added masses with g."""
+"""Growth [-] of hull forces and added masses with g; UNVERIFIED: added mass in sway doubles at about h/d = 1.6."""
 
 EVERYWHERE = -1e6
 """Line [m] of a shelf that is under the whole area."""

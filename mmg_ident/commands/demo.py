@@ -110,7 +110,7 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
 def _calibrated(folder: Path, trials: Sets, seed: int) -> FitResult:
     """The calibration, in ``folder``/run."""
     from cases.simulation.demo_trials import SHIP
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from mmg_ident.api import calibrate
 
     data = folder / "trials"

@@ -13,7 +13,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands.output import names_of, print_json, progress, refuse_target, say, working
 
 if TYPE_CHECKING:
-    from fitting.report.planned_trial import PlannedTrial
+    from fitting.design.planned_trial import PlannedTrial
 
 
 @o.options(Limits="speed_limit margin start ahead rudder_limit", Solver="time_limit seed effort workers scheduler")
@@ -46,8 +46,8 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
+    from fitting.design.planned_trial import Wish, plan_trial
     from fitting.report.plan_section import in_words
-    from fitting.report.planned_trial import Wish, plan_trial
     from fitting.report.run_folder import read_result
     from mmg_ident.api import load_run
 
@@ -75,7 +75,7 @@ def plan(
         return
     for note in planned.notes:
         say(f"note: {note}")
-    print("\n".join(in_words(content)))
+    print("\n".join(in_words(content, out.name)))
     say(f"written: {out}, {out.with_suffix('.png')}")
 
 
@@ -94,7 +94,7 @@ def _start(text: str | None) -> tuple[float, float, float] | None:
 
 def _write(planned: PlannedTrial, out: Path, run: Path) -> None:
     """The file for the autopilot and the map beside it; the run keeps the plan for its report."""
-    from fitting.report.plan_map import keep_plan, plan_map
+    from fitting.report.plan_section import keep_plan, plan_map
 
     try:
         planned.write(out)

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from fitting.report.page_figures import figures_of
 
 from fitting.report.page import environment
 from fitting.report.page import write_page as write_text
-from fitting.report.plot_style import AFTER, BEFORE, GREY, FigureFolder, dress, literal, new_figure
+from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
 from fitting.report.words import plus_minus
+from mmg_ident.fleet.figures import moved_figure, moved_symbols, sister_figure
 from mmg_ident.fleet.job import DIAGNOSIS, SHIPS
 from mmg_ident.fleet.run import ALPHA, Fleet, SisterGroup
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PAGE = "fleet.html"
 SHOWN = 12
@@ -30,37 +28,21 @@ ALIKE = 0.01
 
 
 def write_page(fleet: Fleet, folder: Path) -> None:
-    """Write the page of ``fleet`` and its figure into its ``folder``; what cannot be made is a warning."""
+    """Write the page of ``fleet`` and its figures into its ``folder``; what cannot be made is a warning."""
     figures = FigureFolder(folder / "figures")
     done = [row for row in fleet.rows if row["coefficients"]]
-    if any(row["scores"] for row in done):
-        words = "Mean squared error of 30 s windows of each ship: on held-out trials where she has any."
-        figures.write("scores", lambda: score_figure(done), "How well the ships are predicted", words)
+    if moved_symbols(done):
+        words = "Estimate less start, in standard deviations of the start. A dot marks a change that is beyond chance."
+        figures.write("moved", lambda: moved_figure(done), "Coefficients against their start", words)
+    for number, group in enumerate(fleet.groups):
+        words = "Estimate of each sister and its standard error, against the mean of all; grey: the width of the prior."
+        figures.write(f"sisters_{number}", partial(sister_figure, group), f"Sisters {group.name}", words)
     with figures.making(PAGE):
         write_text(_page(fleet, folder, figures), folder / PAGE)
 
 
-def score_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Errors of 30 s windows of the ships of ``rows``, before and after the fit, on a logarithmic axis."""
-    shown = [row for row in rows if row["scores"]]
-    figure = new_figure(0.26 * len(shown) + 1.1)
-    ax = figure.subplots()
-    for place, row in enumerate(reversed(shown)):
-        pair = (row["scores"].get("held_out") or row["scores"]["training"])["window"]
-        before, after = pair["before"], pair["after"]
-        if before and after:
-            ax.plot([before, after], [place, place], color=GREY, linewidth=1.0, zorder=1)
-        for value, colour, marker, words in ((before, BEFORE, "o", "before"), (after, AFTER, "s", "after")):
-            label = words if place == 0 else None
-            if value:
-                ax.plot(value, place, marker, color=colour, markersize=5, label=label)
-    ax.set_yticks(range(len(shown)), [literal(row["name"]) for row in reversed(shown)])
-    ax.set_xscale("log")
-    ax.legend(fontsize=8, frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    return dress(ax, "mean squared error of 30 s windows [-]").figure  # type: ignore[return-value]
-
-
 def _page(fleet: Fleet, folder: Path, figures: FigureFolder) -> str:
+    found = figures_of(folder, figures.rows)
     return (
         environment("mmg_ident.fleet")
         .get_template("fleet.html.j2")
@@ -68,7 +50,8 @@ def _page(fleet: Fleet, folder: Path, figures: FigureFolder) -> str:
             fleet=fleet,
             rows=[_shown(row, folder) for row in fleet.rows],
             groups=[_group(group) for group in fleet.groups],
-            figures=figures_of(folder, figures.rows),
+            figures=[f for f in found if not f["name"].startswith("sisters")],
+            sister_figures={f["name"]: f for f in found},
             version=versions()["mmg-ident"],
             alpha=ALPHA,
         )

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees, isfinite, nan, sqrt
+from math import isfinite, nan, sqrt
 from typing import Any
 
 from fitting.prediction.score_words import in_words
+from fitting.report.use import shown_quantity
 from residual.training.decision import MINIMUM_GAIN
 
 
@@ -68,11 +69,11 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
     before, after = scores[name]["before"], scores[name]["after"]
     where = "on held-out trials" if name == "validation" else "on the trials it was trained on"
     restarts = any(t.get("restarts", True) for t in after["trials"])
-    own, beside = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
-    over = f"over 100 s {own[1]} and {beside[1]}" if restarts else "there is nothing to score over 100 s"
+    trained, ship = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
+    over = f"over 100 s {trained[1]} and {ship[1]}" if restarts else "there is nothing to score over 100 s"
     return (
-        f"{model} has an error of {own[0]} in 30 s predictions {where}, the ship model beside it "
-        f"({result['beside']}) {beside[0]}; {over}."
+        f"{model} has an error of {trained[0]} in 30 s predictions {where}, the ship model beside it "
+        f"({result['beside']}) {ship[0]}; {over}."
     )
 
 
@@ -128,26 +129,11 @@ def _change(part: Mapping[str, Any] | None) -> str:
     return percent(part["after"] / part["before"] - 1)
 
 
-FEATURES = {
-    "u": ("surge velocity through the water", "m/s"),
-    "v": ("sway velocity through the water", "m/s"),
-    "r": ("yaw rate", "deg/s"),
-    "a_x": ("air relative to the hull, ahead", "m/s"),
-    "a_y": ("air relative to the hull, to starboard", "m/s"),
-    "azimuth": ("", "deg"),
-    "beta": ("drift angle", "deg"),
-}
-"""Features of a network in words, and their units in the report."""
-
-
 def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Range of each feature in the training rows of ``result``, and in the validation rows with the share outside."""
     beyond, rows = result["outside"].get("features", {}), []
     for name, (low, high) in result["envelope"].items():
-        words, unit = FEATURES.get("azimuth" if name.startswith("azimuth") else name) or (
-            ("rudder angle", "deg") if name.startswith("delta") else ("revolutions", "rev/s")
-        )
-        factor = degrees(1) if unit.startswith("deg") else 1.0
+        words, unit, factor = shown_quantity(name)
         own = beyond.get(name)
         if own:
             own = {**own, "lowest": factor * own["lowest"], "highest": factor * own["highest"]}

@@ -34,7 +34,7 @@ from residual.training.windows import jittered, windows
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate."""
 HORIZON, APART = 100, 15
-"""Steps of the windows of a calibration (``fitting.settings.Settings.horizon``), and between their starts: they overlap
+"""Steps of the windows of a calibration (``fitting.settings.Settings.window``), and between their starts: they overlap
 so that an epoch on them takes as long as one on windows of 30 steps every 5."""
 Stage = tuple[float, RolloutBatch, int]
 """Length of rollouts [s], their windows, epochs."""

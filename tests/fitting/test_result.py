@@ -133,12 +133,19 @@ def test_results_are_tables(folder: Path) -> None:
     assert isinstance(result, FitResult)
 
 
-def test_without_report_the_folder_holds_numbers_alone_and_a_page_can_be_made_later(tmp_path: Path) -> None:
-    saved = small_result().save(tmp_path / "run", report=False)
-    assert not saved.figures and not {"figures", "report.html"} & {p.name for p in (tmp_path / "run").iterdir()}
+def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Path) -> None:
+    result, seen = small_result(), []
+    saved = result.save(tmp_path / "run", report=False, numbers=seen.append)
+    assert seen[0].ship == saved.ship and not saved.figures
+    assert not {"figures", "report.html"} & {p.name for p in (tmp_path / "run").iterdir()}
     read = read_fit(tmp_path / "run")
     assert read.coefficients == saved.coefficients and not has_code(read.warnings, "parts_left_out")
-    assert "<h2" in write_report([tmp_path / "run"], tmp_path / "page.html", imo=False)
+    objects = result.objects
+    assert objects
+    late = read.with_late_figures((*objects.trials, *objects.validation))
+    assert late.figures == read_fit(tmp_path / "run").figures == result.save(tmp_path / "drawn").figures
+    assert all((tmp_path / "run" / "figures" / row.file).is_file() for row in late.figures)
+    assert 'id="run1-scores"' in write_report([tmp_path / "run"], tmp_path / "page.html", imo=False)
 
 
 def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

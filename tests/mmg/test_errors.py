@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from mmg.errors import LONGEST_NAME, UserError, check_name, name_fault
+from mmg.errors import LONGEST_NAME, BadValue, TargetExists, UserError, check_name, name_fault
 from mmg.messages import Message
 from mmg.ship import Ship
+from tests.architecture.source import ROOT
 
 PATHS = (
     "../../evil",
@@ -28,7 +29,7 @@ PATHS = (
 @pytest.mark.parametrize("name", PATHS)
 def test_what_is_no_plain_word_names_nothing(name: str) -> None:
     assert name_fault(name)
-    with pytest.raises(UserError, match="name = '"):
+    with pytest.raises(BadValue, match="name = '"):
         check_name(name, "trial")
     with pytest.raises(UserError):
         Trial(name, {"t": np.arange(2.0)})
@@ -46,3 +47,10 @@ def test_escape_sequences_are_shown() -> None:
     assert str(UserError("column '\x1b[2J\x07\x9b'")) == r"column '\x1b[2J\x07\x9b'"
     assert Message("not used: \x1b]0;x\x07", "columns_ignored") == r"not used: \x1b]0;x\x07"
     assert str(UserError("plain: äöü\nnext")) == r"plain: äöü\nnext"
+
+
+def test_the_code_of_an_error_is_the_kind_of_its_fault() -> None:
+    assert (UserError().code, BadValue().code, TargetExists().code) == ("user_error", "bad_value", "target_exists")
+    page = (ROOT / "docs" / "reference" / "files.md").read_text(encoding="utf-8")
+    kinds = [kind for kind in UserError.__subclasses__() if kind.__module__ == UserError.__module__]
+    assert len(kinds) > 10 and [kind for kind in kinds if f"`{kind().code}`" not in page] == []

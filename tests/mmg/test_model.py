@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile.vectorised import FEWEST
 from mmg.model import assemble, states_behind
 
 SHIP = load_ship("esso_osaka_3m").with_effect("velocity_filter").with_effect("antenna_offset")
@@ -30,7 +29,7 @@ def test_sizes_of_the_memory_are_those_of_each_ship() -> None:
 
 @pytest.mark.parametrize("own", [False, True])
 def test_states_behind_columns_of_many_points_are_those_of_few(own: bool) -> None:
-    model, rng, many = assemble(SHIP), np.random.default_rng(0), FEWEST + 41
+    model, rng, many = assemble(SHIP), np.random.default_rng(0), 201
     logged, controls = rng.standard_normal((6, many)), rng.standard_normal((len(SHIP.inputs), many))
     logged[5, 3] = np.nan
     theta = np.tile(SHIP.values[:, None], many) if own else SHIP.values

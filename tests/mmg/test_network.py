@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save_file
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, UserError
 from mmg.model import assemble
 from mmg.network import Layers, Network
 from mmg.rollout import Simulator
@@ -126,7 +126,7 @@ def test_a_feature_beyond_the_training_data_is_flagged():
 
 @pytest.mark.parametrize("other", ["vectwin_3m"])
 def test_a_ship_with_other_actuators_refuses_it(other):
-    with pytest.raises(UserError, match="network file for another ship or another input set"):
+    with pytest.raises(Conflict):
         load_ship(other).with_network(random_network(ESSO))
 
 
@@ -134,7 +134,7 @@ def test_a_ship_with_a_thruster_refuses_a_network_that_does_not_see_it():
     ship = load_ship("vectwin_3m")
     network = random_network(ship)
     fewer = replace(network, features=tuple(f for f in network.features if f != ship.actuators[-1]))
-    with pytest.raises(UserError, match=f"{ship.actuators[-1]}"):
+    with pytest.raises(Conflict, match=f"{ship.actuators[-1]}"):
         ship.with_network(fewer)
 
 
@@ -149,7 +149,7 @@ def test_a_ship_with_a_thruster_refuses_a_network_that_does_not_see_it():
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(change):
-    with pytest.raises(UserError, match="train it again"):
+    with pytest.raises(BadValue):
         ESSO.with_network(replace(random_network(ESSO), **change))
 
 
@@ -174,7 +174,7 @@ def test_edited_coefficients_keep_the_network_other_particulars_do_not(tmp_path)
     path = run_folder(tmp_path) / NETWORK
     assert load_network(path, ESSO.with_values({ESSO.symbols[0]: 1.0})).features == ESSO.features
     longer = replace(ESSO, particulars={**ESSO.particulars, "L": 1.01 * ESSO.particulars["L"]})
-    with pytest.raises(UserError, match=r"network\.safetensors: network file for another ship.*esso"):
+    with pytest.raises(UserError, match=r"network\.safetensors: .*esso"):
         load_network(path, longer)
 
 

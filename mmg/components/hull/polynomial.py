@@ -51,10 +51,11 @@ COEFFICIENTS = table(
 )
 
 ABEAM = 0.15
-"""Width of the change of sign across u = 0, by U: what is asymmetric fore and aft fades beyond 70 degrees."""
+"""Width [-, by U] of the change of sign across u = 0: what is asymmetric fore and aft fades beyond 70 degrees of drift,
+far outside of captive tests (20 to 30 degrees, Yasukawa & Yoshimura 2015)."""
 
 LARGEST_YAW = 2.0
-"""Largest r' = r L/U that the terms with 1/U see."""
+"""Largest r' = r L/U [-] in terms with 1/U: twice that of captive tests (Yasukawa & Yoshimura 2015)."""
 
 
 def rates(v: Any, yaw: Any, U2: Any, s: Smoothing) -> tuple[Any, Any]:

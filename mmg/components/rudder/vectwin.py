@@ -43,6 +43,7 @@ STALL = 0.65450
 """Angle of attack [rad] at which the normal-force law of Kang changes from sine to parabola."""
 _PARABOLA = (0.6387, 2.0621, -0.8449)
 _SLOPE = 2.6252
+"""C_N [-] beyond STALL as a polynomial of |a| [rad], and by sin a below it (Kang et al. 2008)."""
 _BACK = ca.pi - STALL
 _BACK_SLOPE = float((_PARABOLA[0] + _PARABOLA[1] * _BACK + _PARABOLA[2] * _BACK**2) / ca.sin(STALL))
 
@@ -111,6 +112,7 @@ GAMMA = ((0, False, False), (4, True, False), (8, False, True), (12, True, True)
 """First of the four flow-straightening coefficients, for beta < 0 and delta_2 >= 0."""
 
 A_H_RANGE, X_H_RANGE = (0.016, 0.60556), (-0.4344, -0.159)
+"""Bounds of a_H and x_H' [-] (Kang et al. 2008)."""
 
 
 def normal_coefficient(sine: Any, cosine: Any, s: Smoothing) -> Any:
@@ -163,18 +165,18 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
     mmg/motion/flow.py."""
     wash = slipstream(flow)
     side, outward = ("p", -1) if port else ("s", 1)
-    own, other = (flow.delta_port, flow.delta_starboard) if port else (flow.delta_starboard, flow.delta_port)
+    angle_here, other = (flow.delta_port, flow.delta_starboard) if port else (flow.delta_starboard, flow.delta_port)
     small = 0.1 * s.speed
     slip = clip(1 - advance_ratio(wash.u_P, flow.n * p.D_P, s) / p.pitch_ratio, 0.0, 1.2, 0.01, s)
 
     def Q(letter: str) -> Any:
         return _power(_values(c, letter + side), slip)
 
-    first = own - Q("b")
+    first = angle_here - Q("b")
     outside = s.step(outward * first, 0.02)
     turn = (Q("d") * other + Q("e") * other**2) * (1 + outside * (s.absolute(ca.cos(first), 0.02) - 1))
     angle = first - turn
-    free = _power(_values(c, "a" + side), own) * flow.u
+    free = _power(_values(c, "a" + side), angle_here) * flow.u
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - s.magnitude(wash.u_P, small)
     in_wash = free + c.k_x * jet

@@ -11,7 +11,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from delivery.export import export
-from mmg.errors import UserError
+from mmg.errors import NotInstalled
 from mmg_ident.commands.main import main
 from tests.support.c_products import product
 from tests.support.networks import random_network
@@ -66,6 +66,6 @@ def test_a_ship_without_a_network_is_refused_in_one_line(tmp_path: Path, capsys:
 def test_a_missing_package_is_said_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ship = load_ship("esso_osaka_3m")
     monkeypatch.setattr("delivery.graphs.onnx_network.find_spec", lambda name: None)
-    with pytest.raises(UserError, match=r"needs the package onnx; pip install 'mmg-ident\[onnx\]'"):
+    with pytest.raises(NotInstalled, match=r"mmg-ident\[onnx\]"):
         export(product(ship.with_network(random_network(ship))), "onnx", tmp_path / "x.onnx")
     assert list(tmp_path.iterdir()) == []

@@ -21,7 +21,7 @@ from delivery.view.sources import Campaign, ViewModel, ViewTrial, gather
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import predict
 from fitting.result import read_fit
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, NotWritable, UserError
 from mmg.rollout import Simulator
 from tests.support.hybrids import lacking, ship, trials
 from tests.support.view_runs import EVIL, campaign, with_diagnosis
@@ -172,7 +172,7 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
     assert "is not there" in gather([own]).notes[0]
     for row in read_fit(own).validation_data:
         Path(str(row.path)).unlink()
-    with pytest.raises(UserError, match=r"none of the 2 trials .* give the files with --trials"):
+    with pytest.raises(Missing, match="--trials"):
         gather([own])
     given = gather([own], [run.parent / "trials"])
     assert {view.role for view in given.trials} == {"calibration", "held out"}
@@ -180,9 +180,9 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
 
 def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run: Path, tmp_path: Path) -> None:
     own = campaign(tmp_path)
-    assert gather([own]).found is None
+    assert gather([own]).diagnosis is None
     folder = with_diagnosis(own)
-    found = gather([own]).found
+    found = gather([own]).diagnosis
     assert found is not None and found.folder == "diagnosis" and len(found.missing) == 1
     header, runs = content(view_page(gather([own])))
     assert [r["missing"] for r in header["runs"]] == [True, False] and header["diagnosis"]["verdict"] == "unknown"
@@ -190,9 +190,9 @@ def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run:
     assert force.shape == (3, 80) and np.allclose(force[0], 0.3)
     with_diagnosis(own, "second")
     several = gather([own])
-    assert several.found is None and "choose one with --diagnosis" in several.notes[0]
-    assert gather([own], diagnosis=folder).found is not None
-    with pytest.raises(UserError, match="one diagnosis"):
+    assert several.diagnosis is None and "choose one with --diagnosis" in several.notes[0]
+    assert gather([own], diagnosis=folder).diagnosis is not None
+    with pytest.raises(Conflict):
         gather([own, folder], diagnosis=tmp_path / "second")
 
 
@@ -209,10 +209,10 @@ def test_equal_models_are_shown_once_and_different_ones_by_their_run(run: Path, 
 def test_bad_input_is_one_line(run: Path, tmp_path: Path) -> None:
     one = gather([run])
     for lengths in ((), (-1.0,), (float("nan"),)):
-        with pytest.raises(UserError, match="--window"):
+        with pytest.raises(BadValue, match="--window"):
             view_page(one, lengths)
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="cannot be written"):
+    with pytest.raises(NotWritable):
         write_view(one, tmp_path / "file" / "page.html")
     with pytest.raises(UserError, match="is no run folder"):
         gather([tmp_path])

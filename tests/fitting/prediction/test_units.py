@@ -21,7 +21,7 @@ from fitting.prediction.predict import predict
 from fitting.prediction.score import Score, pooled_sigma, score
 from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.units import UnitErrors, errors_in_units, ship_time, window_for
-from fitting.report.unit_section import unit_section
+from fitting.report.sections import unit_section
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import app

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fitting.report.structure_section import structure_section
+from fitting.report.sections import structure_section
 
 ROW = {"words": "order 1", "unknowns": 20, "training": 0.2, "stable": 0, "sequences": 0, "left_out": ""}
 GOOD = {
@@ -26,7 +26,7 @@ def test_the_best_comes_first_and_what_was_not_tried_last(tmp_path: Path) -> Non
     assert structure_section(tmp_path) is None
     (tmp_path / "selection.json").write_text(json.dumps(GOOD))
     found = structure_section(tmp_path)
-    assert found is not None and [row.name for row in found["rows"]] == ["b", "a", "c"]
+    assert found is not None and [row["name"] for row in found["rows"]] == ["b", "a", "c"]
     assert found["test"] == [("the ship as given", 0.4), ("the chosen model", None)] and found["figures"] == []
 
 

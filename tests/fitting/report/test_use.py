@@ -20,11 +20,10 @@ from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.report import delivered as delivered_module
 from fitting.report import imo_form as module
-from fitting.report.conditions import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows
 from fitting.report.delivered import Delivered, delivery_sections, figure_section, standard_figures
 from fitting.report.imo_form import imo_form
-from fitting.report.limits import limit_rows, use_rows
 from fitting.report.pdf import needs_weasyprint, write_pdf
+from fitting.report.use import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
 from mmg.ship import Ship

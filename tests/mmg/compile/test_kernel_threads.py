@@ -1,4 +1,4 @@
-"""Threads that calculate intervals: as asked for, or one and those for processors that are idle."""
+"""Threads that calculate intervals: as asked for, or one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from mmg.compile.kernel_threads import even_shares, idle_processors, in_threads, kernel_threads
+from mmg.compile.kernel_threads import even_shares, in_threads, kernel_threads
 from mmg.errors import UserError
 
 
@@ -21,18 +21,6 @@ def test_threads_that_are_no_number_are_refused(asked: str, monkeypatch: pytest.
 def test_threads_are_no_more_than_processors(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MMG_THREADS", "256")
     assert kernel_threads() == (os.cpu_count() or 1)
-    monkeypatch.delenv("MMG_THREADS")
-    assert kernel_threads() == 1
-
-
-def test_an_idle_processor_gets_a_thread_unless_the_number_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, "cpu_count", lambda: 4)
-    monkeypatch.delenv("MMG_THREADS", raising=False)
-    idle = [0, 1, 1]
-    with idle_processors(idle.pop):
-        assert [kernel_threads() for _ in range(3)] == [2, 2, 1]
-        monkeypatch.setenv("MMG_THREADS", "1")
-        assert kernel_threads() == 1
     monkeypatch.delenv("MMG_THREADS")
     assert kernel_threads() == 1
 

@@ -21,7 +21,7 @@ def program(terms: int) -> Program:
 @pytest.mark.parametrize("size", [7, 20, 1000])
 def test_each_value_is_in_one_part_and_known_where_it_is_used(size: int) -> None:
     whole = program(30)
-    parted = whole.divided([0, 1], size)
+    parted = whole.divided([0, 1], 2, size)
     last = max(value.stage for value in parted.values)
     count = len(whole.needed([0, 1], 1))
     assert last - 2 == (len([v for v in whole.values if v.stage == 2 and v.argument is None]) - 1) // size
@@ -37,4 +37,4 @@ def test_each_value_is_in_one_part_and_known_where_it_is_used(size: int) -> None
                 used = {w.strip("();,-") for w in words.replace("(", " ").split() if w.strip("();,-")[:1] == "a"}
                 assert used <= known | {"a"}, (stage, line)
                 known.add(name)
-    assert whole.divided([0, 1], 10**6) == whole
+    assert whole.divided([0, 1], 2, 10**6) == whole

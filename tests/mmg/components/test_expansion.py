@@ -14,7 +14,7 @@ from mmg.components.expansion.actuators import devices_of, parse_devices, variab
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
 from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
 from mmg.components.expansion.words import parse_monomial
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
 from mmg.motion.smooth import Smooth
 
@@ -219,11 +219,11 @@ def test_a_wrong_monomial_is_refused_with_its_word(text: str, words: str) -> Non
 
 
 def test_lists_of_actuators_are_checked() -> None:
-    for text, words in (
-        ("n, rudder", "'rudder' is none"), ("n, n", "given 2 times"), ("", "empty"), ("n+delta", "no two of a kind"),
-        ("n_azimuth", "name a pod by its angle"), ("n+n_bow", "no two of a kind"),
+    for text, kind in (
+        ("n, rudder", UnknownName), ("n, n", Conflict), ("", Missing), ("n+delta", Conflict), ("n_azimuth", BadValue),
+        ("n+n_bow", Conflict),
     ):  # fmt: skip
-        with pytest.raises(UserError, match=words):
+        with pytest.raises(kind):
             parse_devices(text)
     assert [str(d) for d in parse_devices("n+n_2, delta")] == ["n+n_2", "delta"]
 
@@ -248,13 +248,13 @@ def test_variables_of_a_pair_are_mean_and_difference_of_opposite_parity() -> Non
 
 
 def test_structures_that_cannot_be_are_refused_with_the_count() -> None:
-    for structure, words in (
-        (lambda: Structure(PODS, 2, "SM-3"), "none of the 4 actuators"), (lambda: Structure(VECTWIN, 0), "order 0"),
-        (lambda: Structure(VECTWIN, 2, "SM-9"), "known are SM-1"),
-        (lambda: Structure(PODS, 2, "quadrants"), "of the 4"),
-        (lambda: terms(Structure(PODS, 12)), "1352077 monomials"),
+    for structure, kind, number in (
+        (lambda: Structure(PODS, 2, "SM-3"), Unsupported, "4"), (lambda: Structure(VECTWIN, 0), OutOfRange, "0"),
+        (lambda: Structure(VECTWIN, 2, "SM-9"), UnknownName, "SM-9"),
+        (lambda: Structure(PODS, 2, "quadrants"), Unsupported, "4"),
+        (lambda: terms(Structure(PODS, 12)), OutOfRange, "1352077"),
     ):  # fmt: skip
-        with pytest.raises(UserError, match=words):
+        with pytest.raises(kind, match=number):
             structure()
 
 

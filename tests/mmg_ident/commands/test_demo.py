@@ -14,7 +14,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, compare_with_truth, hidden_ship
 from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from fitting.settings import Settings
 from mmg_ident import calibrate
 from mmg_ident.commands.demo import STEP, campaign, moral
