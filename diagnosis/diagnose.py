@@ -33,7 +33,6 @@ from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
     InstrumentFault,
-    LearnedResidual,
     RandomSizes,
     Unnamed,
 )
@@ -62,13 +61,13 @@ from diagnosis.judgement.left_over import left_over
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import limits
-from diagnosis.learned_rest import start_learning, with_learned
+from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
-from diagnosis.report.form_words import likeness
+from diagnosis.report.where_words import likeness
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
-from fitting.parallel import Awaited, with_one_thread
+from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -129,7 +128,7 @@ def _within_time(
     told = told_of_predictions(ship, calibrated_on)
     inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
     try:
-        found, learning = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
     except (BrokenModelError, np.linalg.LinAlgError) as error:
         why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
         return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
@@ -137,7 +136,7 @@ def _within_time(
         words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
         raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
     found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
-    return with_learned(found, trials, kept, o, progress, learning) if o.learn else found
+    return with_learned(found, trials, kept, o, progress) if o.learn else found
 
 
 def _diagnosed(
@@ -149,8 +148,8 @@ def _diagnosed(
     known: CalibrationTrials,
     groups: Groups | None,
     progress: OnProgress | None,
-) -> tuple[Diagnosis, Awaited[LearnedResidual] | None]:
-    """The diagnosis, and what is learned where that is under way; no test trial shares rows with the trials."""
+) -> Diagnosis:
+    """The diagnosis; no test trial shares rows with the trials."""
     given, began = ship, time.perf_counter()
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
@@ -168,7 +167,6 @@ def _diagnosed(
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
-    learning = start_learning(ship_before, p.data, trials, tests, options) if verdict == "unknown" else None
     fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
     remainder, left = left_over(ready, result, wide, gridded, fits)
     if left and verdict == "none":
@@ -190,7 +188,7 @@ def _diagnosed(
     sentence = doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual)
     sentence += likeness(unnamed.after if is_named else unnamed.before) if is_left and not doubt else ""
     timings["total"] = time.perf_counter() - began
-    whole = Diagnosis(
+    return Diagnosis(
         verdict=verdict,
         sentence=sentence,
         effects=effects,
@@ -218,7 +216,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-    return whole, learning
 
 
 def _by_kind(before: UnnamedForms, after: UnnamedForms) -> Unnamed:

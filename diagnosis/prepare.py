@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,14 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
+from diagnosis.estimation.candidates import (
+    FITTED_ALONG,
+    LOCAL,
+    Column,
+    FullModel,
+    ship_with_all_effects,
+    ship_with_latent_force,
+)
 from diagnosis.estimation.first_fit import MAX_FITS, fit_without_effects
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
@@ -32,7 +38,6 @@ from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
-from fitting.parallel import evaluated_beside
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -133,16 +138,20 @@ def prepare(
     other_trials: bool = False,
     reference: Sequence[Trial] = (),
     straight: bool | None = None,
+    tests_follow: bool = True,
 ) -> Prepared:
     """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
 
     ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
     the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
-    whether the actuators of ``trials`` are joined, where it is known. Returns the problem with its first fit. Raises
-    UserError where every coefficient is fixed, or all trials are too short.
+    whether the actuators of ``trials`` are joined, where it is known; tests_follow: whether effects are tested after
+    the fit; else the model has none but those of the ship. Returns the problem with its first fit. Raises UserError where
+    every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
-    full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
+    full = ship_with_latent_force(ship)
+    if tests_follow:
+        full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
     base = priors_before(ship, other_trials and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
@@ -184,7 +193,7 @@ def prepare(
         finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
-        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen)
+        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, tests_follow=tests_follow)
         same = replace(finely, reading=reading, notices=(*reading.notices, *finely.notices))
         return finely if reading.chosen is None else same
     if gap > 1:
@@ -240,13 +249,11 @@ def fit_as_read(
     known = possible_readings(trials) if straight is None else (straight,)
     ways = [trials_in_gusts(steps, trials, way) for way in known]
     # each from the same start: from the fit before, coefficients that the trials hardly tell would creep
-    fitted = [partial(fit_without_effects, steps, way, theta, base, noise, gap) for way in ways]
-    beside = evaluated_beside(fitted[1]) if len(ways) > 1 else None
-    held = fitted[0]()
-    if beside is None:
+    held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
+    if len(ways) == 1:
         return held, InputReading(known[0], None, sample, length)
     try:
-        joined = beside.value
+        joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
         return held, InputReading(False, math.inf, sample, length)
     gap = max(held[2], joined[2])  # both are compared by the same samples

@@ -20,10 +20,9 @@ from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, ship_of_all
 from fitting.nlp.windows import Segments
 from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
-from fitting.solvers.interrupts import finishing
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import Course, NoiseSolves, Resumption, solve_with_noise_estimation
+from fitting.solvers.noise_iteration import Resumption, solve_with_noise_estimation
 from fitting.solvers.preparation import holding, prepared
 from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
@@ -42,9 +41,8 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; rough: its last
-    solve is left out, ``solution`` is where that begins; unfinished: ``finished`` has still to make that solve, to
-    certify it and to say what is wrong.
+    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; draft: its last
+    solve is left out, ``solution`` is where that begins.
     """
 
     ship: Ship
@@ -65,8 +63,7 @@ class Calibration:
     problem: Problem
     resumption: Resumption
     constants: RunConstants | None
-    rough: bool = False
-    unfinished: bool = False
+    draft: bool = False
 
     @property
     def converged(self) -> bool:
@@ -91,9 +88,9 @@ class Calibration:
 
     @property
     def warnings(self) -> tuple[Message, ...]:
-        """What must be known before the estimates are used, of them as they are now and of the trials; () while it is
-        unfinished."""
-        if self.unfinished:
+        """What must be known before the estimates are used, of them as they are now and of the trials; () of a
+        draft."""
+        if self.draft:
             return ()
         p = np.clip(self.problem.split(self.solution.x)[1], *self.problem.p_bounds())
         p[: len(self.p)] = self.p  # the mean of two estimates, where it is one
@@ -141,98 +138,35 @@ def estimate_coefficients(
     warm: dict[str, np.ndarray] | None = None,
     captive: Captive | None = None,
     per_run: Own = (),
-    held: Sequence[str] = (),
+    draft: bool = False,
 ) -> Calibration:
     """Fit the free coefficients of ``ship`` to ``trials``, jointly over all of them.
 
     The residual's standard deviation of each state is re-estimated from solve to solve (``ResidualNoise``) until it
     settles. settings: of windows and solver; progress: called at each iteration of the solver, with the objective and
     the constraint violation; warm: ``Calibration.iterate`` of an interrupted run, which goes on as if it had not been,
-    or its "p" (P,) alone; captive: points whose forces are fitted too; per_run: coefficients of effects of the ship,
-    fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``); held:
-    coefficients that stay where the solver starts, their covariance being that of a fit in which they move. Returns the
-    calibration, whose ship is without those effects of runs, and has those of campaigns at their mean; a solver that
-    stops early is no error: the best iterate is kept and ``converged`` is False. Raises UserError for input from which
-    nothing can be identified.
+    or its "p" (P,) alone, and "held" (P,) where coefficients stay where the solver starts, their covariance being that
+    of a fit in which they move; captive: points whose forces are fitted too; per_run: coefficients of effects of the
+    ship, fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``);
+    draft: leave out the last solve where rough ones of all windows came before, for a calibration that another may
+    replace;
+    with the iterate of a draft as ``warm`` that solve is made. Returns the calibration, whose ship is without those
+    effects of runs, and has those of campaigns at their mean; a solver that stops early is no error: the best iterate
+    is kept and ``converged`` is False. Raises UserError for input from which nothing can be identified.
     """
-    question = _Question(ship, trials, settings or Settings(), warm, captive, per_run, held)
-    return finished(_estimated(question, progress, certify=True, rough=False), progress)
-
-
-@with_one_thread
-@np.errstate(all="ignore")
-def first_estimate(
-    ship: Ship,
-    trials: Sequence[Trial],
-    settings: Settings,
-    progress: OnProgress | None = None,
-    warm: dict[str, np.ndarray] | None = None,
-    captive: Captive | None = None,
-    rough: bool = False,
-) -> Calibration:
-    """The calibration that ``estimate_coefficients`` gives for the same arguments, before it is ``finished``: for a fit
-    that another one may replace. IPOPT has not certified it where the leading method came to its end.
-
-    ship, trials, settings, progress, captive: as there; warm: as there, "p" (P,) at least; rough: it may lack its last
-    solve, where one solve only is made of it and its time is not limited. Raises UserError as there.
-    """
-    several = settings.starts > 1  # other starts are compared with what is certified
-    rough = rough and not several and settings.time_limit is None
-    return _estimated(_Question(ship, trials, settings, warm, captive), progress, several, rough)
-
-
-@with_one_thread
-@np.errstate(all="ignore")
-def finished(found: Calibration, progress: OnProgress | None = None) -> Calibration:
-    """The calibration ``found`` with what is only done for one that is handed out: IPOPT certifies it, its runs are
-    judged, and what is wrong with it is said. As it is where that is done.
-
-    progress: called at each iteration of the solver.
-    """
-    if not found.unfinished:
-        return found
-    began, before = time.perf_counter(), found.timings
-    if found.rough:
-        found = _with_last(found, progress)
-    elif found.solution.guess is not None:
-        with finishing():
-            found = _certified(found, progress)
-    certified = time.perf_counter() - began
-    outlying = outlying_runs(found.problem.with_changes(), found.solution.x, found.spread.moves)
-    timings = before | {"solve": before["solve"] + certified, "total": before["total"] + time.perf_counter() - began}
-    return replace(found, data_warnings=(*found.data_warnings, *outlying), timings=timings, unfinished=False)
-
-
-@dataclass(frozen=True)
-class _Question:
-    """What is to be estimated, as of ``estimate_coefficients``."""
-
-    ship: Ship
-    trials: Sequence[Trial]
-    settings: Settings
-    warm: dict[str, np.ndarray] | None = None
-    captive: Captive | None = None
-    per_run: Own = ()
-    held: Sequence[str] = ()
-
-
-def _estimated(question: _Question, progress: OnProgress | None, certify: bool, rough: bool) -> Calibration:
-    """The calibration that the ``question`` is for, before it is ``finished``; certify: whether by IPOPT at once;
-    rough: whether it may lack its last solve."""
-    began, warm = time.perf_counter(), question.warm
-    first, x, settings, warnings, notices = prepared(
-        question.ship, question.trials, question.settings, warm, question.captive, question.per_run
-    )
+    began, warm, settings = time.perf_counter(), warm or {}, settings or Settings()
+    first, x, settings, warnings, notices = prepared(ship, trials, settings, warm, captive, per_run)
     free = first.prior
-    first = holding(first, x, question.held)
+    first = holding(first, x, warm["held"]) if "held" in warm else first
     timings = {"prepare": time.perf_counter() - began}
-    resumed = Resumption.of_arrays(warm or {}, first)
-    near = resumed is None and len((warm or {}).get("nodes", ())) == first.B
-    course = Course(resumed, near, certify, rough)
-    solves = solve_with_noise_estimation(first, x, settings, began, progress, course)
+    resumed = Resumption.of_arrays(warm, first)
+    near = resumed is None and len(warm.get("nodes", ())) == first.B
+    solves = solve_with_noise_estimation(first, x, settings, began, progress, resumed, near, draft)
     timings["solve"] = time.perf_counter() - began - timings["prepare"]
     best, starts = solve_starts(solves.problem, solves.solution, settings, began, progress)
-    statistics = _statistics(solves.problem.with_changes(prior=free), best, question.per_run)
+    statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)
+    if not solves.draft:
+        warnings += outlying_runs(statistics["problem"].with_changes(), best.x, statistics["spread"].moves)
     timings["total"] = time.perf_counter() - began
     return Calibration(
         **statistics,
@@ -245,8 +179,7 @@ def _estimated(question: _Question, progress: OnProgress | None, certify: bool, 
         notices=tuple(dict.fromkeys(notices)),
         timings=timings,
         resumption=solves.resumption,
-        rough=solves.rough,
-        unfinished=True,
+        draft=solves.draft,
     )
 
 
@@ -276,38 +209,6 @@ def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any
         "problem": problem.with_changes(),  # without what it has cached
         "constants": constants,
     }
-
-
-def _certified(found: Calibration, progress: OnProgress | None) -> Calibration:
-    """The ``first_estimate`` found, ended by IPOPT."""
-    problem, settings = found.problem.with_changes(), found.settings
-    solves = NoiseSolves(problem, found.solution, found.noise, found.passes, found.resumption)
-    used = found.timings["total"]
-    solves = solves.certified(settings, used, progress)
-    return _solved_on(found, solves, time.perf_counter() - used, progress)
-
-
-def _with_last(found: Calibration, progress: OnProgress | None) -> Calibration:
-    """The ``rough`` calibration found, with its last solve."""
-    began, problem, course = time.perf_counter(), found.problem.with_changes(), Course(found.resumption)
-    solves = solve_with_noise_estimation(problem, found.solution.x, found.settings, began, progress, course)
-    solves = replace(solves, passes=(*found.passes, *solves.passes))
-    return replace(_solved_on(found, solves, began, progress), rough=False)
-
-
-def _solved_on(found: Calibration, solves: NoiseSolves, began: float, progress: OnProgress | None) -> Calibration:
-    """The calibration found with ``solves`` instead of its own, without constants of runs; began [s], progress: as of
-    ``solve_starts``."""
-    best, starts = solve_starts(solves.problem, solves.solution, found.settings, began, progress)
-    return replace(
-        found,
-        **_statistics(solves.problem, best, ()),
-        noise=solves.noise,
-        solution=best,
-        passes=solves.passes,
-        starts=tuple(starts),
-        resumption=solves.resumption,
-    )
 
 
 def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:

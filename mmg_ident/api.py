@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cases.trial import Trial
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from fitting.prediction.predict import Forecaster
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -138,14 +138,14 @@ def calibrate(
     """Calibrate the free coefficients of ``ship`` on ``trials``, as ``mmg fit`` does.
 
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
-    options: uncertainty, instruments, next trial and more (``fitting.pipeline.FitOptions``); progress: called at each
+    options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
     iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
     result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
     likelihood of a diagnosis. Raises UserError for input from which nothing can be identified, and for values outside
     their limits.
     """
     from diagnosis.calibration.on_demand import second_estimate, tests_of_effects
-    from fitting import pipeline
+    from fitting import calibrate as pipeline
     from fitting.settings import Settings
     from fitting.solvers.interrupts import unless_interrupted
     from mmg_ident.settings import check_settings, checked_settings

@@ -16,8 +16,8 @@ from cases.trial import Trial
 from diagnosis.hypotheses.over_time.changes import find_changes
 from diagnosis.hypotheses.over_time.month_study import MonthStudy, pooled, window_scores
 from diagnosis.hypotheses.over_time.weights import UNEXPLAINED
+from fitting.calibrate import FitOptions, calibrate
 from fitting.design.informative_windows import ChosenWindows, choose_windows
-from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.innovations import Stretches, candidates_of, scatter
 from fitting.result import FitResult
 from fitting.settings import Settings

@@ -21,7 +21,6 @@ from cases.checks.stretches import known_stretches, stretch_findings
 from cases.checks.trusted import as_they_are, with_doubt, without_broken
 from cases.checks.wind import wind
 from cases.io.sentinels import CODE, without_sentinels
-from cases.io.spread import Spread, one_by_one
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message, message_rows
@@ -40,15 +39,15 @@ LOOKS = {
 """Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
 
 
-def check(trials: Sequence[Trial], spread: Spread = one_by_one) -> list[CheckReport]:
+def check(trials: Sequence[Trial]) -> list[CheckReport]:
     """One report for each of ``trials``, in their order; duplicates are looked for among all of them.
 
-    Notices of the reading come first. spread: does lists of independent tasks.
+    Notices of the reading come first.
     """
     reports = []
     trials = [_known(trial) for trial in trials]
-    looks = spread(_looks, trials)
-    for trial, (copies, shared), look in zip(trials, duplicates(trials), looks, strict=True):
+    for trial, (copies, shared) in zip(trials, duplicates(trials), strict=True):
+        look = {topic: look(trial) for topic, look in LOOKS.items()}
         numbers: dict[str, Any] = {"duplicates": copies, **{topic: row[0] for topic, row in look.items()}}
         found: dict[str, list[Found]] = {
             "reading": [
@@ -60,24 +59,19 @@ def check(trials: Sequence[Trial], spread: Spread = one_by_one) -> list[CheckRep
         }
         findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
-    return decided(trials, reports, spread)
+    return decided(trials, reports)
 
 
-def _looks(trial: Trial) -> dict[str, tuple[dict[str, Any], list[Found]]]:
-    """Topic -> numbers and findings of what is looked at in one ``trial``."""
-    return {topic: look(trial) for topic, look in LOOKS.items()}
-
-
-def ready(*sets: Sequence[Trial], unchecked: bool = False, spread: Spread = one_by_one) -> tuple[list[Trial], ...]:
+def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial], ...]:
     """The ``sets`` of trials as they may be fitted and judged: without broken stretches, doubts among their notices.
 
-    unchecked: leave them as they are; spread: does lists of independent tasks. Raises UserError where the data of one
+    unchecked: leave them as they are. Raises UserError where the data of one
     of them refute what its file says.
     """
     sets = tuple([_known(trial) for trial in some] for some in sets)
     if unchecked:
         return tuple(as_they_are(some) for some in sets)
-    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some], spread), "add --unchecked"))
+    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
     out = []
     for some in sets:
         reports = list(islice(all_reports, len(some)))

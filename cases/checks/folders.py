@@ -22,7 +22,6 @@ from cases.evidence.signals import signals
 from cases.evidence.standing import standing
 from cases.io.leave_out import left_out
 from cases.io.read import SUFFIXES
-from cases.io.spread import Spread, one_by_one
 from cases.io.unit_sanity import mislabelled
 from cases.trial import Trial
 
@@ -60,11 +59,9 @@ class Said(NamedTuple):
     keys: Keys
 
 
-def decided(trials: Sequence[Trial], reports: Sequence[CheckReport], spread: Spread = one_by_one) -> list[CheckReport]:
+def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
     """``reports`` on ``trials`` with what their folders show together: frames, signs, units, channels that stand still,
     lags, lever arms, gains and offsets. What follows from a contradiction is not said beside it.
-
-    spread: does lists of independent tasks.
     """
     out = list(reports)
     folders: dict[Path | None, list[int]] = {}
@@ -74,12 +71,12 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport], spread: Spr
         some = [_whole(trials[i], reports[i].numbers) for i in rows]
         still = [standing(trials[i]) for i in rows]
         turning = [reports[i].numbers["rudder"]["correlation"] for i in rows]
-        found = spread(_scored_each, list(zip(some, still, turning, strict=True)))
+        found = [_scored(*each) for each in zip(some, still, turning, strict=True)]
         own = [trials[i] for i in rows]
         said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
         whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
-        for k, shift in zip(quiet, _shifted([some[k] for k in quiet], spread), strict=True):
+        for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
             said[k] = _shift_said(shift) if shift else said[k]
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
             out[i] = _joined(out[i], each, found[k])
@@ -92,10 +89,6 @@ def _whole(trial: Trial, numbers: Mapping[str, Any]) -> Trial:
     broken = numbers["stretches"].get("broken", [])
     spans = [(s["begin_s"], s["end_s"]) for s in broken if DRIFTING["position"][0] not in s["what"]]
     return left_out(trial, spans, "") if spans else trial
-
-
-def _scored_each(task: tuple[Trial, Mapping[str, str], float | None]) -> Scores:
-    return _scored(*task)
 
 
 def _scored(trial: Trial, still: Mapping[str, str], turning: float | None) -> Scores:
@@ -151,8 +144,8 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
     return f"The track says that {meaning}: {fits}"
 
 
-def _shifted(trials: Sequence[Trial], spread: Spread = one_by_one) -> list[Shift | None]:
-    """The shift of each of the ``trials``, None where there is none that matters; spread: does lists of tasks."""
+def _shifted(trials: Sequence[Trial]) -> list[Shift | None]:
+    """The shift of each of the ``trials``, None where there is none that matters."""
     kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
     out: list[Shift | None] = [None] * len(trials)
     for track in (True, False):
@@ -161,7 +154,7 @@ def _shifted(trials: Sequence[Trial], spread: Spread = one_by_one) -> list[Shift
             continue
         own = [trials[k] for k, _ in some]
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
-        for (k, _), shift in zip(some, shifts([s for _, s in some], longest, spread), strict=True):
+        for (k, _), shift in zip(some, shifts([s for _, s in some], longest), strict=True):
             out[k] = shift if shift and _matters(shift) else None
     return out
 

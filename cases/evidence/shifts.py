@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 
 from cases.evidence.signals import Signals, Stats, evidence, over_windows, relative
-from cases.io.spread import Spread, one_by_one
 
 COST = 8.0
 """Nats by which a lag, an arm, a gain or an offset has to be better than none."""
@@ -65,10 +64,10 @@ class Shift:
     rivals: tuple[str, ...] = ()
 
 
-def shifts(found: Sequence[Signals], longest: float, spread: Spread = one_by_one) -> list[Shift | None]:
+def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
     """The best explanation of each of the trials of a folder, None where there is none.
 
-    found: their signals; longest: lag [s] up to which is searched; spread: does lists of independent tasks.
+    found: their signals; longest: lag [s] up to which is searched.
     """
     usable = list(range(len(found)))
     tracks = all(s.has_track for s in found)
@@ -77,7 +76,7 @@ def shifts(found: Sequence[Signals], longest: float, spread: Spread = one_by_one
         return out
     some = [found[k] for k in usable]
     names = (*LAGS, *LINEAR) if tracks else ("r", "gain r")
-    candidates = dict(zip(names, spread(partial(_candidate, some, longest), names), strict=True))
+    candidates = {name: _candidate(some, longest, name) for name in names}
     gains = {name: float(-total) - _rare(name, values) for name, (values, total) in candidates.items()}
     best = max(gains, key=lambda name: gains[name])
     if gains[best] <= 0:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from cases.io.files import check_file
 from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
-from cases.io.spread import Spread, one_by_one
 from cases.io.toml_file import validated
 from cases.io.trial_table import trial_table
 from cases.io.unit_sanity import implausible
@@ -35,17 +33,14 @@ LEAST_STEP = 1e-6
 """No clock is finer [s]."""
 
 
-def read_trials(
-    paths: Iterable[str | Path] | str | Path, refuse: bool = True, spread: Spread = one_by_one
-) -> list[Trial]:
+def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name).
 
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself; refuse: files whose units the numbers refute; spread: does the list of files. Raises UserError for all
-    that cannot be read.
+    none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
     """
     files = trial_files(paths)
-    found = spread(partial(_read_or_why_not, refuse=refuse), files)
+    found = [_read_or_why_not(file, refuse) for file in files]
     problems = [one for one in found if isinstance(one, str)]
     if problems:
         several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""

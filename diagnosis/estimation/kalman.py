@@ -259,7 +259,6 @@ def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarra
     s: the system; found: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
     exponential of the generator: a change of the generator acts equally on either side of the step.
     """
-    K, R = s.T.shape[:2]
     by_T = found.by_T[:, :, :A, : A + 3]
     if gusts is not None:
         pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)

@@ -20,7 +20,7 @@ from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, sl
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import left_and_limit
-from fitting.parallel import evaluated_beside, run_all
+from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
 SHORT = 6
@@ -276,7 +276,7 @@ def select_effects(
         searches.append(s)
         if s.best is None or not s.significant:
             break
-        if named and (not _is_further(s.best) or _doubtful(problem, now, s.best)):
+        if named and (not _is_further(s.best) or _doubtful(problem, s.best)):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -297,15 +297,11 @@ def _is_further(best: RefittedEffect) -> bool:
     return best.bic_of_both > FURTHER and best.p_both < FURTHER_LEVEL
 
 
-def _doubtful(problem: SearchProblem, now: Estimate, best: RefittedEffect) -> bool:
-    """Whether the runs do not agree on the ``best`` effect beside those of the fit ``now``, or unnamed forms explain
-    more than it does."""
+def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
+    """Whether the runs do not agree on the ``best`` effect, or unnamed forms explain more than it does."""
     if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
         return True
-    beside = evaluated_beside(partial(left_and_limit, problem.steps, problem.data, best.fit))
-    if beside.process is not None:
-        problem.unnamed(now)  # meanwhile, since it is asked for next if there is doubt
-    left, limit = beside.value
+    left, limit = left_and_limit(problem.steps, problem.data, best.fit)
     return left - problem.expected_unnamed > max(limit, best.gain)
 
 

@@ -69,8 +69,6 @@ def judged_search(
     """
     p = replace(ready.problem, tests=tests)
     on_tests = OnTestTrials(p.steps, tests, options.seed) if tests is not None else None
-    if on_tests is not None:
-        on_tests.begin(ready.null)  # all comparisons ask for it
     before, simulated = _left(p, ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")

@@ -13,7 +13,7 @@ from diagnosis.location.regions import CHANNELS
 from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
 from diagnosis.report.figures import figures_for
-from diagnosis.report.form_words import likeness
+from diagnosis.report.where_words import likeness
 from fitting.report.page import environment, write_page
 from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions

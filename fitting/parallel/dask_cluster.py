@@ -8,22 +8,18 @@ user's, and so are its encryption and access rights (``distributed.comm`` in Das
 from __future__ import annotations
 
 import importlib.metadata
-import itertools
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from typing import Any
 
 from fitting.parallel.executors import executing
-from fitting.parallel.memory import PROCESS, own_memory
-from fitting.parallel.threads import one_thread_environment
 from mmg.errors import UserError
 from mmg.progress import LOGGER
 
 PACKAGE = "mmg-ident"
-AHEAD = 2
-"""Tasks handed over for each worker: one that it does, and one that waits there."""
 TIMEOUT = 10.0
 """Seconds within which a scheduler answers and has a worker."""
 
@@ -31,26 +27,26 @@ _ALONE = threading.Lock()
 
 
 def _alone(function: Callable[[Any], Any], task: Any) -> Any:
-    """``function`` of a ``task``, one at a time in each worker, with one thread as in a process of a pool: libraries
-    that a worker loaded before have as many as Dask or the machine gave them."""
+    """``function`` of a ``task``, one at a time in each worker, with one thread as in a process of a pool."""
     import sys
 
     from threadpoolctl import threadpool_limits
 
-    with _ALONE, one_thread_environment(), threadpool_limits(1):
+    with _ALONE, threadpool_limits(1):  # libraries have as many as Dask or the machine gave them
         if "torch" in sys.modules:
             sys.modules["torch"].set_num_threads(1)
         return function(task)
 
 
 class DaskCluster:
-    """An executor on the workers of a scheduler.
+    """The executor of a scheduler's workers.
 
     client: connected ``distributed.Client``; address: of the scheduler, as it was given.
     """
 
     def __init__(self, client: Any, address: str) -> None:
         self.client, self.address = client, address
+        self.executor = client.get_executor(pure=False)
 
     @property
     def width(self) -> int:
@@ -59,62 +55,30 @@ class DaskCluster:
             if self.client.status != "running":
                 raise ConnectionError(f"the connection is {self.client.status}")
             return max(1, len(self.client.scheduler_info(n_workers=-1)["workers"]))
-        except (KeyError, OSError) as error:  # what is left of a scheduler that is gone says nothing of workers
-            raise self._lost(error) from None
+        except KeyError:  # what is left of a scheduler that is gone says nothing of workers
+            raise self._lost("it does not answer") from None
+        except OSError as error:
+            raise self._lost(str(error)) from None
 
-    def _lost(self, error: BaseException) -> UserError:
-        """What to say where the scheduler is gone, by the ``error`` that this gave."""
-        why = "it does not answer" if isinstance(error, KeyError) else str(error) or type(error).__name__
-        words = f"{self.address}: the scheduler was lost ({why})"
-        return UserError(f"{words}; start it again and repeat the command, with --resume where it has one")
+    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Any]:
+        """As of ``Workers``."""
+        future: Future[Any] = self.executor.submit(_alone, function, task)
+        return future
 
-    def outcomes(
-        self, function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None] = lambda: None
-    ) -> Iterator[Any]:
-        """As of ``Executor``. Raises UserError where the scheduler is lost or a task ends one worker after another."""
-        from distributed import as_completed
+    def explained(self, error: BaseException) -> BaseException:
+        """As of ``Workers``: an ``error`` of a scheduler that is lost, or of a task that ends one worker after another,
+        is one line."""
+        from distributed import KilledWorker
 
-        at: dict[Any, int] = {}
-        done: dict[int, Any] = {}
-        left = iter(enumerate(tasks))
-        running = as_completed(loop=self.client.loop)
-
-        def hand_over(most: int) -> None:
-            for number, task in itertools.islice(left, most):
-                future = self.client.submit(_alone, function, task, pure=False)
-                at[future] = number
-                running.add(future)
-
-        try:
-            hand_over(AHEAD * self.width)
-            for number in range(len(tasks)):
-                while number not in done:
-                    future, outcome = self._finished(running)
-                    done[at.pop(future)] = outcome
-                    future.release()
-                    finished()
-                    hand_over(max(1, AHEAD * self.width - len(at)))
-                yield done.pop(number)
-        finally:
-            if at and self.client.status == "running":
-                self.client.cancel(list(at), force=True)
-
-    def _finished(self, running: Iterator[Any]) -> tuple[Any, Any]:
-        """The next future that is done, and its outcome; raises what its task raised."""
-        from distributed import CancelledError, KilledWorker
-
-        try:
-            future = next(running)
-            error = future.exception() if future.status == "error" else None
-            outcome = None if error else future.result()
-        except (CancelledError, OSError) as lost:
-            raise self._lost(lost) from None
         if isinstance(error, KilledWorker):
             words = f"{self.address}: a task ended one worker after another, perhaps for want of memory"
-            raise UserError(f"{words}; give the workers more memory, or use --workers")
-        if error:
-            raise error
-        return future, outcome
+            return UserError(f"{words}; give the workers more memory, or use --workers")
+        is_lost = isinstance(error, CancelledError | OSError) and self.client.status != "running"
+        return self._lost(str(error) or type(error).__name__) if is_lost else error
+
+    def _lost(self, why: str) -> UserError:
+        words = f"{self.address}: the scheduler was lost ({why})"
+        return UserError(f"{words}; start it again and repeat the command, with --resume where it has one")
 
 
 @contextmanager
@@ -138,7 +102,6 @@ def dask_cluster(address: str) -> Iterator[DaskCluster]:
         raise UserError(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
     try:
         check_workers(client, address)
-        warn_of_memory(client, address)
         cluster = DaskCluster(client, address)
         LOGGER.info("tasks go to %d worker(s) of %s", cluster.width, address)
         with executing(cluster):
@@ -214,19 +177,4 @@ def check_workers(client: Any, address: str) -> None:
         if about["python"].rpartition(".")[0] != versions["client"]["packages"]["python"].rpartition(".")[0]:
             raise UserError(
                 f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
-            )
-
-
-def warn_of_memory(client: Any, address: str) -> None:
-    """Says which workers may hold less memory than this process does, whose libraries and trials a task needs too.
-
-    client: connected ``distributed.Client``; address: of the scheduler, for the message.
-    """
-    need = max(own_memory(), PROCESS)
-    workers = client.scheduler_info(n_workers=-1)["workers"]
-    for worker, about in sorted(workers.items()):
-        if 0 < (limit := float(about.get("memory_limit") or 0.0)) < need:
-            LOGGER.warning(
-                f"--scheduler {address}: the worker {worker} may hold {limit / 1e6:.0f} MB, and a task takes about "
-                f"{need / 1e6:.0f} MB; start it with a larger --memory-limit, or fewer workers on that machine"
             )

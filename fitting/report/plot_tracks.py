@@ -220,9 +220,9 @@ def error_growth_plot(
 ) -> Figure:
     """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
 
-    Shaded: one standard error, by leaving out trials. simulators: by name; trials: measured, those with positions are
-    used where there are any; horizon: longest prediction [s]; stride: between the starts of windows [s], default
-    half of it. The legend gives position errors in lengths of the first simulator that is a ship.
+    Shaded: one standard error, by leaving out trials, of a single one windows. simulators: by name; trials: measured,
+    those with positions are used where there are any; horizon: longest prediction [s]; stride: between the starts of
+    windows [s], default half of it. The legend gives position errors in lengths of the first simulator that is a ship.
     """
     length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
     times = np.linspace(0, horizon, 51)
@@ -234,7 +234,8 @@ def error_growth_plot(
         count, words = len(errors), name
         for ax, (_, states, factor) in zip(grid[0], PANELS, strict=True):
             squares = (errors[:, :, states] ** 2).sum(axis=2)
-            rms, std = (factor * part for part in rms_with_error(squares, run))
+            parts = run if len(np.unique(run)) > 1 else np.arange(len(run))  # of a single trial its windows
+            rms, std = (factor * part for part in rms_with_error(squares, parts))
             rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan
             if states == (0, 1) and length and np.isfinite(rms[-1]):
                 words += f" ({rms[-1] / length:.2g} ship lengths after {horizon:g} s)"

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,13 +24,12 @@ from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.nlp.captive import Captive
-from fitting.nlp.fisher_information import Information
+from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
-from fitting.selection.left_out_runs import RunScores, apart, leave_out
-from fitting.settings import Settings
+from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
+from fitting.solvers.preparation import prepared
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
@@ -83,34 +82,17 @@ offset) none was kept on any data set."""
 class CampaignFit:
     """A calibration and what became of campaigns.
 
-    calibration: with constants of campaigns, or as it was; ship, own: of ``estimate_coefficients`` that made it;
+    calibration: with constants of campaigns, or as it was; own: ``per_run`` of ``estimate_coefficients`` that made it;
     content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
-    took; left_out: scores of runs left out before and after, None where nothing was kept.
+    took; left_out: errors (R,) of runs left out before and after, None where nothing differs.
     """
 
     calibration: Calibration
-    ship: Ship
     own: ByCampaign | tuple[str, ...] = ()
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
-    left_out: tuple[RunScores, RunScores] | None = None
-
-
-@dataclass(frozen=True)
-class CampaignQuestion:
-    """What a calibration with campaigns needs to know.
-
-    ship: as of ``estimate_coefficients``; trials: calibrated on; settings, captive, progress: of it; wanted: names of
-    instruments, () for all, ("none",) for none.
-    """
-
-    ship: Ship
-    trials: Sequence[Trial]
-    settings: Settings
-    captive: Captive | None = None
-    wanted: tuple[str, ...] = ()
-    progress: OnProgress | None = field(default=None)
+    left_out: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -166,31 +148,34 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
     return [each for each in rows if each.effect not in ship.effects or not ship.coefficients[each.symbol].fixed]
 
 
-def may_keep(question: CampaignQuestion) -> bool:
-    """Whether ``by_campaign`` may keep anything for the ``question``. Raises as that."""
-    if question.wanted == ("none",) or len(campaigns_of(question.trials).comparable) < 2:
+def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
+    """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
+    if wanted == ("none",) or len(campaigns_of(trials).comparable) < 2:
         return False
-    return bool(instruments(question.ship, question.wanted))
+    return bool(instruments(ship, wanted))
 
 
-def by_campaign(fit: Calibration, question: CampaignQuestion) -> CampaignFit:
+def by_campaign(
+    fit: Calibration, trials: Sequence[Trial], wanted: tuple[str, ...] = (), progress: OnProgress | None = None
+) -> CampaignFit:
     """The calibration ``fit`` with a value per campaign of each instrument for which that pays, else as it is.
 
-    fit: where it is ``rough``, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); question:
-    of what ship and trials. Needs two campaigns with two runs each at least. Raises UserError where the campaigns of
-    trials contradict each other, or an instrument wanted is unknown.
+    fit: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); trials: that
+    it was made of; wanted: names of instruments, () for all, ("none",) for none; progress: of the second calibration.
+    Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
+    other, or an instrument wanted is unknown.
     """
     began = time.perf_counter()
-    same = CampaignFit(fit, question.ship)
-    if question.wanted == ("none",):
+    same, ship = CampaignFit(fit), fit.problem.ship
+    if wanted == ("none",):
         return same
-    campaigns, tried = campaigns_of(question.trials), instruments(question.ship, question.wanted)
-    reason = why_not(campaigns, bool(question.wanted))
-    judged = (fit.rough or fit.solution.at_end) and fit.constants is None
+    campaigns, tried = campaigns_of(trials), instruments(ship, wanted)
+    reason = why_not(campaigns, bool(wanted))
+    judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
         return replace(same, messages=(*campaigns.messages, *([reason] if reason else [])))
-    logs = kinematics_of(question.trials, fit.problem.ship)
-    length = float(question.ship.particulars["L"])
+    logs = kinematics_of(trials, ship)
+    length = float(ship.particulars["L"])
     readings = {each.symbol: r for each in tried if logs and (r := run_readings(logs, each, length, campaigns))}
     chance = holm([readings[each.symbol][1] if each.symbol in readings else 1.0 for each in tried])
     rows = [
@@ -199,9 +184,9 @@ def by_campaign(fit: Calibration, question: CampaignQuestion) -> CampaignFit:
     differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
     made = same
     if differing:
-        made, widths = _with_constants(fit, campaigns, differing, question)
+        made, widths = _with_constants(fit, campaigns, differing, trials, progress)
         at = [each.symbol in differing for each in tried]
-        errors = [scores.mean().value for scores in made.left_out] if made.left_out else [float("nan")] * 2
+        errors = [float(np.nanmean(scores)) for scores in made.left_out] if made.left_out else [float("nan")] * 2
         taken = made is not same and made.calibration is not fit
         rows = [
             replace(row, width=widths[each.symbol], without=errors[0], own=errors[1], taken=taken) if there else row
@@ -255,14 +240,19 @@ def distribution_of(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
 
 
 def _with_constants(
-    fit: Calibration, campaigns: Campaigns, readings: Mapping[str, RunReadings], question: CampaignQuestion
+    fit: Calibration,
+    campaigns: Campaigns,
+    readings: Mapping[str, RunReadings],
+    trials: Sequence[Trial],
+    progress: OnProgress | None,
 ) -> tuple[CampaignFit, dict[str, float]]:
     """The calibration with constants by campaign of the ``readings`` (by symbol) where it converges and runs left out
     are better predicted, else ``fit`` as it is; and their widths in typical sizes."""
     symbols, count = tuple(readings), len(campaigns.names)
     told = {symbol: r.of_campaigns(count) for symbol, r in readings.items()}
     own = ByCampaign(symbols, campaigns.names, campaigns.number, told)
-    ship, widths = question.ship, {}
+    ship, forces, widths = fit.problem.ship, fit.problem.captive, dict[str, float]()
+    captive = forces.points if forces else None
     for symbol in symbols:
         effect = symbol.partition(".")[0]
         row = next(p for p in parameters(ship, effect) if f"{effect}.{p.symbol}" == symbol)
@@ -274,19 +264,22 @@ def _with_constants(
     place = dict(zip(fit.prior.symbols, fit.p, strict=True))
     p = np.concatenate([[place[s] for s in ship.free], np.zeros(len(prior.mean) - prior.shared)])
     warm = {"p": p, "sigma": fit.sigma, "nodes": _nodes(fit, ship)}
-    passes = min(question.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
+    passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
-    new = estimate_coefficients(ship, question.trials, settings, question.progress, warm, question.captive, own)
-    same = CampaignFit(fit, question.ship)
+    # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
+    problem, x, *_ = prepared(ship, trials, settings, warm, captive, own)
+    warm["p"] = estimates_without(information(problem, x), [()], problem.p_bounds())[0]
+    new = estimate_coefficients(ship, trials, settings, progress, warm, captive, own)
+    same = CampaignFit(fit)
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    trials, folds = list(question.trials), apart(question.trials)
+    trials, folds = list(trials), apart(trials)
     unit = pooled_sigma([t for t in trials if t.has_position])
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
-    if not gains(scores[0].window, scores[1].window):
+    if not gains(*scores):
         return replace(same, left_out=scores), widths
-    return _in_words(CampaignFit(new, ship, own, left_out=scores), campaigns), widths
+    return _in_words(CampaignFit(new, own, left_out=scores), campaigns), widths
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:
@@ -346,10 +339,10 @@ def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
     own, prior = slice(len(fit.calibration.p), None), fit.calibration.problem.prior
     std = prior.std[own] * np.sqrt(np.diag(fit.calibration.spread.model)[own])
     sentences = differences(constants, campaigns, std.reshape(constants.value.shape) / constants.prior_std)
-    error = scores[0].change(scores[1]).error
+    without, own_error = (float(np.nanmean(some)) for some in scores)
     content = {
         "values": constants.rows(),
-        "left_out": {"without": scores[0].mean().value, "with": scores[1].mean().value, "error": error},
+        "left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]},
         "sentences": [str(message) for message in sentences],
     }
     return replace(fit, content=content, messages=tuple(sentences))

@@ -18,9 +18,9 @@ import numpy as np
 from cases.shipfiles.model_changes import with_instruments
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.trial import Trial
+from fitting.calibrate import FitOptions, calibrate, started_from
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
-from fitting.pipeline import FitOptions, calibrate, started_from
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
 from fitting.result import FitResult

@@ -5,20 +5,18 @@ part of her; a filter predicts the next sample from the past, with random forces
 by gusts, but sees the error of a second, not of a minute. Where the model is not quite the ship, both are off in their
 own way, and their mean is off less (a composite likelihood, Varin, Reid and Firth 2011, in equal parts). On the 35
 records of Train-TZRB+, left out in five folds, it predicts every kind of manoeuvre better than multiple shooting alone
-(``python -m benchmarks.cross_validation default estimator=windows``).
+("windows alone" in ``benchmarks/ablation.md``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from cases.trial import Trial
 from fitting.calibration import Calibration
-from fitting.parallel import Awaited, ProcessBeside, begun_beside
 from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -31,15 +29,11 @@ SHOWN = 3
 """Coefficients of which it is said how far the estimates are apart."""
 
 
-def begin_second(
-    second: Second | None, ship: Ship, trials: Sequence[Trial], beside: ProcessBeside | None
-) -> Awaited[Mapping[str, float] | str] | None:
-    """What the ``second`` estimator says of ``ship`` on ``trials``, begun by the process ``beside``; None without one,
-    and for a ship of which more is free than coefficients and faults of instruments."""
+def answers(second: Second | None, ship: Ship) -> bool:
+    """Whether a ``second`` estimator is there and knows ``ship``: nothing is free but coefficients and faults of
+    instruments."""
     own = {s.partition(".")[0] for s in ship.free if "." in s}
-    if second is None or not all(name in EFFECTS and EFFECTS[name].measures for name in own):
-        return None
-    return begun_beside(beside, partial(second, ship, trials))
+    return second is not None and all(name in EFFECTS and EFFECTS[name].measures for name in own)
 
 
 def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibration:

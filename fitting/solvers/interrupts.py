@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -16,9 +16,8 @@ LEFT_OUT = "parts_left_out"
 """Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it."""
 Value = TypeVar("Value")
 
-INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False, finishing=False)
-"""Whether Ctrl-C is being held (active), has been pressed since (requested), is raised all the same (breaks), and does
-not stop a solver because it came before the last step began (finishing)."""
+INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
+"""Whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same (breaks)."""
 
 OBSERVER = SimpleNamespace(told=lambda word: None)
 """told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
@@ -98,42 +97,29 @@ def unbroken() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-@contextmanager
-def finishing() -> Iterator[None]:
-    """While it lasts, a solver is not stopped by a Ctrl-C that was noted before: for the short end of what is already
-    there. The next one ends all, as usual."""
-    before, INTERRUPTED.finishing = INTERRUPTED.finishing, INTERRUPTED.requested
-    try:
-        yield
-    finally:
-        INTERRUPTED.finishing = before
-
-
-class Later:
-    """What follows the estimate, unless Ctrl-C is pressed; left_out: what it left out, as a warning; seconds: that each
-    part took, by name."""
-
-    def __init__(self) -> None:
-        self.missing: list[str] = []
-        self.seconds: dict[str, float] = {}
-
-    def made(self, name: str, work: Callable[[], Value], otherwise: Value) -> Value:
-        """The value of ``work``, or ``otherwise`` where Ctrl-C came first; name: what it makes, in words."""
-        began = time.perf_counter()
-        value = unless_interrupted(lambda: (work(),))
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - began
-        if value is None:
-            self.missing = [*dict.fromkeys([*self.missing, name])]
-            return otherwise
-        return value[0]
-
-    @property
-    def left_out(self) -> list[Message]:
-        """A warning, if something was left out."""
-        return [left_out_message(self.missing)] if self.missing else []
-
-
 def left_out_message(names: Sequence[str]) -> Message:
     """What to say where Ctrl-C left out the parts ``names`` that follow an estimate."""
     words = f"interrupted, so these are missing: {', '.join(names)}; the same command with --resume makes them"
     return Message(words, LEFT_OUT)
+
+
+class Made(dict[str, Any]):
+    """Values of named parts of long work; seconds: that each took; missing: names of those that Ctrl-C left out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seconds: dict[str, float] = {}
+
+    @property
+    def missing(self) -> list[str]:
+        return [name for name in self.seconds if name not in self]
+
+
+def make_in_turn(parts: Mapping[str, Callable[[], Any]], made: Made) -> None:
+    """Add the values of the ``parts`` by name to what is ``made``, one after the other, unless Ctrl-C came first."""
+    for name, part in parts.items():
+        began = time.perf_counter()
+        value = unless_interrupted(lambda part=part: (part(),))
+        made.seconds[name] = time.perf_counter() - began
+        if value is not None:
+            made[name] = value[0]

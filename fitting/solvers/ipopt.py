@@ -30,8 +30,7 @@ class Solution:
     """Where IPOPT ended, or another method that leads it.
 
     converged: ``Solve_Succeeded``. x: the optimum, or the best iterate when it stopped early. status: IPOPT's own
-    word; advice: a sentence for a user. history: objective and constraint violation per iteration. guess: where another
-    method came to its end and IPOPT has still to certify it, else None.
+    word; advice: a sentence for a user. history: objective and constraint violation per iteration.
     """
 
     x: np.ndarray
@@ -43,12 +42,6 @@ class Solution:
     seconds: float
     advice: str = ""
     history: list[tuple[float, float]] = field(default_factory=list)
-    guess: Guess | None = None
-
-    @property
-    def at_end(self) -> bool:
-        """Whether it is an optimum, certified or not yet."""
-        return self.converged or self.guess is not None
 
 
 ADVICE = {
@@ -139,7 +132,7 @@ class _Watch:
         if self.progress:
             values = {"objective": f, "violation": violation}
             self.progress(Progress(self.task, len(self.history) - 1, values=values))
-        return [float(INTERRUPTED.requested and not INTERRUPTED.finishing)]
+        return [float(INTERRUPTED.requested)]
 
 
 def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:

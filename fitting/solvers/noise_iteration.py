@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
 from fitting.solvers.ipopt import ROUGH, Solution, solve
-from fitting.solvers.leading import UNCERTIFIED, certified, solve_led
+from fitting.solvers.leading import solve_led
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from fitting.solvers.residual_noise import ResidualNoise, estimate_noise
 from mmg.progress import OnProgress
@@ -101,55 +100,16 @@ def _row(problem: Problem, solution: Solution, restarted: bool) -> dict:
 
 
 @dataclass(frozen=True)
-class Course:
-    """How solves in turn go.
-
-    resumed: the solve to go on with; near: they begin near a solution; certify: IPOPT ends the last one; else the
-    leading method may, until ``NoiseSolves.certified``; rough: the last one is left out where a rough one of all
-    windows came before it.
-    """
-
-    resumed: Resumption | None = None
-    near: bool = False
-    certify: bool = True
-    rough: bool = False
-
-
-@dataclass(frozen=True)
 class NoiseSolves:
     """Solves in turn: the last ``problem`` and its ``solution``, the ``noise`` of its residuals, passes: a row on each
-    solve, resumption: how to go on with the last one, rough: which was left out, the solution being where it begins."""
+    solve, resumption: how to go on with the last one, draft: which was left out, the solution being where it begins."""
 
     problem: Problem
     solution: Solution
     noise: ResidualNoise
     passes: tuple[dict, ...]
     resumption: Resumption
-    rough: bool = False
-
-    def certified(self, settings: Settings, used: float, progress: OnProgress | None) -> NoiseSolves:
-        """The same with a last solve that IPOPT has ended; as they are where it has.
-
-        settings, progress: of them; used: seconds that they and what came before took, of the time limit.
-        """
-        problem, led, n = self.problem, self.solution, len(self.passes)
-        if led.guess is None:
-            return self
-        limit = None if settings.time_limit is None else settings.time_limit - used + led.seconds
-        rest = (settings.tolerance, settings.max_iterations, limit, progress, f"pass {n} of {n}")
-        solution = certified(problem, led, *rest)
-        restarted = solution.status in STUCK
-        if restarted:
-            p, began = problem.split(led.x)[1], time.perf_counter() - used
-            solution = solve_damped(problem, p, settings, began, progress)
-        number, count = int(self.resumption.number[0]), int(self.resumption.count[0])
-        return NoiseSolves(
-            problem,
-            solution,
-            _noise_of(problem, solution),
-            (*self.passes[:-1], _row(problem, solution, restarted)),
-            Resumption.of(number, count, problem, self.resumption.x, solution.x, solution.status, settings),
-        )
+    draft: bool = False
 
 
 def _noise_of(problem: Problem, solution: Solution) -> ResidualNoise:
@@ -174,7 +134,7 @@ def _without_last(
     status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
     start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
     last = Resumption.of(number, number + 1, problem, x, x, "User_Requested_Stop", settings)
-    return NoiseSolves(problem, start, _noise_of(problem, start), tuple(passes), last, rough=True)
+    return NoiseSolves(problem, start, _noise_of(problem, start), tuple(passes), last, draft=True)
 
 
 def solve_with_noise_estimation(
@@ -183,31 +143,32 @@ def solve_with_noise_estimation(
     settings: Settings,
     began: float,
     progress: OnProgress | None,
-    course: Course | None = None,
+    resumed: Resumption | None = None,
+    near: bool = False,
+    draft: bool = False,
 ) -> NoiseSolves:
     """Rough solves that estimate the noise, then one to full tolerance.
 
-    problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``; course: see
-    there. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a solution, and others
-    TIMES as many as the one before, until all are there; the estimate of each solve starts the next. IPOPT alone makes
-    an only solve, as it begins far from any solution; the others are those of ``leading``. One that gets stuck is
-    repeated with damping. With a robust loss the rough solves use Student's t, which gives gross outliers no weight.
-    Returns the last solve, and what is kept of all.
+    problem, x (n,): where to start; settings, began [s], progress: as of ``multistart.solve_in_time``; resumed: the
+    solve to go on with; near: they begin near a solution; draft: the last one is left out where a rough one of all
+    windows came before it. The first rough solve has at most FEW_WINDOWS windows, evenly spread, unless x is near a
+    solution, and others TIMES as many as the one before, until all are there; the estimate of each solve starts the
+    next. IPOPT alone makes an only solve, as it begins far from any solution; the others are those of ``leading``. One
+    that gets stuck is repeated with damping. With a robust loss the rough solves use Student's t, which gives gross
+    outliers no weight. Returns the last solve, and what is kept of all.
     """
-    course = course or Course()
-    near = course.near
     passes: list[dict] = []
     count = 1 if settings.sigma else max(1, settings.passes)
     full, p = problem, problem.split(x)[1]
     number = 0
-    if course.resumed:
-        number, full, x = course.resumed.restored(full, settings)
-        p, count, problem = full.split(x)[1], max(count, number + 1, int(course.resumed.count[0])), full
+    if resumed:
+        number, full, x = resumed.restored(full, settings)
+        p, count, problem = full.split(x)[1], max(count, number + 1, int(resumed.count[0])), full
     sizes = _sizes_of_rough(len(full.segments.run)) if count > 1 and not near else []
-    count += 0 if course.resumed else max(0, len(sizes) - 1)
+    count += 0 if resumed else max(0, len(sizes) - 1)
     while number < count:
         rough, start = number < count - 1, x
-        if course.rough and not rough and number > 0 and problem.segments is full.segments:
+        if draft and not rough and number > 0 and problem.segments is full.segments:
             return _without_last(full, x, number, passes, settings)
         if rough and number < len(sizes):
             few = np.linspace(0, len(full.segments.run) - 1, sizes[number]).round().astype(int)
@@ -219,8 +180,7 @@ def solve_with_noise_estimation(
             problem = problem.with_changes(loss=replace(problem.loss, name="student"))
         name = f"pass {number + 1} of {count}"
         method = solve_led if rough or number or near else solve
-        rest = (settings, began, progress, name, ROUGH if rough else None if course.certify else UNCERTIFIED)
-        solution = solve_in_time(problem, x, *rest, method)
+        solution = solve_in_time(problem, x, settings, began, progress, name, ROUGH if rough else None, method)
         restarted = solution.status in STUCK
         if restarted:
             solution = solve_damped(problem, p, settings, began, progress)

@@ -86,12 +86,11 @@ def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Set
     return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
 
 
-def holding(problem: Problem, x: np.ndarray, symbols: Sequence[str]) -> Problem:
-    """The ``problem`` with the coefficients ``symbols`` bound to where they are at x (n,)."""
+def holding(problem: Problem, x: np.ndarray, held: np.ndarray) -> Problem:
+    """The ``problem`` with the coefficients that are ``held`` (P,) bound to where they are at x (n,)."""
     prior = problem.prior
     here = prior.mean + prior.std * problem.split(x)[1]
-    own = np.isin(prior.symbols, symbols)
-    return problem.with_bounds(np.where(own, here, prior.lower), np.where(own, here, prior.upper))
+    return problem.with_bounds(np.where(held, here, prior.lower), np.where(held, here, prior.upper))
 
 
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from cases.io.leave_out import inside, spans_left_out
 from cases.trial import Trial
 from fitting.calibration import Calibration
-from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import information
 from fitting.nlp.run_constants import Own
 from fitting.prediction.score import score
@@ -21,24 +20,23 @@ from fitting.solvers.preparation import prepared
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
-from mmg.ship import Ship
 
 SETS = {"validation": "held-out trials", "training": "training trials"}
 LISTED = 3
 """Coefficients named in the message."""
 
 
-def moved_by(
-    found: Calibration, ship: Ship, captive: Captive | None, per_run: Own, trials: Sequence[Trial]
-) -> np.ndarray:
+def moved_by(found: Calibration, per_run: Own, trials: Sequence[Trial]) -> np.ndarray:
     """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
 
     One Gauss-Newton step on these trials, less that on the windows of the calibration, both from the estimates and the
-    measured states. ship, captive, per_run: as of ``estimate_coefficients``. Raises UserError for trials that cannot be
+    measured states. per_run: as of ``estimate_coefficients`` that made it. Raises UserError for trials that cannot be
     fitted.
     """
     p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
-    other = prepared(ship, trials, settings, {"p": p}, captive, per_run)[0]
+    forces = found.problem.captive
+    points = forces.points if forces else None
+    other = prepared(found.problem.ship, trials, settings, {"p": p}, points, per_run)[0]
     if len(p) != other.P:
         raise UserError("the runs that have constants of their own are others")
     steps = []
@@ -53,19 +51,19 @@ def worth_of_left_out(
     after: Simulator,
     sets: Mapping[str, Sequence[Trial]],
     scores: Mapping[str, ScorePair],
-    moved: Callable[[Sequence[Trial]], np.ndarray],
-    symbols: Sequence[str],
+    found: Calibration,
+    per_run: Own,
 ) -> dict[str, Any] | None:
     """Content of "left_out" in result.json; None where nothing was left out.
 
     after: the calibrated ship; sets: trials by name, "training" and "validation"; scores: of them, without what was
-    left out; moved: the step of the estimates [standard errors] that other training trials make; symbols: of it (P,).
+    left out; found, per_run: as of ``moved_by``.
     Returns seconds and trials that are concerned, both metrics with and without, and the step by symbol.
     """
     concerned = {t.name: _row(t) for some in sets.values() for t in some if t.whole is not None}
     if not concerned:
         return None
-    found: dict[str, Any] = {
+    worth: dict[str, Any] = {
         "seconds": sum(row["seconds"] for row in concerned.values()),
         "trials": concerned,
         "scores": {},
@@ -75,22 +73,22 @@ def worth_of_left_out(
         whole = [t.whole or t for t in sets[name] if t.has_position]
         if any(t.whole is not None for t in sets[name]):
             kept = score(after, whole, pair.after.sigma)
-            found["scores"][name] = {
+            worth["scores"][name] = {
                 metric: {"without": getattr(pair.after, metric), "with": getattr(kept, metric)}
                 for metric in ("window", "paper")
             }
     if any(t.whole is not None for t in sets["training"]):
         try:
-            steps = moved([t.whole or t for t in sets["training"]])
+            steps = moved_by(found, per_run, [t.whole or t for t in sets["training"]])
         except (UserError, np.linalg.LinAlgError) as error:
-            return found | {"estimates": {"method": "none", "why": str(error)}}
-        moves = dict(zip(symbols, steps.tolist(), strict=True))
-        found["estimates"] = {
+            return worth | {"estimates": {"method": "none", "why": str(error)}}
+        moves = dict(zip(found.prior.symbols, steps.tolist(), strict=True))
+        worth["estimates"] = {
             "method": "step",
             "change_in_standard_errors": moves,
             "rms": float(np.sqrt(np.mean(steps**2))),
         }
-    return found
+    return worth
 
 
 def worth_message(found: Mapping[str, Any] | None) -> list[Message]:

@@ -76,7 +76,7 @@ def fit(
     from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
-    from fitting.pipeline import FitOptions
+    from fitting.calibrate import FitOptions
     from fitting.report.run_folder import check_target, reserved
     from fitting.settings import check_estimator
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted

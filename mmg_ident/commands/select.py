@@ -194,7 +194,7 @@ def _choose(
             raise
         found = choice.to_dict()
         result = replace(choice.result, command=command_line()).save(
-            out, replace=there, beside=lambda folder: _beside(choice, folder, report), report=report
+            out, replace=there, attach=lambda folder: _beside(choice, folder, report), report=report
         )
         choice = replace(choice, result=result)
         kept.done()

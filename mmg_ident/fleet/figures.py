@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, GREY, dress, literal, new_figure
+from fitting.report.plot_style import AFTER, ALARM, GREY, dress, literal, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,26 +15,6 @@ if TYPE_CHECKING:
     from mmg_ident.fleet.run import SisterGroup
 
 MOST_COLUMNS, MOST_PANELS = 24, 9
-
-
-def score_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Errors of 30 s windows of the ships of ``rows``, before and after the fit, on a logarithmic axis."""
-    shown = [row for row in rows if row["scores"]]
-    figure = new_figure(0.26 * len(shown) + 1.1)
-    ax = figure.subplots()
-    for place, row in enumerate(reversed(shown)):
-        pair = (row["scores"].get("held_out") or row["scores"]["training"])["window"]
-        before, after = pair["before"], pair["after"]
-        if before and after:
-            ax.plot([before, after], [place, place], color=GREY, linewidth=1.0, zorder=1)
-        for value, colour, marker, words in ((before, BEFORE, "o", "before"), (after, AFTER, "s", "after")):
-            label = words if place == 0 else None
-            if value:
-                ax.plot(value, place, marker, color=colour, markersize=5, label=label)
-    ax.set_yticks(range(len(shown)), [literal(row["name"]) for row in reversed(shown)])
-    ax.set_xscale("log")
-    ax.legend(fontsize=8, frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
-    return dress(ax, "mean squared error of 30 s windows [-]").figure  # type: ignore[return-value]
 
 
 def moved_symbols(rows: Sequence[Mapping[str, Any]]) -> list[str]:

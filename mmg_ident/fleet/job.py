@@ -27,8 +27,8 @@ from cases.trial import Trial
 from diagnosis import diagnose as diagnosing
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
+from fitting.calibrate import FitOptions
 from fitting.nlp.grid import default_step
-from fitting.pipeline import FitOptions
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult

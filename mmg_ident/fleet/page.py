@@ -16,7 +16,7 @@ from fitting.report.page import write_page as write_text
 from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
 from fitting.report.words import plus_minus
-from mmg_ident.fleet.figures import moved_figure, moved_symbols, score_figure, sister_figure
+from mmg_ident.fleet.figures import moved_figure, moved_symbols, sister_figure
 from mmg_ident.fleet.job import DIAGNOSIS, SHIPS
 from mmg_ident.fleet.run import ALPHA, Fleet, SisterGroup
 
@@ -31,9 +31,6 @@ def write_page(fleet: Fleet, folder: Path) -> None:
     """Write the page of ``fleet`` and its figures into its ``folder``; what cannot be made is a warning."""
     figures = FigureFolder(folder / "figures")
     done = [row for row in fleet.rows if row["coefficients"]]
-    if any(row["scores"] for row in done):
-        words = "Mean squared error of 30 s windows of each ship: on held-out trials where she has any."
-        figures.write("scores", lambda: score_figure(done), "How well the ships are predicted", words)
     if moved_symbols(done):
         words = "Estimate less start, in standard deviations of the start. A dot marks a change that is beyond chance."
         figures.write("moved", lambda: moved_figure(done), "Coefficients against their start", words)

@@ -88,7 +88,7 @@ def write_figures(
             "How errors grow with the length of the prediction",
             f"Rms errors over windows of the {'validation' if held_out else 'training'} trials, each started from the "
             "measured state and from there on driven by the measured rudder, revolutions and wind alone. Shaded: one "
-            "standard error, by leaving out one trial after the other.",
+            "standard error, by leaving out one trial (of a single one, one window) after the other.",
         )  # fmt: skip
     if size := content.get("residual_size"):
         written.write(

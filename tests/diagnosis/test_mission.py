@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from functools import partial
-from importlib import import_module
-
 import pytest
 
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
-from fitting.parallel import both_processes
-from fitting.report.run_folder import plain
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, pushed_trials
+from tests.support.disturbed_trials import drawn_ship
 
 HIDDEN = {
     "current": "current:x=-0.02,y=0.02",
@@ -56,18 +50,3 @@ def test_three_ships_without_any_effect_get_no_name() -> None:
     assert [(d.effects, d.remainder) for d in answers] == [((), False)] * 3
     assert [d.verdict for d in answers].count("none") >= 2
     assert all(d.ship is d.before for d in answers)
-
-
-def test_with_a_process_beside_every_figure_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tasks in two processes, loops over windows in two threads."""
-    monkeypatch.setattr("fitting.parallel.beside.cores", lambda: 2)
-    monkeypatch.setattr("fitting.parallel.beside.room_for", lambda count: count)
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    alone = diagnosed(301, HIDDEN["rudder_offset"]).to_dict()
-    with both_processes(partial(import_module, "diagnosis.diagnose")) as beside:
-        assert beside is not None
-        shared = diagnosed(301, HIDDEN["rudder_offset"]).to_dict()
-    assert alone["effects"] and alone["held_out"]
-    for one in (alone, shared):
-        del one["timings"]
-    assert json.dumps(plain(shared)) == json.dumps(plain(alone))

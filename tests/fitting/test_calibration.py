@@ -8,11 +8,9 @@ import pytest
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.demo_trials import demo_trials, hidden_ship
 from cases.trial import Trial
-from fitting.calibration import Calibration, Settings, estimate_coefficients, finished, first_estimate
+from fitting.calibration import Calibration, Settings, estimate_coefficients
 from fitting.prediction.score import score
-from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from mmg.errors import UserError
-from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from tests.support.synthetic_runs import runs
@@ -73,59 +71,20 @@ def few_free() -> Ship:
     return ship.fixing([s for s in ship.free if s not in ("N_r", "Y_v", "k_0")])
 
 
-@pytest.mark.parametrize("resumed", [False, True])
-def test_a_first_estimate_without_its_last_solve_gets_it_when_it_is_finished(resumed: bool) -> None:
+def test_a_draft_lacks_its_last_solve_which_its_iterate_begins() -> None:
     ship, trials, settings = few_free(), runs()[0][:3], Settings()
-    whole, rough = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings, rough=True)
-    assert rough.rough and not rough.converged and rough.solution.iterations == 0
-    assert len(rough.passes) == len(whole.passes) - 1
-    if resumed:
-        again = first_estimate(ship, trials, settings, warm=rough.iterate, rough=True)
-        assert again.rough and again.passes == ()
-        np.testing.assert_allclose(again.p, rough.p, rtol=1e-12)
-        rough = again
-    found = finished(rough)
-    assert found.converged and not found.rough and not found.unfinished
+    whole, draft = (estimate_coefficients(ship, trials, settings, draft=draft) for draft in (False, True))
+    assert draft.draft and not draft.converged and draft.solution.iterations == 0 and draft.warnings == ()
+    assert len(draft.passes) == len(whole.passes) - 1
+    again = estimate_coefficients(ship, trials, settings, warm=draft.iterate, draft=True)
+    assert again.draft and again.passes == ()
+    np.testing.assert_allclose(again.p, draft.p, rtol=1e-12)
+    found = estimate_coefficients(ship, trials, settings, warm=again.iterate)
+    assert found.converged and not found.draft and found.solution.status == "Solve_Succeeded"
     assert found.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
     np.testing.assert_allclose(found.p, whole.p, atol=1e-6)
     np.testing.assert_allclose(found.covariance, whole.covariance, atol=1e-6)
-    assert len(found.passes) == (1 if resumed else len(whole.passes))
-
-
-@pytest.mark.parametrize("pressed", [False, True])
-def test_a_first_estimate_that_is_finished_is_the_calibration_itself(pressed: bool) -> None:
-    """Also where Ctrl-C came before: what is nearly done goes on."""
-    ship, trials, settings = few_free(), runs()[0][:3], Settings()
-    whole, first = estimate_coefficients(ship, trials, settings), first_estimate(ship, trials, settings)
-    assert first.solution.at_end and not first.converged and first.warnings == ()
-    with interrupts_noted():
-        INTERRUPTED.requested = pressed
-        found = finished(first)
-    assert found.converged and found.solution.status == "Solve_Succeeded" and finished(found) is found
-    assert found.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
-    assert (found.warnings, found.notices, found.starts[0].converged) == (whole.warnings, whole.notices, True)
-    assert found.ship.coefficients["N_r"].verdict == whole.ship.coefficients["N_r"].verdict
-    for name, value in whole.iterate.items():
-        np.testing.assert_allclose(found.iterate[name], value, rtol=1e-9, atol=1e-9)
-    own = ("seconds", "iterations", "objective")  # how near the leading method comes is not the same
-    rows = [[{k: v for k, v in row.items() if k not in own} for row in c.passes] for c in (found, whole)]
-    assert rows[0] == rows[1]
-
-
-def test_a_first_estimate_that_is_stopped_before_it_is_certified_goes_on_when_it_is_resumed() -> None:
-    ship, trials, settings = few_free(), runs()[0][:3], Settings(passes=2)
-
-    def press(event: Progress) -> None:
-        INTERRUPTED.requested = True
-
-    first = first_estimate(ship, trials, settings, warm={"p": np.zeros(3)})
-    assert first.solution.guess is not None
-    with interrupts_noted():
-        stopped = finished(first, press)
-    assert stopped.solution.status == "User_Requested_Stop" and not stopped.converged
-    again = estimate_coefficients(ship, trials, settings, warm=stopped.iterate)
-    whole = estimate_coefficients(ship, trials, settings)
-    assert again.converged and again.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
+    assert len(found.passes) == 1 and found.warnings == whole.warnings
 
 
 def test_fixed_coefficients_stay_as_they_are() -> None:

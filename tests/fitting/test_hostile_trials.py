@@ -14,7 +14,7 @@ from cases.simulation.demo_trials import demo_trials
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibrate import FitOptions, calibrate
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.messages import Message

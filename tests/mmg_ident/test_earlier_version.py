@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from delivery.export import export_ship
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from mmg_ident import calibrate, load_run, load_ship, predict, read_trials, score, write_report
 from mmg_ident.commands.main import main
 

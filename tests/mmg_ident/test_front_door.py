@@ -15,7 +15,7 @@ import pytest
 
 import mmg_ident
 from cases.simulation.simulate import write_trial
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from mmg_ident.commands.main import VERBS, main
 from tests.support.synthetic_runs import runs
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-MODULES = ("residual.settings", "residual.result", "residual.report.page", "fitting.pipeline")
+MODULES = ("residual.settings", "residual.result", "residual.report.page", "fitting.calibrate")
 
 
 def test_reading_and_calibrating_need_no_torch() -> None:

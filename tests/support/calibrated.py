@@ -6,7 +6,7 @@ from functools import cache
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibrate import FitOptions, calibrate
 from fitting.result import FitResult
 from fitting.settings import Settings
 

@@ -11,7 +11,7 @@ import pytest
 import diagnosis.calibration.filter_estimate as module
 from cases.trial import Trial
 from diagnosis.calibration.filter_estimate import filter_estimate
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from fitting.settings import Settings
 from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import UserError

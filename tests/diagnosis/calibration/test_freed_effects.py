@@ -17,7 +17,7 @@ from diagnosis.calibration.freed_effects import effect_tests, with_effect_tests
 from diagnosis.estimation.candidates import find
 from diagnosis.hypotheses.refit import refit
 from diagnosis.prepare import prepare
-from fitting.pipeline import FitOptions
+from fitting.calibrate import FitOptions
 from fitting.record import EffectTest
 from fitting.report.page import build_page
 from fitting.result import FitResult

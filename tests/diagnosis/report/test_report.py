@@ -21,9 +21,8 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
-from diagnosis.report.form_words import VARIABLES, kind_words, likeness
 from diagnosis.report.page import build_report, held_rows, write_report
-from diagnosis.report.where_words import first_channel, region_words, where_words
+from diagnosis.report.where_words import VARIABLES, first_channel, kind_words, likeness, region_words, where_words
 from diagnosis.report.words import (
     held_words,
     meaning,

@@ -16,6 +16,7 @@ import pytest
 from fitting.parallel import dask_cluster as module
 from fitting.parallel import run_all, width
 from fitting.parallel.dask_cluster import dask_cluster
+from fitting.parallel.executors import AHEAD
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from tests.support.dask_processes import fails, noted, root_of, scheduler, worker
@@ -76,7 +77,7 @@ def test_a_worker_that_is_killed_changes_nothing_but_the_tasks_it_had(tmp_path: 
         found = run_all(noted, [(i, str(marks)) for i in range(count)], each=kill)
     begun = [int(path.name.split("_")[0]) for path in marks.iterdir()]
     assert found == [i * i for i in range(count)]
-    assert set(begun) == set(range(count)) and len(begun) <= count + module.AHEAD + 1
+    assert set(begun) == set(range(count)) and len(begun) <= count + AHEAD + 1
 
 
 def test_a_scheduler_that_dies_is_one_line(tmp_path: Path) -> None:
@@ -152,11 +153,3 @@ def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.Monke
         at = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(UserError, match=f"--scheduler {at}: no Dask scheduler answers there"):
             dask_cluster(at).__enter__()
-
-
-def test_a_worker_with_little_memory_is_told_of(address: str, caplog: pytest.LogCaptureFixture) -> None:
-    limits = {"tcp://small": 100e6, "tcp://large": 64e9, "tcp://unlimited": 0}
-    found = {"workers": {name: {"memory_limit": limit} for name, limit in limits.items()}}
-    with caplog.at_level("WARNING", "mmg_ident"):
-        module.warn_of_memory(SimpleNamespace(scheduler_info=lambda **_: found), address)
-    assert len(caplog.messages) == 1 and "the worker tcp://small may hold 100 MB" in caplog.messages[0]

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from cases.criteria.assessment import imo_figures
 from cases.shipfiles.ship_file import load_ship
+from fitting.calibrate import calibrate
+from fitting.calibration import estimate_coefficients
 from fitting.design.area import Area
 from fitting.design.plan import PlanTask, SequenceFound, search_plan
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
-from fitting.parallel import Shared, kept_workers, listening, memory, run_all, width
+from fitting.parallel import Shared, executors, kept_workers, listening, run_all, width, with_one_thread
 from fitting.prediction.figure_intervals import with_intervals
 from mmg.errors import UserError
 from mmg.progress import Progress
 from mmg.rollout import Simulator
+
+PROCESS = 1e12
+"""More than this process holds [bytes]."""
 
 
 def late(job: tuple[int, str]) -> tuple[int, int]:
@@ -97,14 +105,14 @@ def test_a_process_that_is_ended_from_outside_is_one_line() -> None:
 def test_no_more_processes_than_there_is_memory_for(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(memory, "own_memory", lambda: 400e6)
-    for free, expected in ((10e9, 4), (1.3e9, 3), (0.0, 1), (float("inf"), 4)):
-        monkeypatch.setattr(memory, "free_memory", lambda free=free: free)
+    monkeypatch.setattr(executors, "PROCESS", PROCESS)
+    for free, expected in ((10.0, 4), (3.3, 3), (0.0, 1), (float("inf"), 4)):
+        monkeypatch.setattr(executors, "free_memory", lambda free=free * PROCESS: free)
         caplog.clear()
         with caplog.at_level("WARNING", "mmg_ident"):
-            assert memory.affordable(4) == expected
+            assert executors.affordable(4) == expected
         assert bool(caplog.messages) == (expected < 4)
-    monkeypatch.setattr(memory, "free_memory", lambda: 0.0)
+    monkeypatch.setattr(executors, "free_memory", lambda: 0.0)
     assert run_all(late, [(1, ""), (2, ""), (3, "")], 4)[0][0] == 1  # one process is always there
 
 
@@ -112,16 +120,52 @@ def test_free_memory_is_that_of_the_machine_or_the_control_group(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "meminfo").write_text("MemTotal: 9000 kB\nMemAvailable:    5000 kB\n")
-    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "meminfo")
-    monkeypatch.setattr(memory, "CGROUP", tmp_path)
-    assert memory.free_memory() == 5000 * 1024
+    monkeypatch.setattr(executors, "MEMINFO", tmp_path / "meminfo")
+    monkeypatch.setattr(executors, "CGROUP", tmp_path)
+    assert executors.free_memory() == 5000 * 1024
     for name, text in (("max", "3000000\n"), ("current", "2000000\n"), ("stat", "anon 5\ninactive_file 500000\n")):
         (tmp_path / f"memory.{name}").write_text(text)
-    assert memory.free_memory() == 1.5e6
+    assert executors.free_memory() == 1.5e6
     (tmp_path / "memory.max").write_text("max\n")
-    assert memory.free_memory() == 5000 * 1024
-    monkeypatch.setattr(memory, "MEMINFO", tmp_path / "none")
-    assert memory.free_memory() == float("inf")
+    assert executors.free_memory() == 5000 * 1024
+    monkeypatch.setattr(executors, "MEMINFO", tmp_path / "none")
+    assert executors.free_memory() == float("inf")
+
+
+def test_no_thread_and_no_process_is_left_that_the_end_of_the_interpreter_could_meet() -> None:
+    def there() -> set[object]:
+        return set(threading.enumerate()) | set(multiprocessing.active_children())
+
+    before = there()
+    assert run_all(abs, [-1, -2], 2) == [1, 2]
+    assert not there() - before
+    with pytest.raises(KeyboardInterrupt), kept_workers(2):
+        assert run_all(abs, [-1, -2, -3]) == [1, 2, 3]
+        raise KeyboardInterrupt
+    assert not there() - before
+
+
+def test_one_thread_while_it_runs_and_as_many_as_before_after(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in executors.THREADS:
+        monkeypatch.delenv(name, raising=False)
+
+    def threads(fails: bool = False) -> set[int]:
+        assert np.ones(2).sum() == 2.0
+        found = {row["num_threads"] for row in threadpool_info()}
+        if fails:
+            raise ValueError(str(found))
+        return found
+
+    with threadpool_limits(2):
+        assert with_one_thread(threads)() == {1}
+        with pytest.raises(ValueError, match=r"\{1\}"):
+            with_one_thread(threads)(True)
+        assert threads() == {2}
+
+
+@pytest.mark.parametrize("entry", [calibrate, estimate_coefficients])
+def test_fits_are_entered_by_it(entry: object) -> None:
+    assert getattr(entry, "__wrapped__", None) is not None
 
 
 @pytest.mark.slow

@@ -13,17 +13,17 @@ import pytest
 from cases.io.campaigns import Campaigns, said_campaign, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
-from fitting import calibration, pipeline
-from fitting.calibration import Calibration, estimate_coefficients, first_estimate
+from fitting import calibrate as pipeline
+from fitting import calibration
+from fitting.calibrate import FitOptions, calibrate
+from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
-from fitting.pipeline import FitOptions, calibrate
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns import (
     LEVEL,
     CampaignFit,
-    CampaignQuestion,
     RunReadings,
     by_campaign,
     differences,
@@ -60,7 +60,7 @@ def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
     trials = fleet(HIDDEN, instruments, RUNS, 5, 10.0, 100.0)
     ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
     found = estimate_coefficients(ship, trials, settings)
-    return found, by_campaign(found, CampaignQuestion(ship, trials, settings, wanted=("gyro", "log_scale")))
+    return found, by_campaign(found, trials, ("gyro", "log_scale"))
 
 
 def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
@@ -85,14 +85,14 @@ def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ:
     lags = {day: [f"gyro:T={lag * differ}"] for day, lag in zip(DAYS, LAGS, strict=False)}
     trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
-    rough = first_estimate(ship, trials, Settings(), rough=True)
-    again = by_campaign(rough, CampaignQuestion(ship, trials, Settings(), wanted=("gyro", "log_scale")))
-    assert rough.rough and rough.solution.objective > whole.solution.objective
+    draft = estimate_coefficients(ship, trials, Settings(), draft=True)
+    again = by_campaign(draft, trials, ("gyro", "log_scale"))
+    assert draft.draft and draft.solution.objective > whole.solution.objective
     assert fit.content is not None and again.content is not None
     taken = [[(row["name"], row["taken"]) for row in c["tried"]] for c in (fit.content, again.content)]
     assert taken[0] == taken[1]
     if not differ:
-        assert again.calibration is rough
+        assert again.calibration is draft
         return
     ours, theirs = again.calibration.constants, fit.calibration.constants
     assert ours is not None and theirs is not None and ours.symbols == theirs.symbols
@@ -141,9 +141,9 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
         judged.append(problem.P)
         return [Message(f"{problem.P} coefficients", "outlying_run")]
 
-    def noted(found: Calibration, question: CampaignQuestion) -> CampaignFit:
-        begun.append((found.rough, len(found.passes)))
-        return by_campaign(found, question)
+    def noted(found: Calibration, *given: Any) -> CampaignFit:
+        begun.append((found.draft, len(found.passes)))
+        return by_campaign(found, *given)
 
     begun: list[tuple[bool, int]] = []
     monkeypatch.setattr(pipeline, "by_campaign", noted)
@@ -167,7 +167,7 @@ def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_sa
     trials += fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
     ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
     found = estimate_coefficients(ship, trials, settings)
-    fit = by_campaign(found, CampaignQuestion(ship, trials, settings, wanted=("gyro",)))
+    fit = by_campaign(found, trials, ("gyro",))
     constants = fit.calibration.constants
     assert constants is not None and len(constants.value) == len(DAYS)
     value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]

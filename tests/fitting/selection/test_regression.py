@@ -13,8 +13,8 @@ from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
+from fitting.calibrate import started_from
 from fitting.calibration import estimate_coefficients
-from fitting.pipeline import started_from
 from fitting.selection.candidates import candidate
 from fitting.selection.polynomial_regression import Regression, increments, regress
 from fitting.settings import Settings
@@ -98,7 +98,7 @@ def test_velocities_that_were_not_measured_are_left_out_and_none_is_one_line() -
 def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() -> None:
     start, values = found(True).ship(EMPTY), found(True).values
     fit = estimate_coefficients(
-        start, runs()[:1], Settings(window=30.0, passes=1), warm=started_from(start, values), held=tuple(values)
+        start, runs()[:1], Settings(window=30.0, passes=1), warm=started_from(start, values, hold=True)
     )
     assert fit.converged
     for symbol, value in values.items():

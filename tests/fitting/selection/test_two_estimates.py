@@ -11,11 +11,11 @@ import pytest
 from cases.shipfiles.effects import freeing_effects
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
+from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration
 from fitting.identifiability.verdicts import verdict
-from fitting.pipeline import FitOptions, calibrate
 from fitting.result import FitResult
-from fitting.selection.two_estimates import begin_second, with_second
+from fitting.selection.two_estimates import answers, with_second
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -122,11 +122,9 @@ def nothing(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
 
 def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
     ship = small_result().start
-    asked = begin_second(nothing, ship, (), None)
-    assert asked is not None and asked.value == {}
-    assert begin_second(None, ship, (), None) is None
-    assert begin_second(nothing, freeing_effects(ship, ["current"]), (), None) is None
-    assert begin_second(nothing, freeing_effects(ship, ["velocity_filter"]), (), None) is not None  # an instrument
+    assert answers(nothing, ship) and not answers(None, ship)
+    assert not answers(nothing, freeing_effects(ship, ["current"]))
+    assert answers(nothing, freeing_effects(ship, ["velocity_filter"]))  # an instrument
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,16 @@ import signal
 
 import pytest
 
-from fitting.solvers.interrupts import INTERRUPTED, LEFT_OUT, OBSERVER, Later, interrupts_noted, unbroken
+from fitting.solvers.interrupts import (
+    INTERRUPTED,
+    LEFT_OUT,
+    OBSERVER,
+    Made,
+    interrupts_noted,
+    left_out_message,
+    make_in_turn,
+    unbroken,
+)
 from fitting.solvers.interrupts import unless_interrupted as unless
 from mmg.messages import has_code
 
@@ -18,11 +27,11 @@ def pressed() -> str:
 
 def test_what_may_be_left_out_ends_at_once_and_is_named() -> None:
     with interrupts_noted():
-        later = Later()
-        assert later.made("scores", lambda: "made", "none") == "made" and not later.left_out
-        assert later.made("profiles", pressed, "none") == "none"
-        assert later.made("figures", lambda: "made", "none") == "none"  # what follows is not begun
-        assert has_code(later.left_out, LEFT_OUT) and "profiles, figures" in later.left_out[0]
+        made = Made()
+        make_in_turn({"scores": lambda: None, "profiles": pressed, "figures": lambda: pytest.fail("begun")}, made)
+        assert made == {"scores": None} and made.missing == ["profiles", "figures"]
+        assert list(made.seconds) == ["scores", "profiles", "figures"]
+        assert has_code([left_out_message(made.missing)], LEFT_OUT)
 
 
 def test_what_may_not_be_left_out_goes_on_and_nothing_is_raised_through_a_library() -> None:

@@ -12,7 +12,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
 from fitting.solvers import noise_iteration
-from fitting.solvers.noise_iteration import Course, NoiseSolves, solve_with_noise_estimation
+from fitting.solvers.noise_iteration import NoiseSolves, solve_with_noise_estimation
 from tests.support.synthetic_runs import SIGMA, problem, runs
 
 
@@ -41,14 +41,14 @@ def test_ipopt_alone_makes_an_only_solve(
 def test_the_last_solve_can_be_left_out_and_made_later() -> None:
     p = problem(window=10.0, trials=runs()[0])
     whole, early = (
-        solve_with_noise_estimation(p, p.start(), Settings(), time.perf_counter(), None, Course(rough=rough))
-        for rough in (False, True)
+        solve_with_noise_estimation(p, p.start(), Settings(), time.perf_counter(), None, draft=draft)
+        for draft in (False, True)
     )
-    assert early.rough and not whole.rough and len(early.passes) == 3 and not early.solution.converged
+    assert early.draft and not whole.draft and len(early.passes) == 3 and not early.solution.converged
     assert [row["objective"] for row in early.passes] == [row["objective"] for row in whole.passes[:3]]
-    again = Course(early.resumption)
-    late = solve_with_noise_estimation(early.problem, early.solution.x, Settings(), time.perf_counter(), None, again)
-    assert late.solution.converged and not late.rough and len(late.passes) == 1
+    x, began = early.solution.x, time.perf_counter()
+    late = solve_with_noise_estimation(early.problem, x, Settings(), began, None, early.resumption)
+    assert late.solution.converged and not late.draft and len(late.passes) == 1
     assert late.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
     np.testing.assert_allclose(late.problem.sigma, whole.problem.sigma, rtol=1e-12)
 

@@ -9,7 +9,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibrate import FitOptions, calibrate
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted

@@ -9,7 +9,7 @@ from cases.checks.trusted import without_broken
 from cases.io.leave_out import inside
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from fitting.pipeline import FitOptions, calibrate
+from fitting.calibrate import FitOptions, calibrate
 from fitting.result import read_fit
 from fitting.settings import Settings
 from tests.support.calibrated import FREE, small_result

@@ -99,10 +99,9 @@ CHILD = """
 from mmg_ident.commands.main import run
 
 if __name__ == "__main__":
-    from fitting.parallel import helper
+    from fitting.parallel import run_all
 
-    with helper(int) as executor:
-        print(executor.submit(int).result())
+    print(run_all(abs, [-1, -2], 2))
 """
 
 
@@ -111,7 +110,7 @@ def test_a_process_of_the_command_ends_without_a_word(tmp_path: Path) -> None:
     script = tmp_path / "mmg"
     script.write_text(CHILD)
     made = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
-    assert (made.stdout, made.stderr, made.returncode) == ("0\n", "", 0)
+    assert (made.stdout, made.stderr, made.returncode) == ("[1, 2]\n", "", 0)
 
 
 HELD = """

@@ -1,0 +1,268 @@
+"""What a diagnosis' rules are worth: answers to cases whose key is open, with each rule switched off.
+
+Cases are those of ``benchmarks/blind``: of every world nothing hidden, an effect of the library, a cause that the
+library does not hold. A case is diagnosed once; what its fits and tests gave is remembered, so that a rule that is
+switched off is judged by a replay of the decision, with new fits only where the other decision asks for them.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
+from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.generator.write import generate
+from benchmarks.blind.solve import blind_ship
+from cases.io.read import read_trials
+from cases.io.site import read_site
+from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.estimation.prior_width import Width
+from diagnosis.findings import Findings
+from diagnosis.hypotheses.known_results import KnownResults
+from diagnosis.hypotheses.second_sample import NOTHING
+from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
+from mmg.errors import UserError
+
+KINDS = {"null": 8, "library": 20, "strangers": 12}
+"""Cases of each kind in each world."""
+SEED = 4902
+"""Of the cases; it was never used before."""
+BETTER, UNNAMED = 8.0, 12.0
+"""Of the rule of two numbers: gain in BIC from which the best candidate is named, and log Bayes factor of the unnamed
+forms from which the answer is "unknown"."""
+
+SEARCH, JUDGE = "diagnosis.hypotheses.forward_selection", "diagnosis.judgement"
+FORMS = "diagnosis.hypotheses.unnamed:UnnamedSlopes.statistics"
+PREPARED = "diagnosis.prepare:prepare_with_sensors"
+REMEMBERED = (
+    PREPARED,
+    "diagnosis.prepare:TransitionModel",
+    "diagnosis.estimation.candidates:ship_with_all_effects",
+    "diagnosis.estimation.first_fit:fit_without_effects",
+    "diagnosis.estimation.map_estimate:estimate",
+    "diagnosis.estimation.residual_checks:with_correlation_time",
+    "diagnosis.estimation.prior_width:likely_width",
+    "diagnosis.estimation.prior_width:refitted_at",
+    "diagnosis.estimation.force_order:force_order",
+    "diagnosis.estimation.gusts:trials_in_gusts",
+    "diagnosis.hypotheses.force_steadiness:force_steadiness",
+    "diagnosis.hypotheses.found_again:other_trials",
+    "diagnosis.hypotheses.found_again:same_trials",
+    "diagnosis.hypotheses.found_again:OtherTrials.effect",
+    "diagnosis.hypotheses.found_again:OtherTrials.force",
+    "diagnosis.hypotheses.pattern:pattern",
+    "diagnosis.hypotheses.refit:refit",
+    "diagnosis.hypotheses.refit:robust_p",
+    "diagnosis.hypotheses.score_test:score_tests",
+    "diagnosis.hypotheses.score_test:slopes",
+    "diagnosis.hypotheses.unexplained_force:estimated_force",
+    "diagnosis.hypotheses.unnamed:UnnamedSlopes.by_chance",
+    "diagnosis.hypotheses.unnamed:unnamed_forms",
+    "diagnosis.hypotheses.unnamed:unnamed_slopes",
+    FORMS,
+    "diagnosis.judgement.matters:_mean_error",
+    "diagnosis.judgement.matters:sensor_error",
+    "diagnosis.validation.held_out:compare",
+    "diagnosis.validation.held_out:prediction_errors",
+)
+"""Functions whose results are remembered: what takes time, and what a decision takes from it."""
+TOLD_ONLY = {
+    "diagnosis.location.where:where": constantly({}),
+    "diagnosis.hypotheses.next_test:next_test": constantly(""),
+    "diagnosis.diagnose:_unexplained": constantly(None),
+}
+"""What is told beside the answer and does not change it."""
+
+
+def without_kinds(is_left_out: Callable[[str], bool]) -> Mapping[str, Any]:
+    """The unnamed forms without those kinds for which ``is_left_out``."""
+
+    def statistics(self: UnnamedSlopes, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        _, single, logs = WHOLE(self, g)
+        kept = {name: log for name, log in logs.items() if not is_left_out(name)}
+        return np.logaddexp.reduce(np.stack(list(kept.values())), axis=0) - np.log(len(kept)), single, kept
+
+    return {FORMS: statistics}
+
+
+def of_all_kinds(self: UnnamedSlopes, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """The unnamed forms without the test of the best force alone."""
+    mixture, single, logs = WHOLE(self, g)
+    return mixture, np.full_like(single, -1e6), logs
+
+
+WHOLE: Callable[..., Any] = UnnamedSlopes.statistics
+"""The statistics of the unnamed forms as they are; remembered while cases are replayed."""
+ONCE = ("unnamed_forms",)
+FIRST = ("prepare_with_sensors",)
+
+RULES = (
+    Switch("as it is", "nothing"),
+    Switch("names found again", "test trials say nothing of candidates",
+           {f"{SEARCH}:_found_again": constantly(NOTHING)}),
+    Switch("forces found again", "test trials say nothing of unnamed forces",
+           {f"{JUDGE}.judged_search:_forms": lambda p, fit: p.unnamed(fit)}),
+    Switch("tests contradict", "test trials never contradict names",
+           {f"{JUDGE}.verdict:contradicts": constantly(False)}),
+    Switch("tests support", "further names need no support by test trials",
+           {f"{JUDGE}.verdict:supports": constantly(True)}),
+    Switch("doubts", "no doubt in a name that test trials do not confirm",
+           {f"{JUDGE}.verdict:_doubt": constantly("")}),
+    Switch("exact instruments", "a fault of an instrument may leave much",
+           {f"{JUDGE}.verdict:_inexact": constantly("")}),
+    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
+    Switch("searched again", "no search without names that were withdrawn", {f"{JUDGE}.judged_search:OTHERS": 0}),
+    Switch("values by run", "no effect differs from run to run", {"diagnosis.prepare:RUNS": 10**9}, inside=FIRST),
+    Switch("more than chance", "a candidate that does not pay is no unknown",
+           {f"{JUDGE}.judged_search:_rarest": constantly(1.0)}),
+    Switch("clock", "delays within the clock's error are named",
+           {f"{JUDGE}.believable:_within_the_clock": constantly("")}),
+    Switch("half a sample", "delays of half a sample are named",
+           {f"{JUDGE}.believable:_half_a_sample": constantly("")}),
+    Switch("possible sizes", "effects of an impossible size are named",
+           {f"{JUDGE}.possible_size:impossible_size": constantly("")}),
+    Switch("another ship", "coefficients may be those of another ship",
+           {f"{JUDGE}.believable:_another_ship": constantly("")}),
+    Switch("outliers", "outliers do not matter", {f"{JUDGE}.believable:_outliers": constantly("")}),
+    Switch("not random", "none of the three tests of what is left",
+           {f"{JUDGE}.not_random:not_random": constantly([])}),
+    Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.not_random:LINE_PROBABILITY": 0.0}),
+    Switch("force order", "no test of forces that follow each other",
+           {"diagnosis.estimation.force_order:ForceOrder.is_random": property(constantly(True))}),
+    Switch("force steadiness", "no test of forces that differ in size",
+           {"diagnosis.hypotheses.force_steadiness:ForceSteadiness.is_random": property(constantly(True))}),
+    Switch("pattern", "no test of one size in all parts", {f"{JUDGE}.left_over:LEVEL_OF_PATTERN": 0.0}),
+    Switch("matters", "a remainder counts whatever its size", {f"{JUDGE}.matters:remainder_matters": constantly(True)}),
+    Switch("remainder", "unnamed forms leave no remainder", {f"{JUDGE}.verdict:has_remainder": constantly(False)}),
+    Switch("other reading", "actuators are not read the other way",
+           {f"{JUDGE}.other_reading:read_otherwise": constantly(None),
+            f"{JUDGE}.other_reading:read_joined": constantly(None)}),
+    Switch("wider priors", "priors are never widened",
+           {"diagnosis.hypotheses.search_problem:SearchProblem.width": constantly(Width(1.0, 0.0, 0.0))}),
+    Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
+    *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
+        ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),
+        ("at times", "no unnamed events", lambda k: k.endswith(" at times")),
+        ("swinging", "no forces that swing", lambda k: k.startswith("force that swings")),
+        ("streams and places", "no streams, nothing by place",
+         lambda k: k.startswith("stream ") or k.endswith("by place")),
+        ("inputs", "no unnamed action or delay of an input", lambda k: k.startswith(("action of ", "delay of "))),
+        ("one variable", "no forces of one variable alone", lambda k: " alone " in k),
+        ("few variables", "no forces of few variables",
+         lambda k: k.startswith(tuple(f"{axis} (" for axis in FORCES))),
+        ("smooth", "no smooth forces", lambda k: k.startswith("smooth ")),
+        ("all but forces", "products of velocities and inputs as forces, and nothing else", lambda k: k not in FORCES),
+    )),
+    Switch("further effects", "one effect at most is named", {f"{SEARCH}:MOST": 1}),
+    Switch("order by score", "BIC alone says which candidate is the best", {f"{SEARCH}:CLEAR": -1e9}),
+    Switch("pruning", "effects that became superfluous stay",
+           {f"{SEARCH}:pruned": lambda problem, named, now, again: (named, now)}),
+    Switch("further doubts", "no doubt in further effects", {f"{SEARCH}:_doubtful": constantly(False)}),
+    Switch("immaterial faults", "small faults of instruments count", {f"{SEARCH}:IMMATERIAL": 0.0}),
+    Switch("memory refitted", "the force's memory stays as without effects",
+           {f"{SEARCH}:with_correlation_time": lambda steps, data, found, least=0.0: found}),
+)  # fmt: skip
+"""Each is replayed on the evidence of the first."""
+SOME = 4
+"""Of so many cases one is also replayed with RARE, which change all fits."""
+RARE = (
+    Switch("narrower priors", "priors are never narrowed",
+           {"diagnosis.estimation.prior_width:narrowed": lambda steps, data, null, base, n: (null, base, 1.0)},
+           inside=FIRST),
+    Switch("correlated samples", "neighbouring samples are compared though their errors are correlated",
+           {"diagnosis.estimation.first_fit:CORRELATED": 9.0}, inside=(*FIRST, "fit_without_effects")),
+    Switch("sensor faults", "faults of sensors that the columns show are not modelled",
+           {"diagnosis.prepare:with_sensor_faults": lambda ship, sensors: (ship, [])}, inside=FIRST),
+    Switch("dispersion", "residuals count as independent",
+           {"diagnosis.estimation.dispersion:dispersion": constantly(1.0)}, inside=("slopes", *ONCE, "unnamed_slopes")),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case of a world: its folder and what is hidden in it."""
+
+    world: str
+    kind: str
+    folder: Path
+    truth: tuple[str, ...]
+    strength: str
+
+
+def cases(work: Path) -> list[Case]:
+    """All cases, in an order in which any first part of them holds all worlds and kinds; those that are not there are
+    generated in ``work``."""
+    parts = [list(_of_part(work, world, kind)) for world in WORLDS for kind in KINDS]
+    placed = [((i + 0.5) / len(part), n, case) for n, part in enumerate(parts) for i, case in enumerate(part)]
+    return [case for *_, case in sorted(placed, key=lambda row: row[:2])]
+
+
+def _of_part(work: Path, world: str, kind: str) -> Iterator[Case]:
+    folder = work / "diagnoses" / f"{world}_{kind}"
+    if not (folder / "key.json").is_file():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        generate(folder, KINDS[kind], SEED + list(WORLDS).index(world), kind, "mixed", WORLDS[world])
+    for entry in json.loads((folder / "key.json").read_text(encoding="utf-8"))["cases"]:
+        effects = entry["effects"]
+        known = tuple(e["name"] for e in effects) if kind == "library" else ()
+        yield Case(world, kind, folder / entry["case"], known, effects[0]["strength"] if effects else "")
+
+
+def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
+    """The answer to a case as it is, the evidence behind it, and the answer without each of the ``rules``: verdict,
+    names, whether something is left over."""
+    global WHOLE
+    used, memo, seconds = time.process_time(), Memo(), {}
+    ship, site = blind_ship(WORLDS[case.world].ship), None
+    site = read_site([case.folder], ship)
+    trials, tests = read_trials(case.folder / "train"), read_trials(case.folder / "test")
+    ask = partial(diagnose, ship, trials, tests, site, DiagnosisOptions(learn=False))
+    found: dict[str, Any] = {}
+    whole, remembered = WHOLE, {target: memo.of(target) for target in REMEMBERED}
+    remembered[PREPARED] = partial(_anew, remembered[PREPARED])
+    with replaced(remembered | TOLD_ONLY):
+        WHOLE = UnnamedSlopes.statistics
+        try:
+            for rule in rules:
+                began, memo.switch = time.process_time(), rule
+                with replaced(rule.replaced):
+                    found[rule.name] = _answer(ask)
+                seconds[rule.name] = round(time.process_time() - began, 2)
+        finally:
+            WHOLE = whole
+    first = found.pop("as it is")
+    kept = {rule: answer[:3] for rule, answer in found.items()}
+    return {
+        "truth": case.truth, "strength": case.strength, "answer": first[:3], "evidence": first[3], "without": kept,
+        "processor": round(time.process_time() - used, 1), "each": seconds,
+    }  # fmt: skip
+
+
+def _anew(prepared: Callable[..., tuple[Any, ...]], *given: Any) -> tuple[Any, ...]:
+    """What ``prepared`` gives, with a search that knows nothing yet."""
+    *rest, ready = prepared(*given)
+    return *rest, replace(ready, problem=replace(ready.problem, known=KnownResults()))
+
+
+def _answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str, Any]]:
+    """Verdict, names, remainder and evidence of a diagnosis; the verdict "error" where it fails."""
+    try:
+        found = ask()
+    except (UserError, np.linalg.LinAlgError) as error:
+        return "error", [], False, {"error": str(error)}
+    rows = [[c.name, c.delta_bic, c.p_value, c.score] for c in found.candidates if c.delta_bic is not None]
+    evidence = {
+        "candidates": rows,
+        "unnamed": [dict(found.unnamed.before), dict(found.unnamed.after)],
+        "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
+        "codes": sorted({getattr(m, "code", "") for m in found.warnings}),
+    }
+    return found.verdict, [e.name for e in found.effects], bool(found.remainder), evidence

@@ -1,0 +1,185 @@
+"""What a calibration's mechanisms are worth: predictions of runs that it did not see, with each switched off.
+
+Three grounds. Records: the 35 of Train-TZRB+ in five folds by day and kind. Gunnerus: seven runs of a full-scale ship,
+by a fit to eleven others. Two generators of ``benchmarks/blind``: the test trials of cases of which most have a cause
+that the model lacks. Errors are those of ``mmg score``, mean of files, of windows of 30 s and restarts every 100 s,
+without and with 30 s of past.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.ablation.switches import Switch, constantly, replaced
+from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.generator.write import generate
+from benchmarks.blind.solve import blind_ship
+from benchmarks.coverage import figure_hits
+from benchmarks.left_out import NORMAL, PAST, SHIP, Fold, inside_bands, records
+from cases import published_splits as splits
+from cases.checks.trusted import without_broken
+from cases.io.read import read_trials
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import load_ship
+from fitting.calibrate import FitOptions
+from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.unexplained import accelerations
+from fitting.result import FitResult
+from fitting.settings import Settings
+from fitting.uncertainty.sandwich import Robust, changes_without_each
+from mmg_ident.api import calibrate
+
+FIGURES, SEEDS = "figures", range(500, 508)
+"""Ground of the intervals of manoeuvring figures, and seeds of its ships, 3 m and 7 m in turn."""
+SANDWICH = "fitting.uncertainty.sandwich:robust"
+
+
+def by_the_model(info: Any) -> Any:
+    """The covariance without the scores' own scatter, in place of the robust one."""
+    model, runs = np.linalg.inv(info.hessian), info.by_run()
+    clusters = (len(info.run), len(runs.run))
+    moves = changes_without_each(runs) if clusters[1] > 1 else np.zeros((1, len(model)))
+    return Robust(model, model, np.full(len(model), 1e9), 1.0, clusters, moves)
+
+
+def without_lasting(*given: Any) -> Any:
+    """Unexplained accelerations in a manoeuvre without their lasting part, whose share is the last of the arguments."""
+    return accelerations(*given[:-1], 0.0)
+
+
+SWITCHES = (
+    Switch("as it is", "nothing"),
+    Switch("no campaigns", "no values by campaign", options={"per_campaign": ("none",)}),
+    Switch("no gyro by campaign", "one lag and gain of the gyro in all campaigns",
+           options={"per_campaign": ("log_scale",)}),
+    Switch("no log by campaign", "one scale of the log in all campaigns", options={"per_campaign": ("gyro",)}),
+    Switch("long windows", "windows of 100 s", settings={"window": 100.0}),
+    Switch("windows alone", "no second estimate (multiple shooting alone)", options={"estimator": "windows"}),
+    Switch("filter alone", "the second estimate alone", replaced={"fitting.selection.two_estimates:SHARE": 1.0}),
+    Switch("no velocity filter", "no lag of the velocity filter", options={"instruments": ()}),
+    Switch("weight 0.3", "each run counts with 30 % of its information", settings={"weight": 0.3}),
+    Switch("weight 0.1", "each run counts with 10 % of its information", settings={"weight": 0.1}),
+    Switch("student", "Student's loss", settings={"loss": "student"}),
+    Switch("huber", "Huber's loss", settings={"loss": "huber"}),
+    Switch("one pass", "one solve, no second with re-estimated noise", settings={"passes": 1}),
+    Switch("white residuals", "no correlation time of the residuals (tau = 1)",
+           replaced={"fitting.solvers.residual_noise:correlation_time": constantly(1.0)}),
+    Switch("lasting accelerations", "figures of manoeuvres: drawn ships have no lasting unexplained accelerations",
+           replaced={"fitting.prediction.unexplained:accelerations": without_lasting}, ground=FIGURES),
+    Switch("model covariance", "covariance by the model alone, not robust", replaced={SANDWICH: by_the_model}),
+)  # fmt: skip
+"""Each is measured against the first."""
+BANDS = {
+    "as they are": {},
+    "no factors": {"factor": 1.0},
+    "no novelty": {"held": None},
+    "no coefficients": {"root": 0.0},
+    "no campaign part": {"campaign": None},
+}
+"""Parts of the bands that are left out, by what becomes of them; measured at the first switch."""
+METRICS = ("30 s", "100 s", "30 s, past", "100 s, past")
+GENERATED = {"pond": 12, "kvlcc2": 12}
+"""Worlds whose cases are fitted, and how many of each."""
+SEED = 4901
+"""Of those cases."""
+GUNNERUS = {"L": 33.9, "B": 9.6, "d": 2.7, "C_b": 0.604, "U_0": 5.4, "D_P": 1.9}
+"""Particulars of R/V Gunnerus as a ship with one screw and a rudder [m, m/s] (shiplab/gunnerus)."""
+
+
+def gunnerus(work: Path) -> Iterator[Fold]:
+    """Eleven runs to fit and seven left out, cut by the data set's own script, with the azimuth as a rudder."""
+    data, cut = splits.data_folder() / "gunnerus", work / "gunnerus"
+    if not (cut / "rudder").is_dir():
+        (cut / "raw").mkdir(parents=True, exist_ok=True)
+        record = data / "RVG_ManeuveringTests.csv"
+        (cut / "raw" / record.name).write_bytes(record.read_bytes())
+        subprocess.run([sys.executable, str(data / "prepare.py"), "rudder"], cwd=cut, check=True)
+    train, out = (without_broken(read_trials(cut / "rudder" / part)) for part in ("train", "held"))
+    yield Fold("gunnerus", "all", new_ship("gunnerus", GUNNERUS), train, out, pooled_sigma(out), {})
+
+
+def generated(work: Path, world: str) -> Iterator[Fold]:
+    """Cases of a ``world`` of ``benchmarks/blind``, of all kinds."""
+    folder = work / f"fits_{world}"
+    if not (folder / "key.json").is_file():
+        generate(folder, GENERATED[world], SEED, "mix", "mixed", WORLDS[world])
+    for case in sorted(p for p in folder.glob("case_*") if p.is_dir()):
+        train, out = (without_broken(read_trials(case / part)) for part in ("train", "test"))
+        sealed = json.loads((folder / "sealed" / f"{case.name}.json").read_text(encoding="utf-8"))
+        true = {s: v for s, v in sealed["nominal_true_coefficients"].items() if s in WORLDS[world].drawn}
+        yield Fold(world, case.name, blind_ship(WORLDS[world].ship), train, out, pooled_sigma(out), true)
+
+
+def grounds(work: Path) -> list[Fold]:
+    """All folds; work: folder of what is generated."""
+    figures = [Fold(FIGURES, str(seed), load_ship(SHIP), (), (), np.zeros(6), {}) for seed in SEEDS]
+    return [*records(), *gunnerus(work), *(fold for world in GENERATED for fold in generated(work, world)), *figures]
+
+
+def is_for(switch: Switch, fold: Fold) -> bool:
+    """Whether a ``switch`` is measured on a ``fold``: the first on all, others where they may matter."""
+    return switch.name == SWITCHES[0].name or (fold.ground == FIGURES) == (switch.ground == FIGURES)
+
+
+def fitted(switch: Switch, fold: Fold) -> FitResult:
+    """The calibration on a ``fold`` with a ``switch``."""
+    settings = replace(Settings(), **switch.settings)
+    options = replace(FitOptions(next_trial=False), **switch.options)
+    with replaced(switch.replaced):
+        return calibrate(fold.ship, fold.train, (), settings, options)
+
+
+def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
+    """What is kept of a ``switch`` on a ``fold``: errors by trial and metric, bands, intervals of coefficients."""
+    began, used = time.perf_counter(), time.process_time()
+    if fold.ground == FIGURES:
+        with replaced(switch.replaced):
+            hits = figure_hits(int(fold.name))
+        return {"hits": [[sum(some), len(some)] for some in hits], "processor": time.process_time() - used}
+    found = fitted(switch, fold)
+    seconds = {"seconds": time.perf_counter() - began, "processor": time.process_time() - used}
+    assert found.objects is not None
+    files: dict[str, list[float | None]] = {t.name: [] for t in fold.out}
+    for past in (None, PAST):
+        for row in score(found.objects.after, fold.out, fold.sigma, adapt=past).trials:
+            files[row.name] += [row.window if row.windows else None, row.paper if row.restarts else None]
+    kept = {"converged": found.converged, **seconds, "files": files, "intervals": inside_intervals(found, fold.truth)}
+    if switch.name in ("as it is", "model covariance"):
+        kept["bands"] = {name: inside_bands(found, fold, part) for name, part in BANDS.items()}
+    return kept
+
+
+def inside_intervals(found: FitResult, truth: dict[str, float]) -> list[int]:
+    """How many true coefficients lie in the 90 % intervals of ``found``, of how many."""
+    rows = [(found.ship.coefficients[s], truth[s]) for s in found.ship.free if s in truth]
+    inside = [abs(c.value - true) <= NORMAL * c.std for c, true in rows]
+    return [sum(inside), len(inside)]
+
+
+def change(before: dict[str, Any], after: dict[str, Any], metric: int) -> tuple[float, float, float]:
+    """Mean of files before, and the share by which it changes, with the jackknife error over clusters: the files of
+    records and of Gunnerus, the cases of a generator.
+
+    before, after: errors by cluster -> file -> metric.
+    """
+    pairs = []
+    for cluster, files in before.items():
+        rows = [(v[metric], after[cluster][name][metric]) for name, v in files.items()]
+        rows = [(a, b) for a, b in rows if a is not None and b is not None]
+        if rows:
+            pairs.append(np.array([*np.sum(rows, axis=0), len(rows)]))
+    if len(pairs) < 2:
+        return np.nan, np.nan, np.nan
+    total = np.sum(pairs, axis=0)
+    each = np.array([(total - p)[1] / (total - p)[0] for p in pairs])
+    n = len(each)
+    return total[0] / total[2], total[1] / total[0] - 1, float(np.sqrt((n - 1) / n * ((each - each.mean()) ** 2).sum()))

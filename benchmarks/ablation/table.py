@@ -1,0 +1,256 @@
+"""The table of the switches, ``benchmarks/ablation.md``, from ``benchmarks/ablation.json``, which holds every row that
+was ever measured: one whose switch is gone stays as it was, with the commit that it was measured at."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
+from benchmarks.ablation.fits import BANDS, FIGURES, METRICS, SWITCHES, change
+from benchmarks.ablation.record import ROOT, Record
+from benchmarks.ablation.switches import Switch
+
+KEPT = ROOT / "benchmarks" / "ablation.json"
+PAGE = KEPT.with_suffix(".md")
+GROUNDS = {"records": METRICS, "gunnerus": METRICS[:2], "pond": METRICS[:2], "kvlcc2": METRICS[:2]}
+"""Grounds and the metrics of each that the page shows."""
+CLEAR = 2.0
+"""Standard errors from which a change counts."""
+FIRST = "as it is"
+TWO = "two numbers"
+SHORT = (
+    f"the best candidate is named where its refit gains more than {BETTER:g} in BIC, "
+    f"unknown where an unnamed form has a log Bayes factor above {UNNAMED:g}"
+)
+HEAD = """# What each mechanism is worth
+
+Written {date} by `python -m benchmarks.ablation table` from `ablation.json`. Each row was measured at the commit it
+names, against the product as it was then. *Gone*: the mechanism was deleted. **Bold**: more than two standard errors.
+
+## Calibration
+
+Change of the error of runs left out when the mechanism is switched off or another taken [%], with its jackknife error:
+minus is better without it. Windows of 30 s and restarts every 100 s, without and with 30 s of past. Records: 35 of
+Train-TZRB+ in five folds; Gunnerus: seven runs; pond, kvlcc2: twelve cases of `benchmarks/blind`. First row: errors.
+Thirty fits are a whole row."""
+MIDDLE = """## Diagnosis
+
+Answers to open cases of all worlds of `benchmarks/blind`. Right: of effects of the library the first name, of strangers
+that something without a name is there, of nothing hidden that nothing is missing. Wrong names: with nothing left over.
+Change of right answers [%], with its paired error; worlds in which it is 1 % or more."""
+Answer = Sequence[Any]
+"""Verdict, names, whether something is left over."""
+
+
+def write_table(fits: Record, diagnoses: Record) -> None:
+    """Bring what was measured into the kept rows, and write the page."""
+    kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {"fits": {}, "diagnoses": {}}
+    kept["fits"] |= {s.name: row for s in SWITCHES if (row := fit_row(fits, s))}
+    kept["diagnoses"] |= diagnosis_rows(diagnoses)
+    sections = [f'"{part}": {{\n{_rows(rows)}\n}}' for part, rows in kept.items()]  # a line a row
+    KEPT.write_text("{\n" + ",\n".join(sections) + "\n}\n", encoding="utf-8")
+    PAGE.write_text(page(kept, datetime.date.today().isoformat()), encoding="utf-8")
+
+
+def _rows(rows: Mapping[str, Any]) -> str:
+    return ",\n".join(f"{json.dumps(name)}: {json.dumps(row, ensure_ascii=False)}" for name, row in rows.items())
+
+
+def fit_row(record: Record, switch: Switch) -> dict[str, Any] | None:
+    """What the ``record`` holds of a ``switch`` against the first, of the code that measured it last; None: nothing."""
+    rows = record.of(row=switch.name)
+    if not rows:
+        return None
+    code = rows[-1]["code"]
+    found: dict[str, Any] = {"off": switch.off, "commit": rows[-1]["commit"], "grounds": {}}
+    hits = [r["hits"] for r in record.of(row=switch.name, code=code, ground=FIGURES)]
+    if hits:
+        found["figures"] = np.sum(hits, axis=0).tolist()
+    for ground in GROUNDS:
+        after = {r["fold"]: r for r in record.of(row=switch.name, code=code, ground=ground)}
+        before = {r["fold"]: r for r in record.of(row=FIRST, code=code, ground=ground) if r["fold"] in after}
+        after = {fold: r for fold, r in after.items() if fold in before}
+        if not after:
+            continue
+        pair = [_by_cluster(some, ground) for some in (before, after)]
+        spent = [[r["processor"] for r in some.values() if r["processor"]] for some in (before, after)]
+        found["grounds"][ground] = {
+            "fits": len(after),
+            "changes": {name: _rounded(change(*pair, i)) for i, name in enumerate(METRICS)},
+            "processor": round(float(np.mean(spent[1])), 1) if spent[1] else None,
+            "intervals": np.sum([r["intervals"] for r in after.values()], axis=0).tolist(),
+            "bands": _bands(after.values()),
+        }
+    return found
+
+
+def _by_cluster(rows: Mapping[str, Mapping[str, Any]], ground: str) -> dict[str, Any]:
+    """Errors by cluster and file: of a generator a cluster is a case, else a file."""
+    if ground in ("records", "gunnerus"):
+        return {name: {name: v} for row in rows.values() for name, v in row["files"].items()}
+    return {fold: row["files"] for fold, row in rows.items()}
+
+
+def _rounded(values: Sequence[float]) -> list[float | None]:
+    return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
+
+
+def _bands(rows: Any) -> dict[str, dict[str, list[int]]]:
+    """Numbers inside the bands, and of how many, by part left out and length."""
+    found: dict[str, dict[str, list[int]]] = {}
+    for row in rows:
+        for part, counts in row.get("bands", {}).items():
+            for name, (inside, count) in counts.items():
+                total = found.setdefault(part, {}).setdefault(" ".join(name.split()[:2]), [0, 0])
+                total[0], total[1] = total[0] + inside, total[1] + count
+    return found
+
+
+def two_numbers(evidence: Mapping[str, Any]) -> Answer:
+    """The answer by two numbers alone, from the ``evidence`` of a diagnosis."""
+    if "candidates" not in evidence:
+        return "error", [], False
+    best = max(evidence["candidates"], key=lambda row: row[1], default=["", -np.inf])
+    if best[1] > BETTER:
+        return "named", [best[0]], False
+    most = max(v for k, v in evidence["unnamed"][0].items() if k not in ("all", "single"))
+    return ("unknown" if most > UNNAMED else "none"), [], False
+
+
+def is_right(kind: str, truth: Sequence[str], answer: Answer) -> bool:
+    """Whether an ``answer`` is as it should be: nothing said of nothing, something without a name seen of a stranger,
+    the first name that of the truth."""
+    verdict, names, left = answer
+    if kind == "null":
+        return bool(verdict == "none")
+    if kind == "strangers":
+        return verdict == "unknown" or (verdict == "named" and left)
+    return verdict == "named" and names[0] in truth
+
+
+def is_wrong(kind: str, truth: Sequence[str], answer: Answer) -> bool:
+    """Whether a name that is not there is given with nothing left over."""
+    verdict, names, left = answer
+    return verdict == "named" and not left and names[0] not in truth
+
+
+def diagnosis_rows(record: Record) -> dict[str, Any]:
+    """What the ``record`` holds of each rule, of the code that answered last."""
+    if not record.rows:
+        return {}
+    rows = record.of(code=record.rows[-1]["code"])
+    of: dict[str, tuple[str, Callable[[Mapping[str, Any]], Answer | None]]] = {
+        FIRST: ("nothing", lambda row: row["answer"]),
+        TWO: (SHORT, lambda row: two_numbers(row["evidence"])),
+    }
+    for rule in (*RULES[1:], *RARE):
+        of[rule.name] = rule.off, lambda row, name=rule.name: row["without"].get(name)  # type: ignore[misc]
+    found = {}
+    for name, (off, answer) in of.items():
+        pairs = [(row, other) for row in rows if (other := answer(row)) is not None]
+        if pairs:
+            found[name] = {"off": off, "commit": rows[-1]["commit"], **_measures(pairs)}
+    answers = {" ".join(row[k] for k in ("world", "kind", "case")): row["answer"] for row in rows}
+    return found if not found else found | {FIRST: found[FIRST] | {"answers": answers}}
+
+
+def _measures(pairs: Sequence[tuple[Mapping[str, Any], Answer]]) -> dict[str, Any]:
+    """Rates of the answers, and how they differ from those as it is; pairs: rows of the record and an answer."""
+    library = [p for p in pairs if p[0]["kind"] == "library"]
+    parts = {s: [p for p in library if p[0]["strength"] == s] for s in ("weak", "medium", "strong")}
+    parts |= {kind: [p for p in pairs if p[0]["kind"] == kind] for kind in ("strangers", "null")}
+
+    def right(row: Mapping[str, Any], answer: Answer) -> bool:
+        return is_right(row["kind"], row["truth"], answer)
+
+    moves = [int(right(row, a)) - int(right(row, row["answer"])) for row, a in pairs]
+    worlds: dict[str, list[int]] = {}
+    for (row, _), move in zip(pairs, moves, strict=True):
+        worlds.setdefault(row["world"], []).append(move)
+    n, gained, lost = len(pairs), moves.count(1), moves.count(-1)
+    return {
+        "cases": n,
+        "right": {name: [sum(right(*p) for p in part), len(part)] for name, part in parts.items()},
+        "wrong names": sum(is_wrong(row["kind"], row["truth"], a) for row, a in pairs),
+        "gained": gained,
+        "lost": lost,
+        "change": _rounded([(gained - lost) / n, np.sqrt(gained + lost - (gained - lost) ** 2 / n) / n]),
+        "worlds": sum(abs(np.mean(some)) >= 0.01 for some in worlds.values()),
+        "answers changed": sum(list(row["answer"]) != list(a) for row, a in pairs),
+    }
+
+
+def page(kept: Mapping[str, Any], date: str) -> str:
+    """The page of the ``kept`` rows, written at a ``date``."""
+    own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO}
+    lines = [HEAD.format(date=date), ""]
+    head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
+    lines += _lines(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
+    lines += ["", "Share of what 90 % intervals and bands hold:", "", *_coverage(kept["fits"]), "", MIDDLE, ""]
+    head = ["rule switched off", "cases", "weak", "medium", "strong", "strangers", "nothing", "wrong names",
+            "gained", "lost", "change", "worlds", "commit"]  # fmt: skip
+    lines += _lines(head, [_diagnosis_cells(n, row, n in own[1]) for n, row in kept["diagnoses"].items()])
+    return "\n".join([*lines, ""])
+
+
+def _lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
+
+
+def _percent(value: float | None, error: float | None) -> str:
+    if value is None or error is None:
+        return ""
+    words = f"{100 * value:+.1f} ± {100 * error:.1f}"
+    return f"**{words}**" if abs(value) > CLEAR * error and abs(value) >= 5e-4 else words
+
+
+def _name(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
+    return [f"{name}: {row['off']}", row["commit"] + ("" if is_there else ", *gone*")]
+
+
+def _fit_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
+    words, commit = _name(name, row, is_there)
+    cells = [words]
+    for ground, metrics in GROUNDS.items():
+        here = row["grounds"].get(ground)
+        for metric in metrics:
+            base, by, error = here["changes"][metric] if here else (None, None, None)
+            cells.append((f"{base:.4f}" if base else "") if name == FIRST else _percent(by, error))
+    spent = [g["processor"] for g in row["grounds"].values() if g["processor"]]
+    fits = sum(ground["fits"] for ground in row["grounds"].values())
+    return [*cells, str(fits), f"{np.mean(spent):.0f} s a fit" if spent else "", commit]
+
+
+def _coverage(rows: Mapping[str, Any]) -> list[str]:
+    """A table of coverage: intervals of coefficients, and bands by part left out."""
+    lines = []
+    for name in (FIRST, "model covariance"):
+        grounds = rows.get(name, {}).get("grounds", {})
+        held = {g: v["intervals"] for g, v in grounds.items() if v["intervals"][1]}
+        lines.append([f"{name}: coefficients", *(_share(held.get(g)) for g in GROUNDS)])
+        for part in BANDS:
+            for length in ("30 s", "100 s"):
+                cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
+                lines.append([f"{name}: bands {part}, {length}", *cells])
+    made = _lines(["", *GROUNDS], [row for row in lines if any(row[1:])])
+    for name, row in rows.items():
+        if "figures" in row:
+            inside, outside = map(_share, row["figures"])
+            made += ["", f"Manoeuvring figures, {name}: {inside} where the trials went, {outside} outside of that."]
+    return made
+
+
+def _share(counted: Sequence[int] | None) -> str:
+    return f"{counted[0] / counted[1]:.3f} ({counted[1]})" if counted and counted[1] else ""
+
+
+def _diagnosis_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
+    words, commit = _name(name, row, is_there)
+    rates = [f"{k}/{n}" for k, n in row["right"].values()]
+    moves = [str(row["gained"]), str(row["lost"]), _percent(*row["change"]), str(row["worlds"])]
+    return [words, str(row["cases"]), *rates, str(row["wrong names"]), *moves, commit]

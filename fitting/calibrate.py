@@ -1,0 +1,264 @@
+"""Calibration from trials to a result: estimate, scores, what the trials determine, uncertainty, prediction bands."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from cases.checks.held_out import shared_rows, training_trials
+from cases.checks.propulsion import doubtful_revolutions
+from cases.shipfiles.effects import varying_effects
+from cases.shipfiles.model_changes import with_instruments
+from cases.trial import Trial
+from fitting.calibration import Calibration, estimate_coefficients
+from fitting.design.next_trial import identifiability_dict, next_trial
+from fitting.nlp.captive import Captive
+from fitting.parallel import with_one_thread
+from fitting.prediction.band_calibration import Without, fit_bands
+from fitting.prediction.bands import draws_of
+from fitting.prediction.envelope import trial_envelope
+from fitting.prediction.score import scores_by_set
+from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
+from fitting.prediction.worth_of_past import adaptation_worth
+from fitting.record import FitObjects, FitRecord
+from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
+from fitting.report.run_folder import data_rows, plain
+from fitting.result import FitResult
+from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
+from fitting.selection.sisters import UncertainMean, with_uncertain_mean
+from fitting.selection.two_estimates import Second, answers, with_second
+from fitting.settings import Settings, check_estimator
+from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
+from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
+from fitting.uncertainty.left_out import worth_message, worth_of_left_out
+from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
+from fitting.uncertainty.without_trials import without_trials
+from mmg.errors import UserError
+from mmg.messages import Message, message_rows
+from mmg.progress import LOGGER, OnProgress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """Options of a calibration besides the settings of its solver.
+
+    bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
+    whether trials are named that would determine what is left open; per_run: effects of which each run has its own
+    constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
+    the usual ones, ("none",) for none; instruments: effects of the instruments that are fitted along; captive: points
+    of captive tests that are fitted too; start: values from which the solver begins, by symbol; hold: these stay, and
+    only what else is free and the noise is estimated; resume: an interrupted run of the same data and ship, from whose
+    iterate to go on; command: what is stored as the command that made the result; name: of the ship and her
+    calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
+    the mean of the prior is, where other ships told it. estimator: "both" takes the mean with a ``second`` estimator of
+    the same coefficients, where there is one and nothing else is fitted than coefficients to trials, "windows" what
+    multiple shooting gives.
+    """
+
+    bootstrap: int = 0
+    profile: tuple[str, ...] = ()
+    next_trial: bool = True
+    per_run: tuple[str, ...] = ()
+    per_campaign: tuple[str, ...] = ()
+    instruments: tuple[str, ...] = ("velocity_filter",)
+    captive: Captive | None = None
+    start: Mapping[str, float] = field(default_factory=dict)
+    hold: bool = False
+    resume: FitResult | None = None
+    command: str = ""
+    name: str = ""
+    prior_mean: UncertainMean | None = None
+    estimator: str = "both"
+    second: Second | None = None
+
+    def asks_second(self, settings: Settings) -> bool:
+        """Whether the second estimator is asked: it knows no other data than trials, and refits, profiles and held
+        values are those of multiple shooting alone; settings: of the solver."""
+        asked = (self.captive, self.per_run, self.bootstrap, self.profile, self.hold)
+        return self.estimator == "both" and not any(asked) and settings.time_limit is None
+
+
+@with_one_thread
+def calibrate(
+    ship: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial] = (),
+    settings: Settings | None = None,
+    options: FitOptions | None = None,
+    progress: OnProgress | None = None,
+) -> FitResult:
+    """Calibrate the free coefficients of ``ship`` on ``trials`` and judge the result, also on ``validation`` trials.
+
+    Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
+    else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
+    that stopped early; what Ctrl-C left out after the coefficients were solved is named in a warning. Raises UserError
+    for input from which nothing can be identified, for options that contradict each other, and for an interrupted run
+    of other data.
+    """
+    began = time.perf_counter()
+    settings, options = settings or Settings(), options or FitOptions()
+    trials, remarks = training_trials(trials, validation)
+    given, ship = ship, with_instruments(ship, options.instruments, trials)
+    _check_options(ship, trials, options)
+    made = Made()
+    fit = _estimated(ship, trials, settings, options, made, progress)
+    found = with_uncertain_mean(fit.calibration, options.prior_mean)
+    second = options.second if options.asks_second(settings) and answers(options.second, given) else None
+    if second and found.converged:
+        make_in_turn({"second estimate": lambda: with_second(found, second(given, trials))}, made)
+        found = made.get("second estimate", found)
+
+    before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    sets, apart = {"validation": validation, "training": trials}, without_trials(found, trials)
+    parts: dict[str, Callable[[], Any]] = {
+        "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
+        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"], found, fit.own),
+        "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
+        "prediction bands": lambda: prediction_bands(found, after, trials, apart),
+    }
+    if options.next_trial and found.converged and np.isfinite(found.covariance).all():
+        parts["next trial"] = lambda: next_trial(found)
+    if options.bootstrap:
+        parts["--bootstrap"] = lambda: refit_rows(found, options.bootstrap)
+    if options.profile:
+        parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
+    make_in_turn(parts, made)
+    content = _content(fit, found, made, trials, validation, options)
+    named = marked(found.ship, ship, trials, options.name)
+    warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
+    warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
+    warnings += [left_out_message(made.missing)] if made.missing else []
+    warnings += doubtful_revolutions(ship, trials)
+    content |= {
+        "ship_name": named.name,
+        "mark": vars(named.mark),
+        "messages": _message_rows(warning=warnings, notice=[*found.notices, *fit.messages]),
+        "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
+    }
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
+    return FitResult(**vars(FitRecord.of(content)), ship=named, start=ship, iterate=found.iterate, objects=objects)
+
+
+def _estimated(
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: Settings,
+    options: FitOptions,
+    made: Made,
+    progress: OnProgress | None,
+) -> CampaignFit:
+    """The calibration of ``ship``, with values by campaign where they pay; without with constants of runs, or with
+    coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
+    model, constants = varying_effects(ship, options.per_run)
+    warm = started_from(model, options.start, options.hold)
+    if options.resume:
+        check_resumable(options.resume, ship, trials, constants)
+        warm = {**(iterate_of(options.resume, model) or {}), **{k: v for k, v in warm.items() if k == "held"}}
+    if "held" in warm or constants:
+        found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants)
+        messages = () if "held" in warm else not_asked(trials, options.per_campaign)
+        return CampaignFit(found, constants, messages=messages)
+    # where values by campaign may take its place, the last solve without them would be thrown away
+    draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
+    draft = draft and settings.time_limit is None
+    found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, draft=draft)
+    make_in_turn({"values by campaign": lambda: by_campaign(found, trials, options.per_campaign, progress)}, made)
+    fit = made.get("values by campaign", CampaignFit(found))
+    if not fit.calibration.draft:
+        return fit
+    last = estimate_coefficients(model, trials, settings, progress, found.iterate, options.captive)
+    timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
+    return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
+
+
+def _content(
+    fit: CampaignFit,
+    found: Calibration,
+    made: Made,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial],
+    options: FitOptions,
+) -> dict[str, Any]:
+    """What is known of the calibration ``found``, and of the ``fit`` behind it, by attribute of the result."""
+    seconds = {name.strip("-").replace(" ", "_"): value for name, value in made.seconds.items()}
+    seconds = {"campaigns": fit.seconds, "identifiability": seconds.get("next_trial", 0.0), **seconds}
+    return {
+        **solved(found, options.command),
+        "passes": (*earlier_passes(options.resume, found), *found.passes),
+        "data": data_rows(trials),
+        "validation_data": data_rows(validation),
+        "coefficients": coefficient_rows(found),
+        "correlation": correlation_of(found),
+        "scores": made.get("scores", NO_SCORES),
+        "identifiability": identifiability_dict(found.identifiability, made.get("next trial")),
+        "bands": made.get("prediction bands"),
+        "adaptation": made.get("worth of adaptation"),
+        "envelope": trial_envelope(found.ship, trials),
+        "left_out": made.get("worth of what was left out"),
+        "campaigns": fit.content,
+        **uncertainty_rows(found),
+        **made.get("--bootstrap", {}),
+        **made.get("--profile", {}),
+        "timings_s": {**found.timings, **seconds},
+    }
+
+
+def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
+    """Rows of the messages of each of the ``levels``, each message once."""
+    return [{"level": level, **row} for level, some in levels.items() for row in message_rows(dict.fromkeys(some))]
+
+
+def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
+    """Messages on ``scores`` by set of trials: those that are no numbers, or worse than before, or bad."""
+    failed = [message for name, pair in scores.items() for message in pair.failed(name)]
+    worse = [message for name, pair in scores.items() for message in pair.worse(name)]
+    worse += [message for name, pair in scores.items() for message in pair.worse_by_run(name)]
+    return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
+
+
+def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) -> dict[str, np.ndarray]:
+    """What ``estimate_coefficients`` takes as ``warm``: "p" (P,), to begin at ``values`` of the free coefficients of
+    ``ship``, by symbol, and "held" (P,) to hold them there if ``hold``; the others begin at their prior mean."""
+    if not values:
+        return {}
+    rows = [ship.coefficients[s] for s in ship.free]
+    warm = {"p": np.array([(values.get(c.symbol, c.value) - c.value) / c.std for c in rows])}
+    return warm | ({"held": np.isin(ship.free, list(values))} if hold else {})
+
+
+def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:
+    if options.per_run and options.per_campaign not in ((), ("none",)):
+        raise UserError(
+            f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
+            "fitted together; leave out --per-campaign or --per-run"
+        )
+    check_estimator(options.estimator)
+    check_request(options.bootstrap, options.profile, ship.free)
+    if options.per_run and len(train) == 1:
+        same = f"--with {' --with '.join(options.per_run)}"
+        LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
+
+
+def prediction_bands(
+    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: Without
+) -> dict[str, Any] | None:
+    """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
+    ``apart`` (``without_trials``)."""
+    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
+    return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
+
+
+def _worth_of_past(
+    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: Without
+) -> dict[str, Any] | None:
+    """What the past of a window brings to predictions of ``simulator`` on ``validation`` trials, or where there are
+    none on its own ``trials``, each left out in turn: ``apart``."""
+    if any(t.has_position for t in validation):
+        return adaptation_worth(simulator, validation)
+    return adaptation_worth(simulator, trials, apart.run)
