@@ -126,8 +126,11 @@ def whitened_by(
     with_states: bool,
     rows: np.ndarray | None = None,
 ) -> np.ndarray:
-    """``whitened`` by the compiled ``library``, which writes into ``out``; returns the states. The other arguments: as
-    of ``whitened``."""
+    """As ``whitened``, by the compiled ``library``; returns the states (K + 1, R, n, c), or an empty array.
+
+    s, f, columns: as of ``whitened``; out: (K + 1 or k, R, 6, c) for the responses; with_states: whether the states are
+    wanted; rows: (k,) rising grid times of which responses are wanted (default: all).
+    """
     K, R, n = s.T.shape[:3]
     m, c = columns.forcing.shape[2:]
     states = room(K + 1, R, n, c) if with_states else np.empty(0)
