@@ -145,8 +145,8 @@ def prepare(
     ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
     the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
     whether the actuators of ``trials`` are joined, where it is known; tests_follow: whether effects are tested after
-    the fit; else the model has none but those of the ship. Returns the problem with its first fit. Raises UserError where
-    every coefficient is fixed, or all trials are too short.
+    the fit; else the model has none but those of the ship. Returns the problem with its first fit. Raises UserError
+    where every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
     full = ship_with_latent_force(ship)
