@@ -3,16 +3,15 @@
 python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PART being one or more of
 
 * intervals: 95 % intervals of the coefficients of ships drawn from the prior, on trials as bad as real ones
-  (benchmarks/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, and those of a bootstrap
+  (tests/support/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, those of a bootstrap
   by run;
 * clean: the same of the hidden ship of the demo, white noise alone;
 * figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
   crash stop lies outside of them;
-* bands: 90 % prediction bands of records left out in five folds, without and with the past of a window;
-* manoeuvres: the same of turnings predicted from zigzags and random runs (records), and of circles from zigzags alone
-  (``benchmarks/file_faults/plant.py``, whose equations are not the package's).
+* bands: 90 % prediction bands of manoeuvres of another kind: turnings predicted from zigzags and random runs (records),
+  and circles from zigzags alone (``benchmarks/file_faults/plant.py``, whose equations are not the package's).
 
-Each calibration is what ``mmg fit`` does by default.
+Those of records left out are in benchmarks/accuracy.py. Each calibration is what ``mmg fit`` does by default.
 """
 
 from __future__ import annotations
@@ -27,10 +26,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.cross_validation import SHIP, fitted, folds_of, trials_of
-from benchmarks.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
-from benchmarks.record import Figure, keep, table
+from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
+from benchmarks.record import Figure, keep
 from cases import published_splits as splits
 from cases.criteria.assessment import imo_figures
 from cases.shipfiles.effects import freeing_effects, with_effects
@@ -41,19 +39,14 @@ from cases.simulation.sensors import SensorNoise
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.calibration import estimate_coefficients
-from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.band_calibration import NORMAL
-from fitting.prediction.bands import bands_of
 from fitting.prediction.figure_intervals import with_intervals
-from fitting.prediction.predict import predict_all
-from fitting.prediction.worth_of_past import default_past
 from fitting.result import FitResult
 from fitting.settings import Settings
 from fitting.uncertainty.bootstrap import bootstrap
 from mmg.errors import UserError
 from mmg.ship import Ship
-from mmg.states import STATES
 from mmg_ident.api import calibrate
+from tests.support.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 
 FIRST = 100
 """First seed of the intervals."""
@@ -63,11 +56,7 @@ REPLICATES, DRAWS = 200, 200
 """Of a bootstrap, and of the interval of a figure."""
 RUNS = (("zigzag:20/20", 120.0), ("zigzag:-10/10", 110.0), ("turning:35", 140.0), ("turning:-20", 140.0))
 """Manoeuvres and durations [s] of a 3 m ship whose figures are judged."""
-WINDOWS = ((30.0, 15.0), (100.0, 100.0))
-"""Length of windows and seconds between their starts."""
 T, R = TypeVar("T"), TypeVar("R")
-Inside = dict[str, np.ndarray]
-"""Windows in words -> rows inside by state, then rows, (7,)."""
 
 
 def spread(work: Callable[[T], R], tasks: Iterable[T], workers: int) -> list[R]:
@@ -181,49 +170,6 @@ def figures(given: argparse.Namespace) -> dict[str, Figure]:
 # Prediction bands
 
 
-def count_inside(found: FitResult, trials: Sequence[Trial], words: str, into: Inside, pasts: Sequence[bool]) -> None:
-    """Adds the rows of ``trials`` that the bands of ``found`` hold; the first row of a window does not count.
-
-    words: what is predicted; pasts: without, with the past of a window, or both.
-    """
-    assert found.objects is not None
-    bands, simulator = bands_of(found.to_dict(), found.ship), found.objects.after
-    assert bands is not None
-    for length, stride in WINDOWS:
-        for past in pasts:
-            adaptation = Adaptation.of(found.ship, default_past(found.ship)) if past else None
-            made = predict_all(simulator, trials, length, stride, length > 50, adaptation=adaptation, bands=bands)
-            rows = into.setdefault(f"{words}, {length:g} s{', with a past' if past else ''}", np.zeros(7))
-            for trial, (windows, _) in zip(trials, made, strict=True):
-                for w in windows:
-                    assert w.std is not None
-                    error = w.error(trial.states)[1:]
-                    known = np.isfinite(error).all(axis=1)
-                    rows[:6] += (np.abs(error[known]) < NORMAL * w.std[1:][known]).sum(axis=0)
-                    rows[6] += known.sum()
-
-
-def band_figures(counted: Inside, name: str) -> dict[str, Figure]:
-    """Figures of the rows ``counted``, called by ``name`` and the length of the windows; prints all."""
-    shares = {words: rows[:6] / rows[6] for words, rows in counted.items()}
-    rows = [[words, *(f"{x:.3f}" for x in share), f"{share.mean():.3f}"] for words, share in shares.items()]
-    print("\n".join(table(["rows inside the 90 % band", *STATES, "mean"], rows)))
-    made = {}
-    for words, share in shares.items():
-        mark = f"{name}_{words.split(', ')[1].split()[0]}" + "_past" * words.endswith("past")
-        made[mark] = Figure(f"rows inside the 90 % band, mean of the states: {words}", float(share.mean()), "%")
-    return made
-
-
-def bands() -> dict[str, Figure]:
-    """All records, each predicted by a calibration on the other folds."""
-    trials, counted = trials_of(splits.TRAIN_TZRB_PLUS), dict[str, np.ndarray]()
-    for out in folds_of(trials):
-        found = fitted("default", [t for i, t in enumerate(trials) if i not in out])
-        count_inside(found, [trials[i] for i in out], "records left out", counted, (False, True))
-    return band_figures(counted, "bands_records")
-
-
 def plant_trials(seed: int) -> tuple[Ship, list[Trial], list[Trial]]:
     """A start ship, zigzags and circles of a plant that is not the package's."""
     rng, hull = np.random.default_rng(seed), Hull(7.0, 1.27, 0.46, 0.81, 1.2, 10.0, 0.2)
@@ -242,18 +188,32 @@ def plant_trials(seed: int) -> tuple[Ship, list[Trial], list[Trial]]:
     return new_ship("plant", {"L": 7.0, "B": 1.27, "d": 0.46, "C_b": 0.81, "U_0": 1.2}), sets[0], sets[1]
 
 
+def held_by_bands(found: FitResult, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
+    """Rows of ``trials`` inside the bands of ``found``, and rows, by the length of the windows [s]."""
+    rows = {"30": np.zeros(2), "100": np.zeros(2)}
+    for words, counted in inside_bands(found, Fold("", "", found.ship, (), trials, np.ones(6), {}), {}).items():
+        rows[words.split()[0]] += counted
+    return rows
+
+
 def manoeuvres() -> dict[str, Figure]:
     """Manoeuvres of a kind that the calibration did not have."""
-    records, plants = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    options = FitOptions(next_trial=False)
     trials = trials_of([n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT])
-    found = fitted("default", [t for t in trials if t.kind in ("zigzag", "random")])
-    turnings = [t for t in trials if t.kind == "turning"]
-    count_inside(found, turnings, "turnings from zigzags and random runs", records, (False,))
+    found = calibrate(SHIP, [t for t in trials if t.kind in ("zigzag", "random")], (), None, options)
+    records = held_by_bands(found, [t for t in trials if t.kind == "turning"])
+    plants = {"30": np.zeros(2), "100": np.zeros(2)}
     for seed in (41, 42, 43):
         ship, zigzags, circles = plant_trials(seed)
-        found = calibrate(ship, zigzags, (), None, FitOptions(next_trial=False))
-        count_inside(found, circles, "circles of a plant from zigzags", plants, (False,))
-    return band_figures(records, "bands_turnings") | band_figures(plants, "bands_plant")
+        for length, rows in held_by_bands(calibrate(ship, zigzags, (), None, options), circles).items():
+            plants[length] += rows
+    made = {}
+    for name, words, counted in (("turnings", "turnings from zigzags and random runs", records),
+                                 ("plant", "circles of a plant from zigzags", plants)):  # fmt: skip
+        for length, (inside, count) in counted.items():
+            what = f"rows inside the 90 % band, mean of the states: {words}, {length} s"
+            made[f"bands_{name}_{length}"] = Figure(what, inside / count, "%")
+    return made
 
 
 def main() -> None:
@@ -262,8 +222,7 @@ def main() -> None:
         "intervals": lambda given: intervals(disturbed_errors, "coverage_disturbed", "disturbed trials", given),
         "clean": lambda given: intervals(clean_errors, "coverage_clean", "white noise", given),
         "figures": figures,
-        "bands": lambda given: bands(),
-        "manoeuvres": lambda given: manoeuvres(),
+        "bands": lambda given: manoeuvres(),
     }
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.coverage", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -277,7 +236,7 @@ def main() -> None:
         made = parts[part](given)
         print("\n".join(f"{figure.what}: {figure.value:.3f} ({figure.note})" for figure in made.values()))
         if given.record:
-            options = f" --seeds {given.seeds}" if part not in ("bands", "manoeuvres") else ""
+            options = f" --seeds {given.seeds}" if part != "bands" else ""
             keep(made, f"python -m benchmarks.coverage {part}{options}")
 
 

@@ -26,22 +26,22 @@ class Format:
 
     writer: "module:function" of ``function(product, target, **options)``; it writes to ``target``, a folder that exists
     and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix: of a file,
-    "" for a folder. options: names of further options that the function takes. beside: whether it writes a file beside
-    its target as well; it is then told by ``replace`` whether that may take the place of another.
+    "" for a folder. options: names of further options that the function takes. writes_second: whether it writes a
+    second file next to its target; ``replace`` then says whether that may take the place of another.
     """
 
     writer: str
     summary: str
     suffix: str = ""
     options: tuple[str, ...] = ()
-    beside: bool = False
+    writes_second: bool = False
 
     @property
     def function(self) -> Callable[..., Sequence[Message] | None]:
         """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
         module, name = self.writer.split(":")
-        found: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
-        return found
+        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
+        return writer
 
 
 FORMATS: dict[str, Format] = {
@@ -76,12 +76,12 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     for name in sorted(set(options) - set(chosen.options)):
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
-    said: list[Message] = []
-    if chosen.beside:
+    messages: list[Message] = []
+    if chosen.writes_second:
         options["replace"] = force
 
     def fill(place: Path) -> None:
-        said.extend(chosen.function(product, place, **options) or ())
+        messages.extend(chosen.function(product, place, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
@@ -89,7 +89,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         _write_file(target, fill)
     else:
         write_whole(target, fill, replace=force)
-    return said
+    return messages
 
 
 def export_ship(

@@ -134,16 +134,16 @@ class ProductCoefficient:
 class Product:
     """A ship that is to be delivered.
 
-    ship: plain, hybrid, with effects, as it is delivered. identifier: its name made a C identifier in lower case. held:
-    quantity (``ship.features`` and "beta") -> the range that the trials held (lower, upper), SI; empty where none is
-    known. provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
+    ship: plain, hybrid, with effects, as delivered. identifier: its name as a C identifier in lower case. ranges:
+    quantity (``ship.features`` and "beta") -> its range in the trials (lower, upper), SI; empty where none is known.
+    provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
     values; never a path, so that a run gives the same product wherever it lies. caveats: what a user of the product
     must know, each with a code.
     """
 
     ship: Ship
     identifier: str
-    held: Mapping[str, tuple[float, float]]
+    ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, Any]
     caveats: tuple[Message, ...]
 
@@ -159,8 +159,8 @@ class Product:
     @property
     def coefficients(self) -> tuple[ProductCoefficient, ...]:
         """Its coefficients in the order of the model's argument."""
-        known = self.ship.coefficients.values()
-        names = identifiers([c.symbol for c in known])
+        coefficients_in_order = self.ship.coefficients.values()
+        names = identifiers([c.symbol for c in coefficients_in_order])
         return tuple(
             ProductCoefficient(
                 symbol=c.symbol,
@@ -175,7 +175,7 @@ class Product:
                 description=c.description,
                 source=c.source,
             )
-            for c, name in zip(known, names, strict=True)
+            for c, name in zip(coefficients_in_order, names, strict=True)
         )
 
     @property
@@ -195,7 +195,7 @@ class Product:
             "hybrid": self.ship.network is not None,
             "longest_step_s": self.longest_step,
             "coefficients": {c.symbol: vars(c) for c in self.coefficients},
-            "range_of_the_trials": {name: list(pair) for name, pair in self.held.items()},
+            "range_of_the_trials": {name: list(pair) for name, pair in self.ranges.items()},
             "provenance": dict(self.provenance),
             "caveats": [{"code": m.code, "text": str(m)} for m in self.caveats],
         }
@@ -216,8 +216,8 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
         raise NotCalibrated(f"{where}: {caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
     for name in without:
         if name not in ship.effects:
-            known = ", ".join(ship.effects) or "none"
-            raise UnknownName(f"--without {name}: the ship has no such effect; it has {known}")
+            effect_names = ", ".join(ship.effects) or "none"
+            raise UnknownName(f"--without {name}: the ship has no such effect; it has {effect_names}")
         ship = ship.without_effect(name)
         caveats.append(Message(f"the effect {name} of the calibrated ship is left out", LEFT_OUT))
     for name in ship.effects:
@@ -228,12 +228,12 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if identifier != ship.name:
         words = f"the ship's name '{ship.name}' is no lower-case identifier: names in the code begin with {identifier}"
         caveats.append(Message(words, NAME_CHANGED))
-    held = _held(content) or _held_again(ship, content)
-    if not held:
-        words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
+    ranges = _ranges(content) or _ranges_again(ship, content)
+    if not ranges:
+        words = "no record of the range of the trials, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
     caveats += _unexcited(content)
-    return Product(ship, identifier, held, _provenance(Path(where), place, content), tuple(caveats))
+    return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
@@ -268,31 +268,31 @@ def _blocking(ship: Ship, content: Mapping[str, Any]) -> list[Message]:
 
 def _unexcited(content: Mapping[str, Any]) -> list[Message]:
     """The coefficients of a run's record of which its trials say nothing, in one caveat."""
-    found = (content.get("identifiability") or {}).get("coefficients") or {}
-    silent = [symbol for symbol, row in found.items() if row["kind"] == "silent"]
-    words = f"{len(silent)} of {len(found)} free coefficients are not excited by the trials and stand at their prior"
+    rows = (content.get("identifiability") or {}).get("coefficients") or {}
+    silent = [symbol for symbol, row in rows.items() if row["kind"] == "silent"]
+    words = f"{len(silent)} of {len(rows)} free coefficients are not excited by the trials and stand at their prior"
     return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)] if silent else []
 
 
-def _held(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def _ranges(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """The range of each quantity that a run folder's record holds."""
-    found = content.get("envelope")
-    rows = found.items() if isinstance(found, dict) else ()
+    envelope = content.get("envelope")
+    rows = envelope.items() if isinstance(envelope, dict) else ()
     return {name: (float(low), float(high)) for name, (low, high) in rows}
 
 
-def _held_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def _ranges_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
     """The same from the trials themselves, for a run folder of an older version: where all are there, unchanged."""
     rows = content.get("data")
     if not isinstance(rows, list) or not rows or not all(row.get("path") and row.get("sha256") for row in rows):
         return {}
     try:
         trials = read_trials([row["path"] for row in rows])
-        known = {row["sha256"] for row in rows}
-        found = trial_envelope(ship, trials) if all(trial.sha256 in known for trial in trials) else {}
+        hashes = {row["sha256"] for row in rows}
+        envelope = trial_envelope(ship, trials) if all(trial.sha256 in hashes for trial in trials) else {}
     except UserError:
         return {}
-    return {name: (low, high) for name, (low, high) in found.items()}
+    return {name: (low, high) for name, (low, high) in envelope.items()}
 
 
 def _provenance(where: Path, place: Path | None, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -300,11 +300,11 @@ def _provenance(where: Path, place: Path | None, content: Mapping[str, Any]) -> 
     rows, command = content.get("data"), content.get("command")
     data = [{k: row.get(k) for k in ("name", "sha256", "duration_s")} for row in rows] if isinstance(rows, list) else []
     file = place / SHIP if place else where if where.is_file() else None
-    found: dict[str, Any] = {"source": "the library of ships" if file is None else f"ship file {_hash(file)[:SHOWN]}"}
+    origin: dict[str, Any] = {"source": "the library of ships" if file is None else f"ship file {_hash(file)[:SHOWN]}"}
     if place:
-        found = {"source": f"run {_hash(place / RESULT)[:SHOWN]}", "result_sha256": _hash(place / RESULT)}
+        origin = {"source": f"run {_hash(place / RESULT)[:SHOWN]}", "result_sha256": _hash(place / RESULT)}
     return {
-        **found,
+        **origin,
         "ship_sha256": _hash(file) if file else None,
         "kind": content.get("kind", "ship file" if file else "library"),
         "created": content.get("created"),

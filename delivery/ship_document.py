@@ -19,7 +19,7 @@ def write_toml(product: Product, target: Path) -> None:
     lines = [f"{origin}; std is the standard error of each estimate."]
     if source.get("created"):
         lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")
-    for name, (low, high) in product.held.items():
+    for name, (low, high) in product.ranges.items():
         lines.append(f"The trials held {name} from {low:.4g} to {high:.4g} (SI).")
     lines += [f"Mind: {words}." for words in product.caveats]
     target.write_text(dump_whole_ship(product.ship, "\n".join(lines)), encoding="utf-8")

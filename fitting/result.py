@@ -99,13 +99,13 @@ class FitResult(FitRecord):
         self,
         folder: str | Path,
         replace: bool = False,
-        beside: Callable[[Path], None] | None = None,
+        attach: Callable[[Path], None] | None = None,
         numbers: Callable[[FitResult], None] | None = None,
         report: bool = True,
     ) -> FitResult:
         """Write the run folder ``folder``, which must not exist unless ``replace``; returns the result as it was saved.
 
-        beside: writes further files that belong to it, which appear together with it, into the folder that it is given;
+        attach: writes further files that belong to it, which appear together with it, into the folder that it is given;
         numbers: called with the result when all but figures and page is written; report: with figures and page.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
@@ -117,7 +117,7 @@ class FitResult(FitRecord):
             check_target(target)
         named = self._named(target)
         pending = (MessageRow("warning", PENDING.code, PENDING),) if report and self.objects else ()
-        write_whole(target, partial(named._fill, pending=pending, beside=beside), replace)
+        write_whole(target, partial(named._fill, pending=pending, attach=attach), replace)
         if numbers:
             numbers(named)
         return changed(named._illustrated(target) if report else named, folder=target)
@@ -134,7 +134,7 @@ class FitResult(FitRecord):
         return changed(self, ship=changed(self.ship, mark=mark), mark=dict(vars(mark)))
 
     def _fill(
-        self, scratch: Path, pending: tuple[MessageRow, ...] = (), beside: Callable[[Path], None] | None = None
+        self, scratch: Path, pending: tuple[MessageRow, ...] = (), attach: Callable[[Path], None] | None = None
     ) -> None:
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.title}, {state} by mmg fit; std is the standard error of each estimate."
@@ -154,8 +154,8 @@ class FitResult(FitRecord):
         if self.model is not None:
             (scratch / MODEL).mkdir()
             changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL)
-        if beside:
-            beside(scratch)
+        if attach:
+            attach(scratch)
         saved = changed(self, figures=(), messages=(*pending, *self.messages)) if self.objects else self
         write_json(scratch / RESULT, saved.to_dict())
 

@@ -173,11 +173,11 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
         tuple((name, None if name in chosen else value) for name, value in values.items()),
         (ship.effects, *map(effect, ship.effects), chosen, exact, acted),
     )
-    found = next((each for each in list(_KNOWN) if each[0] == key), None)
-    if found is None:
-        found = (key, *_assembled(ship, chosen, exact, acted))
-        _KNOWN.append(found)
-    _, model, sizes = found
+    entry = next((each for each in list(_KNOWN) if each[0] == key), None)
+    if entry is None:
+        entry = (key, *_assembled(ship, chosen, exact, acted))
+        _KNOWN.append(entry)
+    _, model, sizes = entry
     return replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
 
 
@@ -231,13 +231,13 @@ def _numbers(sizes: ca.Function, chosen: Sequence[str], values: Mapping[str, flo
 
 def _settled(memory: Memory) -> list[Any]:
     """Initial values of the remembered states, each free of the others."""
-    known: list[Any] = []
+    settled: list[Any] = []
     for target in memory.targets:
         start = ca.SX(target)
-        if known:
-            start = ca.substitute([start], memory.symbols[: len(known)], known)[0]
-        known.append(start)
-    return known
+        if settled:
+            start = ca.substitute([start], memory.symbols[: len(settled)], settled)[0]
+        settled.append(start)
+    return settled
 
 
 POINTS = 50_000
@@ -266,15 +266,15 @@ def columns(
         return states[..., :6, :]
     flat = states.reshape(-1, *states.shape[-2:])
     # few coefficients: CasADi copies what it is given to every point
-    own = np.asarray(theta, dtype=float)[model.measured_by]
+    coefficients = np.asarray(theta, dtype=float)[model.measured_by]
     M, logged = states.shape[-1], np.empty((len(flat), 6, states.shape[-1]))
     many = max(1, POINTS // max(M, 1))
     for first in range(0, len(flat), many):
         z = flat[first : first + many]
-        each = np.tile(own, (1, len(z))) if np.ndim(own) == 2 else own
+        each = np.tile(coefficients, (1, len(z))) if np.ndim(coefficients) == 2 else coefficients
         points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)
-        found = at(points, each) if at else model.at_points("columns_by", points, each)
-        logged[first : first + many] = found.reshape(6, len(z), M).transpose(1, 0, 2)
+        values = at(points, each) if at else model.at_points("columns_by", points, each)
+        logged[first : first + many] = values.reshape(6, len(z), M).transpose(1, 0, 2)
     return logged.reshape(*states.shape[:-2], 6, M)
 
 

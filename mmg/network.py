@@ -96,11 +96,11 @@ class Network:
 
     def check(self, ship: str, actuators: Sequence[str]) -> None:
         """Raises UserError unless its sizes agree, its numbers are finite and its inputs are those of the ship."""
-        known, given = features_of(actuators), self.features
-        unknown = [name for name in given if name not in known]
+        expected, given = features_of(actuators), self.features
+        unknown = [name for name in given if name not in expected]
         missing = [name for name in actuators if name not in given]
         if unknown or missing or len(set(given)) < len(given):
-            raise Conflict(f"{OTHER}: it takes {', '.join(given)}; {ship or 'the ship'} has {', '.join(known)}")
+            raise Conflict(f"{OTHER}: it takes {', '.join(given)}; {ship or 'the ship'} has {', '.join(expected)}")
         fault = self._fault()
         if fault:
             raise BadValue(f"network of {ship or 'the ship'}: {fault}; train it again")

@@ -163,11 +163,11 @@ class Simulator:
         for k in range(N):
             h, a = steps[k], controls[k]
             b = controls[k + 1] if linear else a
-            held = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
+            inputs_at = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
             if method == "euler":
                 z = z + h * self.rates(z, a, theta)
             else:
-                z = rk4_step(lambda state, at, held=held: self.rates(state, held[at], theta), z, h)  # type: ignore[misc]
+                z = rk4_step(lambda state, at, by=inputs_at: self.rates(state, by[at], theta), z, h)  # type: ignore[misc]
             if keep[k]:
                 out[row] = z
                 row += 1

@@ -42,8 +42,8 @@ class CalibrationMark:
     @property
     def words(self) -> str:
         """All of it in a line: "first, calibrated 2026-11-23, data 1a2b3c4d, from esso_osaka_3m"."""
-        told = (("calibrated ", self.date), ("data ", self.data[:8]), ("from ", self.start))
-        return ", ".join([self.name or "unnamed", *(f"{word}{value}" for word, value in told if value)])
+        origin = (("calibrated ", self.date), ("data ", self.data[:8]), ("from ", self.start))
+        return ", ".join([self.name or "unnamed", *(f"{word}{value}" for word, value in origin if value)])
 
 
 @dataclass(frozen=True)
@@ -195,8 +195,10 @@ class Ship:
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""
-        own = {symbol: value for symbol, value in self.campaigns[name].items() if symbol in self.coefficients}
-        return replace(self.with_values(own), campaigns={})
+        campaign_values = {
+            symbol: value for symbol, value in self.campaigns[name].items() if symbol in self.coefficients
+        }
+        return replace(self.with_values(campaign_values), campaigns={})
 
     def with_coefficients(self, changed: Mapping[str, Coefficient]) -> Ship:
         """A copy with some coefficients replaced (their order is kept)."""

@@ -49,7 +49,8 @@ def measure_fits(record: Record, work: Path, names: Sequence[str], workers: int)
     for switch in fits.SWITCHES:
         for number, fold in enumerate(grounds(work)):
             place = {"row": switch.name, "ground": fold.ground, "fold": fold.name}
-            if (not names or switch.name in names) and not record.of(code=code_version(), **place):
+            wanted = fits.is_for(switch, fold) and (not names or switch.name in names)
+            if wanted and not record.of(code=code_version(), **place):
                 todo.append((place, (switch.name, number)))
     for place, made in done(fit_task, work, todo, workers):
         record.keep(**place, **made)

@@ -8,9 +8,16 @@ UNVERIFIED: from recollection or second hand.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
 
 from benchmarks.literature import container, tanker
 from benchmarks.literature.plants import Plant
@@ -57,54 +64,19 @@ def _both_sides(known: Mapping[tuple[str, str], float]) -> dict[tuple[str, str],
     return {key: sum(values) / len(values) for key, values in sides.items()}
 
 
-_KVLCC2 = {"C_b": 0.81, "pitch_ratio": 0.721}
+def _ships() -> Iterator[LiteratureShip]:
+    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    for row in tomllib.loads(text)["ship"]:
+        published = {tuple(key.split(" ")): value for key, value in row.pop("published", {}).items()}
+        if row.get("model") in REFERENCES:
+            published = _both_sides(REFERENCES[row["model"]])
+        if plant := row.pop("plant", ""):
+            row["model"] = {"tanker": tanker.PLANT, "container": container.PLANT}[plant]
+        row["rudder_rate"] = math.radians(row["rudder_rate"])
+        yield LiteratureShip(**row, published=published)
 
-SHIPS = (
-    LiteratureShip(
-        "KVLCC2, 7 m model", "full",
-        {"L": 7.0, "B": 1.27, "d": 0.455, **_KVLCC2, "D_P": 0.216, "A_R": 0.0539, "aspect_ratio": 2.208, "x_G": 0.245},
-        1.179, math.radians(15.8),
-        "free-running tests of MARIN (SIMMAN 2008), 35 degrees and zigzags; at 15 degrees the model of Yasukawa & "
-        "Yoshimura (2015)", "kvlcc2", "kvlcc2_l7", _both_sides(REFERENCES["kvlcc2_l7"]),
-    ),
-    LiteratureShip(
-        "ESSO OSAKA, 3 m model", "full",
-        {"L": 3.0, "B": 0.48925, "d": 0.20114, "C_b": 0.83, "D_P": 0.084, "pitch_ratio": 0.7151, "A_R": 0.01063,
-         "aspect_ratio": 1.539, "x_G": 0.09357},
-        0.384, math.radians(20.0),
-        "mathematical model from captive tests, Miyauchi et al. (2022)", "esso_osaka", "esso_osaka_3m",
-    ),
-    LiteratureShip(
-        "ESSO OSAKA, ship", "full",
-        {"L": 325.0, "B": 53.0, "d": 21.73, "C_b": 0.831, "D_P": 9.1, "pitch_ratio": 0.715, "A_R": 119.817,
-         "x_G": 10.3},
-        4.0, math.radians(2.3),
-        "trials in deep water, Crane (1979), SNAME Transactions 87:251-283, as quoted in secondary literature; "
-        "particulars Abkowitz (1980)", "esso_osaka", None,
-        {("turning:35", "advance"): 3.1, ("turning:35", "tactical_diameter"): 2.85},
-        "figures UNVERIFIED: the paper could not be read",
-    ),
-    LiteratureShip(
-        "Esso tanker 190 000 tdw", "full",
-        {"L": 304.8, "B": 47.17, "d": 18.46, "C_b": 0.83}, 8.23, math.radians(2.33),
-        "mathematical model, van Berlekom & Goddard (1972), SNAME Transactions 80:264-298, appendix A", "tanker_190",
-        tanker.PLANT, doubts="C_b from displacement 220 000 m3; propeller and rudder not published: by default",
-    ),
-    LiteratureShip(
-        "Mariner, cargo ship", "fine",
-        {"L": 160.93, "B": 23.17, "d": 7.47, "C_b": 0.597, "D_P": 6.7, "A_R": 30.0, "x_G": -3.7}, 7.7175,
-        math.radians(5.0),
-        "mathematical model from captive tests, Chislett & Stroem-Tejsen (1965), Hy-A report Hy-5", "mariner",
-        "mariner", doubts="B, d, D_P, A_R UNVERIFIED",
-    ),
-    LiteratureShip(
-        "SR 108, container ship", "fine",
-        {"L": 175.0, "B": 25.4, "d": 8.5, "C_b": 0.559, "D_P": 6.533, "A_R": 33.0376, "aspect_ratio": 1.8219}, 7.0,
-        math.radians(5.0),
-        "mathematical model with roll, Son & Nomoto (1982), Naval Architecture and Ocean Engineering 20:73-83",
-        "sr108", container.PLANT,
-    ),
-)  # fmt: skip
+
+SHIPS = tuple(_ships())
 """In the order of the tables."""
 
 

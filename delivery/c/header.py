@@ -33,25 +33,25 @@ class Table:
 def tables(product: Product) -> list[Table]:
     """The tables of a ``product``: names, units, defaults, bounds and verdicts; empty ones are left out."""
     model, words = product.model, "const char *const"
-    known = product.coefficients
+    coefficients = product.coefficients
     named: list[tuple[str, str, Sequence[str]]] = [
         (words, "state_names", [quoted(s) for s in model.states]),
         (words, "state_units", [quoted(unit_of(s)) for s in model.states]),
         (words, "input_names", [quoted(s) for s in model.controls]),
         (words, "input_units", [quoted(unit_of(s)) for s in model.controls]),
         (words, "role_names", [quoted(s) for s in model.roles]),
-        (words, "coefficient_names", [quoted(c.symbol) for c in known]),
-        (words, "coefficient_units", [quoted(c.unit) for c in known]),
-        (words, "coefficient_verdicts", [quoted(c.verdict, 500) for c in known]),
-        (words, "coefficient_descriptions", [quoted(c.description, 500) for c in known]),
-        ("const double", "coefficient_defaults", [number(c.value) for c in known]),
-        ("const double", "coefficient_lower", [number(c.lower) for c in known]),
-        ("const double", "coefficient_upper", [number(c.upper) for c in known]),
-        ("const double", "coefficient_stds", [number(c.std) for c in known]),
-        (words, "range_names", [quoted(s) for s in product.held]),
-        (words, "range_units", [quoted(unit_of(s)) for s in product.held]),
-        ("const double", "range_lower", [number(low) for low, _ in product.held.values()]),
-        ("const double", "range_upper", [number(high) for _, high in product.held.values()]),
+        (words, "coefficient_names", [quoted(c.symbol) for c in coefficients]),
+        (words, "coefficient_units", [quoted(c.unit) for c in coefficients]),
+        (words, "coefficient_verdicts", [quoted(c.verdict, 500) for c in coefficients]),
+        (words, "coefficient_descriptions", [quoted(c.description, 500) for c in coefficients]),
+        ("const double", "coefficient_defaults", [number(c.value) for c in coefficients]),
+        ("const double", "coefficient_lower", [number(c.lower) for c in coefficients]),
+        ("const double", "coefficient_upper", [number(c.upper) for c in coefficients]),
+        ("const double", "coefficient_stds", [number(c.std) for c in coefficients]),
+        (words, "range_names", [quoted(s) for s in product.ranges]),
+        (words, "range_units", [quoted(unit_of(s)) for s in product.ranges]),
+        ("const double", "range_lower", [number(low) for low, _ in product.ranges.values()]),
+        ("const double", "range_upper", [number(high) for _, high in product.ranges.values()]),
     ]
     return [Table(kind, name, tuple(elements)) for kind, name, elements in named if elements]
 
@@ -90,7 +90,7 @@ def sizes(product: Product) -> dict[str, int]:
         "COEFFICIENTS": len(model.symbols),
         "ROLES": len(model.roles),
         "COLUMNS": 6,
-        "RANGES": len(product.held),
+        "RANGES": len(product.ranges),
     }
 
 

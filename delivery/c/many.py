@@ -45,10 +45,12 @@ def many_c(of: Many) -> str:
         return _ONE_BY_ONE.replace("SHIP", of.prefix).replace("STATES", str(S)).replace("INPUTS", str(C))
     text = lane_functions(of.program, of.shown, tanh_statements("x[l]")) + _stages(of)
     steps = _STEPS.replace("SHIP", of.prefix).replace("LANES", str(LANES))
-    return text + steps.replace("STATES", str(S)).replace("INPUTS", str(C)).replace("HELD", str(max(len(_held(of)), 1)))
+    return text + steps.replace("STATES", str(S)).replace("INPUTS", str(C)).replace(
+        "HELD", str(max(len(_staged(of)), 1))
+    )
 
 
-def _held(of: Many) -> list[int]:
+def _staged(of: Many) -> list[int]:
     return of.program.handed_on(of.shown, INPUTS)
 
 
@@ -56,7 +58,7 @@ def _stages(of: Many) -> str:
     """Input stage and state stage of LANES ships; both return whether a lane could not be served."""
     program = of.program
     arguments = {0: "state[{0}][l]", 1: "inputs[{0}][l]", 2: "model->coefficients[{0}]"}
-    held = {place: f"held[{i}][l]" for i, place in enumerate(_held(of))}
+    held = {place: f"held[{i}][l]" for i, place in enumerate(_staged(of))}
     first, later = LaneEmitter(program, arguments, of.kept), LaneEmitter(program, arguments, {**of.kept, **held})
     places = [i for i in program.needed(of.shown, COEFFICIENTS) if program.values[i].stage == INPUTS]
     model = f"const {of.prefix}_model *model"

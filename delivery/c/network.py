@@ -80,9 +80,9 @@ def _filled(rows: int) -> int:
 
 def _blocks(W: np.ndarray, columns: int) -> np.ndarray:
     """Weights (rows, columns) as blocks (B, columns, BLOCK), filled up with zeros to so many ``columns``."""
-    whole = np.zeros((_filled(len(W)), columns))
-    whole[: len(W), : W.shape[1]] = W
-    return whole.reshape(-1, BLOCK, columns).transpose(0, 2, 1)
+    padded = np.zeros((_filled(len(W)), columns))
+    padded[: len(W), : W.shape[1]] = W
+    return padded.reshape(-1, BLOCK, columns).transpose(0, 2, 1)
 
 
 def _vector(values: np.ndarray) -> np.ndarray:

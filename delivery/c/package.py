@@ -24,8 +24,8 @@ def write_c(product: Product, target: Path) -> None:
 
 def example_c(product: Product) -> str:
     """A program that steers ``product`` through 600 s with the rudder held, and prints its motion as CSV."""
-    p, model, (speed, moved) = product.identifier, product.model, approach(product)
-    settings = "".join(f"  inputs[{p}_input_{name}] = ({p}_real){value!r};\n" for name, value in moved.items())
+    p, model, (speed, inputs) = product.identifier, product.model, approach(product)
+    settings = "".join(f"  inputs[{p}_input_{name}] = ({p}_real){value!r};\n" for name, value in inputs.items())
     clock = f"    inputs[{p}_input_time] = ({p}_real)(0.1 * k);\n" if "time" in model.controls else ""
     head = comment(["How to use the ship: a turn of 600 s in steps of 0.1 s.", "Compile: " + BUILD.format(p=p)])
     return f"""{head}#include "{p}.h"
@@ -61,14 +61,14 @@ def approach(product: Product) -> tuple[float, dict[str, float]]:
     It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
     begins: at the ship's own speed.
     """
-    ship, highest = product.ship, product.held.get("n", (0.0, 0.0))[1]
+    ship, highest = product.ship, product.ranges.get("n", (0.0, 0.0))[1]
     try:
         speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
     except UserError:  # a ship before its calibration may hold no speed
         speed = self_propulsion.own_speed(ship)
         n = speed / (0.6 * ship.particulars.get("D_P", 0.03 * ship.particulars["L"]))
-    moved = self_propulsion.actuator_positions(ship, n, RUDDER)
-    named = {name: round(float(value), 3) for name, value in moved.items() if name in product.model.controls}
+    inputs = self_propulsion.actuator_positions(ship, n, RUDDER)
+    named = {name: round(float(value), 3) for name, value in inputs.items() if name in product.model.controls}
     return round(speed, 3), {name: value for name, value in named.items() if value}
 
 

@@ -233,26 +233,26 @@ int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) 
 
     def _range(self) -> str:
         """Distance to what the trials held."""
-        p, held = self.p, self.product.held
+        p, ranges = self.p, self.product.ranges
         head = f"double {p}_extrapolation(const {p}_model *model, const real *state, const real *inputs)"
-        if not held:
+        if not ranges:
             return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])
         index, places = {name: i for i, name in enumerate(self.features)}, self.program.results[FEATURES]
         u, v = (self.emitter.name(places[index[name]]) for name in "uv")
-        drift = ("u", "v") if any(name not in index for name in held) else ()
-        wanted = [places[index[name]] for name in (*drift, *held) if name in index]
+        drift = ("u", "v") if any(name not in index for name in ranges) else ()
+        wanted = [places[index[name]] for name in (*drift, *ranges) if name in index]
         lines = self.emitter.statements(self.program.leading_to(wanted, COEFFICIENTS))
-        lines += [f"double x[{len(held)}], most = 0.0;", "int i;"]
-        for k, name in enumerate(held):
+        lines += [f"double x[{len(ranges)}], most = 0.0;", "int i;"]
+        for k, name in enumerate(ranges):
             if name in index:
                 lines.append(f"x[{k}] = (double)({self.emitter.name(places[index[name]])});")
             else:  # the drift angle, which has no meaning near rest
-                fastest = max(abs(x) for x in held["u"])
-                lines.append(f"x[{k}] = {0.5 * sum(held[name])!r};")
+                fastest = max(abs(x) for x in ranges["u"])
+                lines.append(f"x[{k}] = {0.5 * sum(ranges[name])!r};")
                 lines.append(f"if ((double)({u} * {u} + {v} * {v}) > {(0.1 * fastest) ** 2!r})")
                 lines.append(f"  x[{k}] = atan2((double)(-({v})), (double)({u}));")
         lines += [
-            f"for (i = 0; i < {len(held)}; i++) {{",
+            f"for (i = 0; i < {len(ranges)}; i++) {{",
             f"  const double low = {p}_range_lower[i], high = {p}_range_upper[i];",
             "  const double size = 0.1 * (fabs(low) > fabs(high) ? fabs(low) : fabs(high));",
             "  const double width = high - low > size ? high - low : size;",

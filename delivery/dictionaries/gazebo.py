@@ -72,15 +72,15 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
             f"{simulator} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
             "the ship as fmu or c"
         )
-    moved = motions(product, simulator)
-    factors, errors = project(moved, form)
+    samples = motions(product, simulator)
+    factors, errors = project(samples, form)
     check_errors(errors, f"the hydrodynamics plugin of {simulator}", instead)
-    said = error_messages(errors, moved, f"the hull in the hydrodynamics plugin of {simulator}")
-    P, mass = moved.ship.particulars, masses(moved.ship)
-    coefficient, error = thrust_coefficient(moved)
-    own = P["m"] * (GYRATION * P["L"]) ** 2
+    messages = error_messages(errors, samples, f"the hull in the hydrodynamics plugin of {simulator}")
+    P, mass = samples.ship.particulars, masses(samples.ship)
+    coefficient, error = thrust_coefficient(samples)
+    hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
     sign = -1.0 if form == "gazebo" else 1.0
-    added = {"xDotU": mass.m_x, "yDotV": mass.m_y, "nDotR": max(mass.I_z - mass.moment * P["x_G"] - own, 0.0)}
+    added = {"xDotU": mass.m_x, "yDotV": mass.m_y, "nDotR": max(mass.I_z - mass.moment * P["x_G"] - hull_inertia, 0.0)}
     parameters: dict[str, Any] = {name: repr(sign * value) for name, value in added.items()}
     parameters |= {name: repr(value) for name, value in factors.items()}
     if form == "gazebo":
@@ -90,10 +90,10 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
         parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
     words: dict[str, Any] = {
         "title": product.ship.title.replace("--", "- -"),
-        "simulator": simulator, "said": [*said, *map(str, product.caveats)],
+        "simulator": simulator, "said": [*messages, *map(str, product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
         "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
-        "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(own),
+        "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
     words["said"] = [line.replace("--", "- -") for line in words["said"]]
@@ -101,25 +101,25 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
         loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, autoescape=True, keep_trailing_newline=True
     )
     target.write_text(environment.get_template("hull.sdf.j2").render(words), encoding="utf-8")
-    return said
+    return messages
 
 
-def hull_force(moved: Motions) -> np.ndarray:
-    """X, Y [N], N [N m] (3, M) of the ship of ``moved`` without propeller and rudder."""
-    driving = [moved.forces[role] for role in ("propeller", "rudder") if role in moved.forces]
-    return moved.needed_force(masses(moved.ship)) - sum(driving, np.zeros((3, len(moved.u))))
+def hull_force(samples: Motions) -> np.ndarray:
+    """X, Y [N], N [N m] (3, M) of the ship of ``samples`` without propeller and rudder."""
+    driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
+    return samples.needed_force(masses(samples.ship)) - sum(driving, np.zeros((3, len(samples.u))))
 
 
-def wanted_force(moved: Motions, form: str) -> np.ndarray:
+def wanted_force(samples: Motions, form: str) -> np.ndarray:
     """What a plugin's velocity terms must give (3, M): the hull's force with what its added masses leave of the
-    equations of motion. moved: motions; form: "gazebo" or "vrx"."""
-    mass, force = masses(moved.ship), hull_force(moved).copy()
+    equations of motion. samples: motions; form: "gazebo" or "vrx"."""
+    mass, force = masses(samples.ship), hull_force(samples).copy()
     if form == "gazebo":
-        force[0] += mass.m_y * moved.v * moved.r
-        force[1] -= mass.m_x * moved.u * moved.r
+        force[0] += mass.m_y * samples.v * samples.r
+        force[1] -= mass.m_x * samples.u * samples.r
     else:
-        force[0] += (mass.m_y - mass.m_x) * moved.v * moved.r
-        force[1] += (mass.m_y - mass.m_x) * moved.u * moved.r
+        force[0] += (mass.m_y - mass.m_x) * samples.v * samples.r
+        force[1] += (mass.m_y - mass.m_x) * samples.u * samples.r
     return force
 
 
@@ -134,25 +134,25 @@ def term(name: str, form: str, velocities: dict[str, np.ndarray]) -> np.ndarray:
     return first * (velocities[rest] if rest else 1.0)
 
 
-def project(moved: Motions, form: str) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
-    """Factors by name and the errors, by the hull's force. moved: motions; form: "gazebo" or "vrx"."""
-    velocities = {"U": moved.u, "V": moved.v, "R": moved.r}
-    wanted, found = wanted_force(moved, form), []
+def project(samples: Motions, form: str) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Factors by name and the errors, by the hull's force. samples: motions; form: "gazebo" or "vrx"."""
+    velocities = {"U": samples.u, "V": samples.v, "R": samples.r}
+    wanted, projected = wanted_force(samples, form), []
     factors: dict[str, float] = {}
     for names, row in zip(TERMS[form].values(), wanted, strict=True):
         terms = {name: term(name, form, velocities) for name in names}
-        own = linear_parameters(terms, row)
-        factors |= own
-        found.append(np.sum([own[name] * values for name, values in terms.items()], axis=0))
-    return factors, channel_errors(wanted, np.array(found))
+        row_factors = linear_parameters(terms, row)
+        factors |= row_factors
+        projected.append(np.sum([row_factors[name] * values for name, values in terms.items()], axis=0))
+    return factors, channel_errors(wanted, np.array(projected))
 
 
-def thrust_coefficient(moved: Motions) -> tuple[float, float]:
+def thrust_coefficient(samples: Motions) -> tuple[float, float]:
     """T / (rho D^4 omega^2), omega in rad/s, of the propeller's push, and its error (RMS) by that push.
 
-    moved: motions of the ship.
+    samples: motions of the ship.
     """
-    P, X = moved.ship.particulars, moved.forces["propeller"][0]
-    unit = P["rho"] * P["D_P"] ** 4 * (2 * math.pi * moved.n) ** 2
+    P, X = samples.ship.particulars, samples.forces["propeller"][0]
+    unit = P["rho"] * P["D_P"] ** 4 * (2 * math.pi * samples.n) ** 2
     factor = float(unit @ X / (unit @ unit))
     return factor, float(np.sqrt(np.mean((factor * unit - X) ** 2) / np.mean(X**2)))

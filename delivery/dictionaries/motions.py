@@ -84,25 +84,25 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
     Raises UserError for what the ``target`` cannot hold: an effect of the surroundings or one that remembers, and any
     actuators but one propeller and one rudder.
     """
-    ship, said = product.ship, []
+    ship, left_out = product.ship, []
     for name in product.ship.effects:
         if effect(name).measures:
             ship = ship.without_effect(name)
-            said.append(f"the effect {name} belongs to the instruments and is left out")
+            left_out.append(f"the effect {name} belongs to the instruments and is left out")
         elif effect(name).surroundings or len(assemble(ship).states) > len(assemble(ship.without_effect(name)).states):
             why = "belongs to the surroundings" if effect(name).surroundings else "remembers"
             raise Unsupported(
                 f"{target} cannot hold the effect {name}, which {why}; leave it out with --without {name}, or export "
                 "the ship as c, casadi or fmu"
             )
-    said += [f"the effect {name} is a part of the forces" for name in ship.effects]
+    left_out += [f"the effect {name} is a part of the forces" for name in ship.effects]
     for role in ("actuators", "roll"):
         if role in ship.components:
             ship = _without_role(ship, role)
-            said.append(f"the model of {role} is left out")
+            left_out.append(f"the model of {role} is left out")
     thrusters = [name for name in ship.actuators if name in ("n_bow", "n_stern")]
     if thrusters:
-        said.append(f"thrusters ({', '.join(thrusters)}) are at rest")
+        left_out.append(f"thrusters ({', '.join(thrusters)}) are at rest")
     others = set(ship.actuators) - {"n", "delta", *thrusters}
     if others or "waves" in ship.components:
         what = ", ".join(sorted(others)) or "waves"
@@ -111,8 +111,8 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
             "it as c, casadi or fmu"
         )
     if "wind" in ship.components:
-        said.append("wind is left out, but for the air that the ship's own motion meets")
-    return ship, tuple(said)
+        left_out.append("wind is left out, but for the air that the ship's own motion meets")
+    return ship, tuple(left_out)
 
 
 def _without_role(ship: Ship, role: str) -> Ship:
@@ -124,11 +124,11 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
 
     Raises UserError for what the target cannot hold, and where the range leaves no motion ahead. seed: of the rudder.
     """
-    ship, said = horizontal_ship(product, target)
+    ship, left_out = horizontal_ship(product, target)
     model, rng = assemble(ship, symbols=()), np.random.default_rng(seed)
     step = longest_step(ship)
-    revolutions, speeds = _approaches(ship, product.held)
-    widest = max(map(abs, product.held.get("delta", (0.0, RUDDER))))
+    revolutions, speeds = _approaches(ship, product.ranges)
+    widest = max(map(abs, product.ranges.get("delta", (0.0, RUDDER))))
     n, M = np.repeat(revolutions, RUNS), RUNS * len(revolutions)
     delta = _rudder(rng, M, widest, RATE / time_scale(ship.particulars["L"]) * step)
     controls = np.zeros((SAMPLES, len(model.controls), M))
@@ -141,7 +141,7 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
     flat = states[:, 3:6].transpose(1, 0, 2).reshape(3, -1)
     inputs = controls.transpose(1, 0, 2).reshape(len(model.controls), -1)
     n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
-    inside = _inside(product.held, *flat, n, delta)
+    inside = _inside(product.ranges, *flat, n, delta)
     if inside.sum() < 100:
         raise Unsupported(
             f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
@@ -149,11 +149,11 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
         )
     rows = np.flatnonzero(inside)
     rows = rows if len(rows) <= KEPT else np.sort(rng.choice(rows, KEPT, replace=False))
-    return _evaluated(model, flat[:, rows], inputs[:, rows], n[rows], delta[rows], said)
+    return _evaluated(model, flat[:, rows], inputs[:, rows], n[rows], delta[rows], left_out)
 
 
 def _evaluated(
-    model: Model, nu: np.ndarray, inputs: np.ndarray, n: np.ndarray, delta: np.ndarray, said: tuple[str, ...]
+    model: Model, nu: np.ndarray, inputs: np.ndarray, n: np.ndarray, delta: np.ndarray, left_out: tuple[str, ...]
 ) -> Motions:
     """Motions with the accelerations and forces of the model; nu (3, M), inputs (C, M), n, delta (M,)."""
     states = np.vstack([np.zeros((3, nu.shape[1])), nu])
@@ -163,16 +163,16 @@ def _evaluated(
     values = dict(zip(LIMITED, (*nu, n, delta, np.arctan2(-nu[1], nu[0])), strict=True))
     limits = {name: (float(a.min()), float(a.max())) for name, a in values.items()}
     return Motions(
-        model.ship, nu[0], nu[1], nu[2], n, delta, rates, dict(zip(model.roles, by_role, strict=True)), limits, said
+        model.ship, nu[0], nu[1], nu[2], n, delta, rates, dict(zip(model.roles, by_role, strict=True)), limits, left_out
     )
 
 
-def _approaches(ship: Ship, held: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+def _approaches(ship: Ship, ranges: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
     """Revolutions [1/s] and steady speeds [m/s] of the approaches: three each."""
     L = ship.particulars["L"]
     if "n" not in ship.actuators:
         return np.zeros(3), np.array([0.9, 1.0, 1.1]) * ship.particulars["U_0"]
-    low, high = held.get("n", (0.0, 0.0))
+    low, high = ranges.get("n", (0.0, 0.0))
     if high > 0:
         revolutions = np.linspace(max(low, 0.4 * high), high, 3)
         return revolutions, np.array([speed_for(ship, n) for n in revolutions])
@@ -198,12 +198,12 @@ def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> n
     return delta
 
 
-def _inside(held: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
+def _inside(ranges: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
     """Whether each motion lies in the range of the trials and goes ahead; values: u, v, r, n, delta (M,)."""
     u, v = values[:2]
     named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))
     good = (u > 0.05 * np.max(u)) & np.isfinite(v)
-    for name, (low, high) in held.items():
+    for name, (low, high) in ranges.items():
         if name in named:
             margin = MARGIN * (high - low)
             good &= (named[name] >= low - margin) & (named[name] <= high + margin)

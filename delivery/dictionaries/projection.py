@@ -39,9 +39,9 @@ class ChannelError:
         return self.error / self.force if self.force > 0 else 0.0
 
 
-def channel_errors(needed: np.ndarray, found: np.ndarray) -> tuple[ChannelError, ...]:
-    """Errors in surge, sway and yaw. needed, found: X, Y, N (3, M) that the target needs and that its form gives."""
-    force, error = (np.sqrt(np.mean(a**2, axis=1)) for a in (needed, found - needed))
+def channel_errors(needed: np.ndarray, projected: np.ndarray) -> tuple[ChannelError, ...]:
+    """Errors in surge, sway and yaw. needed, projected: X, Y, N (3, M): needed by the target, and given by its form."""
+    force, error = (np.sqrt(np.mean(a**2, axis=1)) for a in (needed, projected - needed))
     return tuple(ChannelError(*words, float(f), float(e)) for words, f, e in zip(CHANNELS, force, error, strict=True))
 
 
@@ -56,16 +56,16 @@ def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) ->
         )
 
 
-def error_messages(errors: tuple[ChannelError, ...], moved: Motions, target: str) -> list[Message]:
+def error_messages(errors: tuple[ChannelError, ...], samples: Motions, target: str) -> list[Message]:
     """What is to be said of a projection: error per channel, range, what is left out.
 
-    errors: by channel; moved: motions of the ship; target: words.
+    errors: by channel; samples: motions of the ship; target: words.
     """
     shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
-    limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in moved.limits.items())
-    words = f"projected on {target}: error by net force (RMS) {shares}, over {len(moved.u)} motions"
+    limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in samples.limits.items())
+    words = f"projected on {target}: error by net force (RMS) {shares}, over {len(samples.u)} motions"
     messages = [Message(words, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
-    return messages + [Message(line, "left_out") for line in moved.left_out]
+    return messages + [Message(line, "left_out") for line in samples.left_out]
 
 
 def error_rows(errors: tuple[ChannelError, ...]) -> list[dict[str, float | str]]:
@@ -92,8 +92,8 @@ def fit_parameters(
         errors = residual(x0 + size * z)
         return np.concatenate([errors / np.sqrt(len(errors)), PULL * z])
 
-    found = least_squares(weighted, np.zeros(len(x0)), bounds=((low - x0) / size, (high - x0) / size), x_scale="jac")
-    return dict(zip(names, (x0 + size * found.x).tolist(), strict=True))
+    solution = least_squares(weighted, np.zeros(len(x0)), bounds=((low - x0) / size, (high - x0) / size), x_scale="jac")
+    return dict(zip(names, (x0 + size * solution.x).tolist(), strict=True))
 
 
 def linear_parameters(terms: Mapping[str, np.ndarray], force: np.ndarray) -> dict[str, float]:

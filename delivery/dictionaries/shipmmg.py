@@ -62,31 +62,31 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
 
     Raises UserError for what shipmmg cannot hold.
     """
-    moved = shipmmg_motions(product)
-    p, errors = project(moved)
+    samples = shipmmg_motions(product)
+    p, errors = project(samples)
     check_errors(errors, "shipmmg", INSTEAD)
-    said = error_messages(errors, moved, "shipmmg's 3-DOF MMG model")
-    circles = compared(moved, shipmmg_rates(moved, p))
-    said.append(Message(in_words(circles), "projection_turning"))
-    K, T, why = nomoto(moved)
-    basic, maneuvering = dictionaries(moved, p)
+    messages = error_messages(errors, samples, "shipmmg's 3-DOF MMG model")
+    circles = compared(samples, shipmmg_rates(samples, p))
+    messages.append(Message(in_words(circles), "projection_turning"))
+    K, T, why = nomoto(samples)
+    basic, maneuvering = dictionaries(samples, p)
     content = {
         "format": "shipmmg 0.0.11",
         "ship": product.ship.name,
         "title": product.ship.title,
-        "rho": moved.ship.particulars["rho"],
+        "rho": samples.ship.particulars["rho"],
         "basic_params": basic,
         "maneuvering_params": maneuvering,
         "kt_params": {"K": K, "T": T} if not why else None,
         "kt_remark": why or "linear, about straight running; K [1/s], T [s]",
-        "approach": {"u0": float(moved.u.max()), "nps": float(moved.n.max())},
+        "approach": {"u0": float(samples.u.max()), "nps": float(samples.n.max())},
         "projection": error_rows(errors),
         "turning": circles,
-        "range": {name: list(pair) for name, pair in moved.limits.items()},
-        "remarks": [*said, *(str(words) for words in product.caveats)],
+        "range": {name: list(pair) for name, pair in samples.limits.items()},
+        "remarks": [*messages, *(str(words) for words in product.caveats)],
     }
     target.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return said
+    return messages
 
 
 def shipmmg_motions(product: Product) -> Motions:
@@ -105,90 +105,90 @@ def shipmmg_motions(product: Product) -> Motions:
     return motions(product, "shipmmg")
 
 
-def _inflow(moved: Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _inflow(samples: Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """U [m/s], beta [rad], v' and r' (M,) as shipmmg takes them."""
-    P = moved.ship.particulars
-    across = moved.v - moved.r * P["x_G"]
-    U = np.hypot(moved.u, across)
-    return U, np.arcsin(-across / U), moved.v / U, moved.r * P["L"] / U
+    P = samples.ship.particulars
+    across = samples.v - samples.r * P["x_G"]
+    U = np.hypot(samples.u, across)
+    return U, np.arcsin(-across / U), samples.v / U, samples.r * P["L"] / U
 
 
-def propeller(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """X_P [N], 1 - w_P and K_T (M,). moved: motions; p: parameters by symbol."""
-    P, (_, beta, _, r1) = moved.ship.particulars, _inflow(moved)
+def propeller(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """X_P [N], 1 - w_P and K_T (M,). samples: motions; p: parameters by symbol."""
+    P, (_, beta, _, r1) = samples.ship.particulars, _inflow(samples)
     one_minus_w = 1 - p["w_P0"] * np.exp(-4 * (beta - p["x_P"] * r1) ** 2)
-    J = one_minus_w * moved.u / (moved.n * P["D_P"])
+    J = one_minus_w * samples.u / (samples.n * P["D_P"])
     K_T = p["k_0"] + p["k_1"] * J + p["k_2"] * J**2
-    return (1 - p["t_P"]) * P["rho"] * K_T * moved.n**2 * P["D_P"] ** 4, one_minus_w, K_T
+    return (1 - p["t_P"]) * P["rho"] * K_T * samples.n**2 * P["D_P"] ** 4, one_minus_w, K_T
 
 
-def rudder(moved: Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_T: np.ndarray) -> np.ndarray:
-    """X_R, Y_R [N], N_R [N m] (3, M). moved: motions; p: parameters; one_minus_w, K_T: of the propeller (M,)."""
-    P, (U, beta, _, r1) = moved.ship.particulars, _inflow(moved)
+def rudder(samples: Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_T: np.ndarray) -> np.ndarray:
+    """X_R, Y_R [N], N_R [N m] (3, M). samples: motions; p: parameters; one_minus_w, K_T: of the propeller (M,)."""
+    P, (U, beta, _, r1) = samples.ship.particulars, _inflow(samples)
     eta = P["D_P"] / math.sqrt(P["A_R"] * P["aspect_ratio"])
-    J = one_minus_w * moved.u / (moved.n * P["D_P"])
+    J = one_minus_w * samples.u / (samples.n * P["D_P"])
     beta_R = beta - p["l_R"] * r1
     v_R = U * np.where(beta_R < 0, p["gamma_R_minus"], p["gamma_R_plus"]) * beta_R
     jet = 1 + p["kappa"] * (np.sqrt(np.maximum(1 + 8 * K_T / (np.pi * J**2), 0.0)) - 1)
-    u_R = p["epsilon"] * moved.u * one_minus_w * np.sqrt(eta * jet**2 + 1 - eta)
-    sine = np.sin(moved.delta - np.arctan2(v_R, u_R))
+    u_R = p["epsilon"] * samples.u * one_minus_w * np.sqrt(eta * jet**2 + 1 - eta)
+    sine = np.sin(samples.delta - np.arctan2(v_R, u_R))
     F = 0.5 * P["rho"] * P["A_R"] * p["f_alpha"] * (u_R**2 + v_R**2) * sine
-    cosine = F * np.cos(moved.delta)
+    cosine = F * np.cos(samples.delta)
     lever = P["x_R"] + p["a_H"] * p["x_H"] * P["L"]
-    return np.array([-(1 - p["t_R"]) * F * np.sin(moved.delta), -(1 + p["a_H"]) * cosine, -lever * cosine])
+    return np.array([-(1 - p["t_R"]) * F * np.sin(samples.delta), -(1 + p["a_H"]) * cosine, -lever * cosine])
 
 
-def hull_terms(moved: Motions) -> dict[str, dict[str, np.ndarray]]:
-    """Terms of the hull polynomial by letter and symbol, (M,) each [N, N m]. moved: motions."""
-    P, (U, _, v1, r1) = moved.ship.particulars, _inflow(moved)
+def hull_terms(samples: Motions) -> dict[str, dict[str, np.ndarray]]:
+    """Terms of the hull polynomial by letter and symbol, (M,) each [N, N m]. samples: motions."""
+    P, (U, _, v1, r1) = samples.ship.particulars, _inflow(samples)
     unit = 0.5 * P["rho"] * P["L"] * P["d"] * U**2
-    found: dict[str, dict[str, np.ndarray]] = {}
+    columns: dict[str, dict[str, np.ndarray]] = {}
     for letter, symbols in HULL.items():
         lever = P["L"] if letter == "N" else 1.0
-        found[letter] = {}
+        columns[letter] = {}
         for symbol in symbols:
             powers = "" if symbol == "R_0" else symbol[2:]
             sign = -1.0 if symbol == "R_0" else 1.0
-            found[letter][symbol] = sign * lever * unit * v1 ** powers.count("v") * r1 ** powers.count("r")
-    return found
+            columns[letter][symbol] = sign * lever * unit * v1 ** powers.count("v") * r1 ** powers.count("r")
+    return columns
 
 
-def force(moved: Motions, p: Mapping[str, float]) -> np.ndarray:
-    """X, Y [N], N [N m] (3, M) of the whole model. moved: motions; p: parameters by symbol."""
-    thrust, one_minus_w, K_T = propeller(moved, p)
-    total = rudder(moved, p, one_minus_w, K_T)
+def force(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
+    """X, Y [N], N [N m] (3, M) of the whole model. samples: motions; p: parameters by symbol."""
+    thrust, one_minus_w, K_T = propeller(samples, p)
+    total = rudder(samples, p, one_minus_w, K_T)
     total[0] += thrust
-    for k, terms in enumerate(hull_terms(moved).values()):
+    for k, terms in enumerate(hull_terms(samples).values()):
         total[k] += sum(p[symbol] * values for symbol, values in terms.items())
     return total
 
 
-def project(moved: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
     """Parameters by symbol and the errors. Propeller and rudder are fitted to the ship's own, the hull to what is left,
-    and then all together to the whole force. moved: motions of the ship."""
-    needed = moved.needed_force(masses(moved.ship))
-    values = {s: c.value for s, c in moved.ship.coefficients.items()}
+    and then all together to the whole force. samples: motions of the ship."""
+    needed = samples.needed_force(masses(samples.ship))
+    values = {s: c.value for s, c in samples.ship.coefficients.items()}
     start = {name: values.get(name, values.get(OTHER_NAMES.get(name, ""), row[0])) for name, row in _OWN.items()}
     if "epsilon" in values and "k_x" in values:
         start["kappa"] = values["k_x"] / values["epsilon"]
     bounds = {name: row[1:] for name, row in _OWN.items()}
     fixed = {"t_P": start.pop("t_P")}
-    own_X, own_R = moved.forces["propeller"][0], moved.forces["rudder"]
+    own_X, own_R = samples.forces["propeller"][0], samples.forces["rudder"]
     size_X, size_R = _rms(own_X), np.array([_rms(row) for row in own_R])[:, None]
 
     def screw(x: np.ndarray) -> np.ndarray:
-        return (propeller(moved, fixed | dict(zip(first, x, strict=True)))[0] - own_X) / size_X
+        return (propeller(samples, fixed | dict(zip(first, x, strict=True)))[0] - own_X) / size_X
 
     first = {name: start[name] for name in SCREW if name in start}
-    found = fixed | fit_parameters(screw, first, bounds)
-    _, one_minus_w, K_T = propeller(moved, found)
+    parameters = fixed | fit_parameters(screw, first, bounds)
+    _, one_minus_w, K_T = propeller(samples, parameters)
 
     def blade(x: np.ndarray) -> np.ndarray:
-        return ((rudder(moved, dict(zip(second, x, strict=True)), one_minus_w, K_T) - own_R) / size_R).ravel()
+        return ((rudder(samples, dict(zip(second, x, strict=True)), one_minus_w, K_T) - own_R) / size_R).ravel()
 
     second = {name: start[name] for name in BLADE}
-    found |= fit_parameters(blade, second, bounds)
-    return _together(moved, found, needed, bounds, own_X)
+    parameters |= fit_parameters(blade, second, bounds)
+    return _together(samples, parameters, needed, bounds, own_X)
 
 
 _OWN = SCREW | BLADE
@@ -198,16 +198,16 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) or 1.0
 
 
-def _left(moved: Motions, p: Mapping[str, float], needed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _remainder(samples: Motions, p: Mapping[str, float], needed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What propeller and rudder leave of the force (3, M), and the thrust X_P (M,)."""
-    thrust, one_minus_w, K_T = propeller(moved, p)
-    left = needed - rudder(moved, p, one_minus_w, K_T)
-    left[0] -= thrust
-    return left, thrust
+    thrust, one_minus_w, K_T = propeller(samples, p)
+    remainder = needed - rudder(samples, p, one_minus_w, K_T)
+    remainder[0] -= thrust
+    return remainder, thrust
 
 
 def _together(
-    moved: Motions,
+    samples: Motions,
     start: dict[str, float],
     needed: np.ndarray,
     bounds: Mapping[str, tuple[float, float]],
@@ -215,26 +215,26 @@ def _together(
 ) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
     """All parameters, the hull's linear ones inside, and the errors. The propeller's thrust is held to the ship's."""
     size = np.array([_rms(row) for row in needed])[:, None]
-    terms = hull_terms(moved)
+    terms = hull_terms(samples)
     columns = [np.array(list(row.values())).T for row in terms.values()]
     bases = [np.linalg.qr(a)[0] for a in columns]
     free = {name: start[name] for name in _OWN if name != "t_P"}
 
     def residual(x: np.ndarray) -> np.ndarray:
-        left, thrust = _left(moved, start | dict(zip(free, x, strict=True)), needed)
-        off = [(row - Q @ (Q.T @ row)) / s for row, Q, s in zip(left, bases, size, strict=True)]
+        remainder, thrust = _remainder(samples, start | dict(zip(free, x, strict=True)), needed)
+        off = [(row - Q @ (Q.T @ row)) / s for row, Q, s in zip(remainder, bases, size, strict=True)]
         return np.concatenate([*off, 0.3 * (thrust - own_thrust) / _rms(own_thrust)])
 
-    found = start | fit_parameters(residual, free, bounds)
-    left, _ = _left(moved, found, needed)
-    for row, letter in zip(left, terms, strict=True):
-        found |= linear_parameters(terms[letter], row)
-    return found, channel_errors(needed, force(moved, found))
+    parameters = start | fit_parameters(residual, free, bounds)
+    remainder, _ = _remainder(samples, parameters, needed)
+    for row, letter in zip(remainder, terms, strict=True):
+        parameters |= linear_parameters(terms[letter], row)
+    return parameters, channel_errors(needed, force(samples, parameters))
 
 
-def dictionaries(moved: Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """The arguments of Mmg3DofBasicParams and of Mmg3DofManeuveringParams. moved: motions; p: parameters by symbol."""
-    P, mass = moved.ship.particulars, masses(moved.ship)
+def dictionaries(samples: Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """Arguments of Mmg3DofBasicParams and of Mmg3DofManeuveringParams. samples: motions; p: parameters by symbol."""
+    P, mass = samples.ship.particulars, masses(samples.ship)
     basic = {
         "L_pp": P["L"], "B": P["B"], "d": P["d"], "x_G": P["x_G"], "D_p": P["D_P"], "m": P["m"],
         "I_zG": mass.I_z - P["x_G"] ** 2 * P["m"], "A_R": P["A_R"], "m_x": mass.m_x, "m_y": mass.m_y, "J_z": 0.0,
@@ -247,21 +247,21 @@ def dictionaries(moved: Motions, p: Mapping[str, float]) -> tuple[dict[str, floa
     return {normalize("NFKC", name): float(value) for name, value in basic.items()}, maneuvering
 
 
-def shipmmg_rates(moved: Motions, p: Mapping[str, float]) -> Rates:
-    """The rates of the projected ship by shipmmg's equations. moved: motions of the ship; p: parameters by symbol."""
-    mass = masses(moved.ship)
+def shipmmg_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
+    """The rates of the projected ship by shipmmg's equations. samples: motions of the ship; p: parameters by symbol."""
+    mass = masses(samples.ship)
 
     def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        X, Y, N = force(moved.at(nu, n, delta), p)[:, 0]
+        X, Y, N = force(samples.at(nu, n, delta), p)[:, 0]
         return np.array(accelerations(nu[0], nu[1], nu[2], Force(X, Y, N), mass))
 
     return rates
 
 
-def nomoto(moved: Motions) -> tuple[float, float, str]:
-    """K [1/s], T [s] of the ship of ``moved`` about straight running, and why there are none, "" where there are."""
-    rates, h = ship_rates(moved), 1e-4
-    u, n, L = float(moved.u.max()), float(moved.n.max()), moved.ship.particulars["L"]
+def nomoto(samples: Motions) -> tuple[float, float, str]:
+    """K [1/s], T [s] of the ship of ``samples`` about straight running, and why there are none, "" where there are."""
+    rates, h = ship_rates(samples), 1e-4
+    u, n, L = float(samples.u.max()), float(samples.n.max()), samples.ship.particulars["L"]
 
     def slope(dv: float, dr: float, ddelta: float) -> np.ndarray:
         ends = [rates(np.array([u, s * dv, s * dr]), n, s * ddelta)[1:] for s in (1.0, -1.0)]

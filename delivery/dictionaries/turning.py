@@ -16,9 +16,9 @@ Rates = Callable[[np.ndarray, float, float], np.ndarray]
 """(u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)."""
 
 
-def ship_rates(moved: Motions) -> Rates:
-    """The rates of the ship of ``moved`` in calm air and water."""
-    model = assemble(moved.ship, symbols=())
+def ship_rates(samples: Motions) -> Rates:
+    """The rates of the ship of ``samples`` in calm air and water."""
+    model = assemble(samples.ship, symbols=())
     columns = {name: model.controls.index(name) for name in ("n", "delta") if name in model.controls}
     controls, state = np.zeros(len(model.controls)), np.zeros(6)
 
@@ -32,13 +32,13 @@ def ship_rates(moved: Motions) -> Rates:
     return rates
 
 
-def turning_circle(moved: Motions, rates: Rates) -> dict[str, float] | None:
+def turning_circle(samples: Motions, rates: Rates) -> dict[str, float] | None:
     """Advance and tactical diameter [m] of a turning circle with the largest rudder angle of the motions.
 
-    moved: motions of the ship, whose largest revolutions and speed the approach takes; rates: of the model. None where
+    samples: motions of the ship with the largest revolutions and speed of the approach; rates: of the model. None where
     the heading does not change by 180 deg in 60 ship lengths.
     """
-    path = turning_path(moved, rates)
+    path = turning_path(samples, rates)
     x, y, psi = path[:, 0], path[:, 1], path[:, 2]
     if psi[-1] < math.pi:
         return None
@@ -46,14 +46,14 @@ def turning_circle(moved: Motions, rates: Rates) -> dict[str, float] | None:
     return {"advance_m": advance, "tactical_diameter_m": float(np.interp(math.pi, psi, y))}
 
 
-def turning_path(moved: Motions, rates: Rates, dt: float = 0.0) -> np.ndarray:
+def turning_path(samples: Motions, rates: Rates, dt: float = 0.0) -> np.ndarray:
     """Rows x, y, psi, u, v, r, n, delta (N, 8) of that circle to starboard, every ``dt`` [s] (0: L / U / 40).
 
-    moved, rates: as for ``turning_circle``. Ends when the heading has changed by 200 deg.
+    samples, rates: as for ``turning_circle``. Ends when the heading has changed by 200 deg.
     """
-    L, n, largest = moved.ship.particulars["L"], float(moved.n.max()), float(np.abs(moved.delta).max())
-    straight = np.argmax(np.where(np.abs(moved.r) < 0.02 * np.abs(moved.r).max(), moved.u, 0.0))
-    speed = float(moved.u[straight])
+    L, n, largest = samples.ship.particulars["L"], float(samples.n.max()), float(np.abs(samples.delta).max())
+    straight = np.argmax(np.where(np.abs(samples.r) < 0.02 * np.abs(samples.r).max(), samples.u, 0.0))
+    speed = float(samples.u[straight])
     dt = dt or L / speed / 40
     rate, z, delta = RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
     rows = []
@@ -72,19 +72,19 @@ def turning_path(moved: Motions, rates: Rates, dt: float = 0.0) -> np.ndarray:
     return np.array(rows)
 
 
-def compared(moved: Motions, rates: Rates) -> dict[str, object]:
-    """The circle of the ship and of its projection, in ship lengths, as plain values. moved: motions of the ship;
+def compared(samples: Motions, rates: Rates) -> dict[str, object]:
+    """The circle of the ship and of its projection, in ship lengths, as plain values. samples: motions of the ship;
     rates: of the projection."""
-    L = moved.ship.particulars["L"]
+    L = samples.ship.particulars["L"]
 
-    def lengths(found: dict[str, float] | None) -> dict[str, float] | None:
-        return None if found is None else {f"{name[:-2]}_L": value / L for name, value in found.items()}
+    def lengths(circle: dict[str, float] | None) -> dict[str, float] | None:
+        return None if circle is None else {f"{name[:-2]}_L": value / L for name, value in circle.items()}
 
     return {
-        "rudder_deg": math.degrees(float(np.abs(moved.delta).max())),
-        "n_rps": float(moved.n.max()),
-        "ship": lengths(turning_circle(moved, ship_rates(moved))),
-        "projection": lengths(turning_circle(moved, rates)),
+        "rudder_deg": math.degrees(float(np.abs(samples.delta).max())),
+        "n_rps": float(samples.n.max()),
+        "ship": lengths(turning_circle(samples, ship_rates(samples))),
+        "projection": lengths(turning_circle(samples, rates)),
     }
 
 

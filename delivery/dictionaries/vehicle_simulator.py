@@ -47,23 +47,23 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
             f"the Python Vehicle Simulator needs a propeller of its own; {product.ship.name} has none beside its hull "
             f"model: {INSTEAD}"
         )
-    moved = motions(product, "the Python Vehicle Simulator")
-    p, errors = project(moved)
+    samples = motions(product, "the Python Vehicle Simulator")
+    p, errors = project(samples)
     check_errors(errors, "the Python Vehicle Simulator", INSTEAD)
-    said = error_messages(errors, moved, "the tanker of the Python Vehicle Simulator")
-    said.append(Message(in_words(compared(moved, vehicle_rates(moved, p))), "projection_turning"))
-    L = moved.ship.particulars["L"]
-    scale, speed = time_scale(L), float(moved.u.max())
+    messages = error_messages(errors, samples, "the tanker of the Python Vehicle Simulator")
+    messages.append(Message(in_words(compared(samples, vehicle_rates(samples, p))), "projection_turning"))
+    L = samples.ship.particulars["L"]
+    scale, speed = time_scale(L), float(samples.u.max())
     words = {
         "called": repr(f"{product.ship.title}, projected by mmg-ident"),
         "title": _in_docstring(product.ship.title),
         "name": product.identifier,
-        "said": [_in_docstring(str(line)) for line in (*said, *product.caveats)],
+        "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
-        "rpm": round(60 * float(moved.n.max()), 3),
+        "rpm": round(60 * float(samples.n.max()), 3),
         "speed": speed,
         "length": L,
-        "delta_max": round(math.degrees(float(np.abs(moved.delta).max())), 3),
+        "delta_max": round(math.degrees(float(np.abs(samples.delta).max())), 3),
         "delta_rate": round(math.degrees(RATE) / scale, 3),
         "gain": 1.5,
         "time": round(L / speed, 3),
@@ -71,7 +71,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     }
     environment = Environment(loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True)
     target.write_text(environment.get_template("vehicle.py.j2").render(words), encoding="utf-8")
-    return said
+    return messages
 
 
 def _in_docstring(text: str) -> str:
@@ -79,19 +79,19 @@ def _in_docstring(text: str) -> str:
     return text.replace("\\", "/").replace('"', "'")
 
 
-def _shared(moved: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shared(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """beta, c^2 and g_T (M,) of the form."""
-    L, n, u = moved.ship.particulars["L"], moved.n, moved.u
+    L, n, u = samples.ship.particulars["L"], samples.n, samples.u
     c2 = p["c_uu"] * u * np.abs(u) + p["c_un"] * u * n + p["c_nn"] * np.abs(n) * n
     thrust = p["Tuu"] * u**2 / L + p["Tun"] * u * n + L * p["Tnn"] * np.abs(n) * n
-    return moved.v / u, np.maximum(c2, 0.0), thrust
+    return samples.v / u, np.maximum(c2, 0.0), thrust
 
 
-def terms(moved: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
-    """Terms of the three equations by letter and parameter, (M,) each, in m^2/s^2 (yaw: by L). moved: motions; p: has
+def terms(samples: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
+    """Terms of the three equations by letter and parameter, (M,) each, in m^2/s^2 (yaw: by L). samples: motions; p: has
     c_uu, c_un, c_nn and the thrust's."""
-    L, u, v, r, delta = moved.ship.particulars["L"], moved.u, moved.v, moved.r, moved.delta
-    beta, c2, thrust = _shared(moved, p)
+    L, u, v, r, delta = samples.ship.particulars["L"], samples.u, samples.v, samples.r, samples.delta
+    beta, c2, thrust = _shared(samples, p)
     turned = c2 * np.abs(beta) * beta * np.abs(delta)
     return {
         "X": {"Xuu": u**2, "d11": L * v * r, "Xvv": v**2, "Xccdd": c2 * delta**2, "Xccbd": c2 * beta * delta},
@@ -106,53 +106,53 @@ def terms(moved: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndar
     }  # fmt: skip
 
 
-def project(moved: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
-    """Parameters of the form and the errors, by ``moved``: motions of the ship."""
-    P, mass = moved.ship.particulars, masses(moved.ship)
-    L, m, u, n = P["L"], P["m"], moved.u, moved.n
-    t = moved.ship.coefficients["t_P"].value if "t_P" in moved.ship.coefficients else 0.2
+def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Parameters of the form and the errors, by ``samples``: motions of the ship."""
+    P, mass = samples.ship.particulars, masses(samples.ship)
+    L, m, u, n = P["L"], P["m"], samples.u, samples.n
+    t = samples.ship.coefficients["t_P"].value if "t_P" in samples.ship.coefficients else 0.2
     p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}
     pull = {"Tuu": u**2 / L, "Tun": u * n, "Tnn": L * np.abs(n) * n}
-    p |= linear_parameters(pull, moved.forces["propeller"][0] / (m * (1 - t)))
-    rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * moved.rates
+    p |= linear_parameters(pull, samples.forces["propeller"][0] / (m * (1 - t)))
+    rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * samples.rates
     D2 = P.get("D_P", 0.03 * L) ** 2
 
     def with_slipstream(x: np.ndarray) -> dict[str, float]:
         """All parameters for shares ``x`` of u^2 and u n D in c^2."""
         q = p | {"c_uu": float(x[0]), "c_un": float(x[1]) * math.sqrt(D2), "c_nn": D2}
-        left = rates.copy()
-        left[0] -= L * (1 - t) * _shared(moved, q)[2]
-        for row, found in zip(left, terms(moved, q).values(), strict=True):
+        remainder = rates.copy()
+        remainder[0] -= L * (1 - t) * _shared(samples, q)[2]
+        for row, found in zip(remainder, terms(samples, q).values(), strict=True):
             q |= linear_parameters(found, row)
         return q
 
     def residual(x: np.ndarray) -> np.ndarray:
         q = with_slipstream(x)
-        off = form(moved, q) - rates
+        off = form(samples, q) - rates
         return (off / np.sqrt(np.mean(rates**2, axis=1))[:, None]).ravel()
 
     shares = fit_parameters(residual, {"uu": 0.5, "un": 0.5}, {"uu": (0.0, 20.0), "un": (-2.0, 20.0)})
     found = with_slipstream(np.array(list(shares.values())))
-    needed = moved.needed_force(replace(mass, moment=0.0))
+    needed = samples.needed_force(replace(mass, moment=0.0))
     unit = np.array([m / L, m / L, m])[:, None]
-    return found, channel_errors(needed, needed + unit * (form(moved, found) - rates))
+    return found, channel_errors(needed, needed + unit * (form(samples, found) - rates))
 
 
-def form(moved: Motions, p: Mapping[str, float]) -> np.ndarray:
-    """Right-hand sides of the three equations (3, M), that of yaw by L. moved: motions; p: all parameters."""
-    sums = [sum(p[name] * values for name, values in row.items()) for row in terms(moved, p).values()]
+def form(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
+    """Right-hand sides of the three equations (3, M), that of yaw by L. samples: motions; p: all parameters."""
+    sums = [sum(p[name] * values for name, values in row.items()) for row in terms(samples, p).values()]
     found = np.array(sums)
-    found[0] += moved.ship.particulars["L"] * (1 - p["t"]) * _shared(moved, p)[2]
+    found[0] += samples.ship.particulars["L"] * (1 - p["t"]) * _shared(samples, p)[2]
     return found
 
 
-def vehicle_rates(moved: Motions, p: Mapping[str, float]) -> Rates:
-    """The rates of the projected ship. moved: motions of the ship; p: parameters of the form."""
-    L = moved.ship.particulars["L"]
+def vehicle_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
+    """The rates of the projected ship. samples: motions of the ship; p: parameters of the form."""
+    L = samples.ship.particulars["L"]
     inertia = L * np.array([p["m11"], p["m22"], p["m33"] * L])
 
     def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        found: np.ndarray = form(moved.at(nu, n, delta), p)[:, 0] / inertia
+        found: np.ndarray = form(samples.at(nu, n, delta), p)[:, 0] / inertia
         return found
 
     return rates

@@ -66,15 +66,15 @@ def platforms_of(names: Sequence[str], version: int) -> list[str]:
     """
     if list(names) == [NONE]:
         return []
-    known = {**{p.folder_2: name for name, p in reversed(PLATFORMS.items())}, **{name: name for name in PLATFORMS}}
+    names_3 = {**{p.folder_2: name for name, p in reversed(PLATFORMS.items())}, **{name: name for name in PLATFORMS}}
     for name in names:
-        if name not in known:
+        if name not in names_3:
             raise UnknownName(f"--platforms {name}: no such platform; choose of {', '.join(PLATFORMS)}, or {NONE}")
-    found = list(dict.fromkeys(known[name] for name in names))
-    folders = [PLATFORMS[name].folder_2 for name in found]
+    platforms = list(dict.fromkeys(names_3[name] for name in names))
+    folders = [PLATFORMS[name].folder_2 for name in platforms]
     if version == 2 and len(set(folders)) < len(folders):
         raise Conflict("--platforms: FMI 2.0 has one folder for macOS; choose one of its platforms, or --format fmu3")
-    return found
+    return platforms
 
 
 def build(sources: dict[str, str], identifier: str, names: Sequence[str]) -> dict[str, bytes]:
@@ -98,9 +98,9 @@ def build_here(sources: dict[str, str], identifier: str) -> tuple[dict[str, byte
 
 def _zig() -> list[str]:
     """The command of the zig compiler, on the path or as a Python package; empty where there is none."""
-    found = shutil.which("zig")
-    if found:
-        return [found, "cc"]
+    path = shutil.which("zig")
+    if path:
+        return [path, "cc"]
     return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else []
 
 
@@ -108,15 +108,15 @@ def _command(name: str) -> list[str]:
     """The compiler for a platform, with the flags that only it needs."""
     chosen, zig, position = PLATFORMS[name], _zig(), ["-fPIC"] if not name.endswith("windows") else []
     windows = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
-    own = compiler() if name == this_platform() else None
+    local_compiler = compiler() if name == this_platform() else None
     if name == this_platform() and os.environ.get("MMG_CC") == NONE:
         raise NotInstalled(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
-    if own:
-        return [own, *position, *(windows if name.endswith("windows") else [])]
+    if local_compiler:
+        return [local_compiler, *position, *(windows if name.endswith("windows") else [])]
     for other in chosen.compilers:
-        found = shutil.which(other)
-        if found:
-            return [found, *position, *(windows if name.endswith("windows") else [])]
+        path = shutil.which(other)
+        if path:
+            return [path, *position, *(windows if name.endswith("windows") else [])]
     if zig:
         return [*zig, "-target", chosen.zig, "-s", *position]
     wanted = [*chosen.compilers, "zig (pip install ziglang)"]
@@ -130,10 +130,10 @@ def _built(sources: dict[str, str], identifier: str, name: str, command: Sequenc
         folder = Path(scratch)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        whole = [*command, *FLAGS, "-I.", MAIN, "-o", library, *LINKED]
-        run = subprocess.run(whole, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
+        full_command = [*command, *FLAGS, "-I.", MAIN, "-o", library, *LINKED]
+        run = subprocess.run(full_command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if run.returncode:
             lines = run.stderr.strip().splitlines() or ["no message"]
-            said = next((line for line in lines if "error" in line), lines[0])
-            raise ProgramFailed(f"--platforms {name}: {command[0]} failed ({said})")
+            error = next((line for line in lines if "error" in line), lines[0])
+            raise ProgramFailed(f"--platforms {name}: {command[0]} failed ({error})")
         return (folder / library).read_bytes()

@@ -63,18 +63,18 @@ def units(parent: Xml.Element, table: VariableTable) -> None:
 
 def real_attributes(row: FmuVariable) -> dict[str, str]:
     """Attributes of the value of a real variable ``row`` that both versions have."""
-    found = {}
+    attributes = {}
     if row.unit:
-        found["unit"] = row.unit
+        attributes["unit"] = row.unit
         if row.unit in SHOWN:
-            found["displayUnit"] = SHOWN[row.unit][0]
+            attributes["displayUnit"] = SHOWN[row.unit][0]
     if math.isfinite(row.lower):
-        found["min"] = repr(row.lower)
+        attributes["min"] = repr(row.lower)
     if math.isfinite(row.upper):
-        found["max"] = repr(row.upper)
+        attributes["max"] = repr(row.upper)
     if row.start is not None:
-        found["start"] = repr(row.start)
-    return found
+        attributes["start"] = repr(row.start)
+    return attributes
 
 
 def description_2(ship: CoSimulatedShip, table: VariableTable, token: str, files: list[str]) -> str:

@@ -23,10 +23,11 @@ there as a guess.</p>"""
 def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
     words = "".join(f"<li>{escape(line)}</li>" for line in about(ship.plain))
-    ranges = [
-        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>" for k, (a, b) in ship.held.items()
+    rows = [
+        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>"
+        for k, (a, b) in ship.ranges.items()
     ]
-    held = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
+    limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(rows)}</table>"
     groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
     tables = "".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups)
     return (
@@ -34,7 +35,7 @@ def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
         f"<style>{STYLE}</style></head><body>\n"
         f"<h1>{escape(ship.ship.title or ship.identifier)}</h1>\n<ul>{words}</ul>\n"
         f"<h2>Use</h2>\n{USE.format(step=ship.longest_step)}\n<h2>What the trials held</h2>\n"
-        f"{held if ranges else '<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>'}\n"
+        f"{limits if rows else '<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>'}\n"
         f"{tables}\n</body></html>\n"
     )
 

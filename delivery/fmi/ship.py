@@ -50,7 +50,7 @@ class CoSimulatedShip(Product):
     @classmethod
     def of(cls, product: Product) -> CoSimulatedShip:
         """The co-simulated form of a ``product``. Raises UserError where two effects delay the actuators."""
-        ship, late, known = product.ship, None, {c.symbol: c for c in product.coefficients}
+        ship, late, coefficients = product.ship, None, {c.symbol: c for c in product.coefficients}
         for name in ship.effects:
             if effect(name).input_delay(ship.parameters_of(name)) is None:
                 continue
@@ -59,10 +59,10 @@ class CoSimulatedShip(Product):
                 raise Unsupported(
                     f"the effect {name}: an FMU holds one delay of the actuators; leave it out with --without"
                 )
-            late, ship = known[symbols[0]], ship.without_effect(name)
+            late, ship = coefficients[symbols[0]], ship.without_effect(name)
         late_log = None
         if _logs_late_alone(ship):
-            late_log, ship = known[LATE_LOG], ship.without_effect(LATE_LOG.split(".")[0])
+            late_log, ship = coefficients[LATE_LOG], ship.without_effect(LATE_LOG.split(".")[0])
         steady = "current" not in ship.effects
         ship = ship.with_effect("current") if steady else ship
         x, y = (ship.coefficients[symbol].value for symbol in CURRENT)
@@ -75,18 +75,18 @@ class CoSimulatedShip(Product):
 
     def model_of(self, ship: Ship) -> Model:
         """The model of ``ship``, this one or its form without network, with the inputs of ``inputs_of``."""
-        whole = assemble(ship)
-        symbols = tuple(s for s in whole.symbols if s not in CURRENT and not (self.steady and s in RATES))
-        controls = self.inputs_of(whole.controls)
+        model = assemble(ship)
+        symbols = tuple(s for s in model.symbols if s not in CURRENT and not (self.steady and s in RATES))
+        controls = self.inputs_of(model.controls)
         c, theta = ca.SX.sym("controls", len(controls)), ca.SX.sym("coefficients", len(symbols))
-        inputs, known = (
+        inputs, values = (
             dict(zip(controls, ca.vertsplit(c), strict=True)),
             dict(zip(symbols, ca.vertsplit(theta), strict=True)),
         )
-        known |= dict(zip(CURRENT, (inputs[name] for name in WATER), strict=True))
-        old_c = ca.vertcat(*[inputs.get(name, ca.SX(0)) for name in whole.controls])
-        old_theta = ca.vertcat(*[known.get(name, ca.SX(0)) for name in whole.symbols])
-        z, six = ca.SX.sym("state", len(whole.states)), ca.SX.sym("state", 6)
+        values |= dict(zip(CURRENT, (inputs[name] for name in WATER), strict=True))
+        old_c = ca.vertcat(*[inputs.get(name, ca.SX(0)) for name in model.controls])
+        old_theta = ca.vertcat(*[values.get(name, ca.SX(0)) for name in model.symbols])
+        z, six = ca.SX.sym("state", len(model.states)), ca.SX.sym("state", 6)
 
         def changed(function: ca.Function) -> ca.Function:
             name, state = function.name(), six if function.name() == "initial" else z
@@ -95,14 +95,14 @@ class CoSimulatedShip(Product):
             return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
 
         return replace(
-            whole,
+            model,
             symbols=symbols,
             controls=controls,
-            rates=changed(whole.rates),
-            forces=changed(whole.forces),
-            initial=changed(whole.initial),
-            columns=changed(whole.columns),
-            features=changed(whole.features),
+            rates=changed(model.rates),
+            forces=changed(model.forces),
+            initial=changed(model.initial),
+            columns=changed(model.columns),
+            features=changed(model.features),
         )
 
     def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:
@@ -115,8 +115,8 @@ class CoSimulatedShip(Product):
     @property
     def late_columns(self) -> list[str]:
         """Effects of its instruments that log late, which the model of the columns approximates."""
-        known = [name for name in self.ship.effects if effect(name).measures]
-        late = [name for name in known if any(state.startswith(f"{name}.") for state in self.model.states)]
+        instruments = [name for name in self.ship.effects if effect(name).measures]
+        late = [name for name in instruments if any(state.startswith(f"{name}.") for state in self.model.states)]
         gyro = self.ship.coefficients.get("gyro.T")
         return [name for name in late if name != "gyro" or gyro is None or gyro.value != 0]
 

@@ -26,8 +26,8 @@ def fmu_sources(ship: CoSimulatedShip, version: int) -> dict[str, str]:
 
     Raises UserError for equations that cannot be written in C.
     """
-    own = (*INSTANCE, WRAPPER[version])
-    files = {name: (OWN / name).read_text(encoding="utf-8") for name in own}
+    file_names = (*INSTANCE, WRAPPER[version])
+    files = {name: (OWN / name).read_text(encoding="utf-8") for name in file_names}
     files |= {name: (STANDARD / name).read_text(encoding="utf-8") for name in HEADERS[version]}
     files |= c_files(ship)
     includes = (f"{ship.identifier}.c", INSTANCE[1], WRAPPER[version])

@@ -24,7 +24,7 @@ def plain_unit(unit: str) -> str:
 
 def exponents(unit: str) -> dict[str, int] | None:
     """Exponents of a plain ``unit`` in kg, m, s and rad, zeros left out; None for one that is not made of BASES."""
-    found: dict[str, int] = {}
+    powers: dict[str, int] = {}
     for place, part in enumerate(unit.split("/")):
         for word in re.split(r"[. ]+", part):
             match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
@@ -34,5 +34,5 @@ def exponents(unit: str) -> dict[str, int] | None:
                 return None
             power = int(match[2] or 1) * (1 if place == 0 else -1)
             for base, n in BASES[match[1]].items():
-                found[base] = found.get(base, 0) + n * power
-    return {base: n for base, n in found.items() if n}
+                powers[base] = powers.get(base, 0) + n * power
+    return {base: n for base, n in powers.items() if n}

@@ -89,15 +89,17 @@ def variable_table(ship: CoSimulatedShip) -> VariableTable:
             (f"initial.{state}", "parameter", "fixed", 0.0, STATE_UNITS[state], f"{STATE_WORDS[state]}, at the start")
         )
     settable = [FmuVariable(row[0], i, *row[1:]) for i, row in enumerate(rows)]
-    known = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
+    tunable = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
     outputs = _outputs(ship)
     calculated = [
-        FmuVariable(name, len(settable) + len(known) + i, causality, "continuous", None, unit, words)
+        FmuVariable(name, len(settable) + len(tunable) + i, causality, "continuous", None, unit, words)
         for i, (name, causality, unit, words) in enumerate(outputs)
     ]
     words = "whether the ship moves inside what the trials held, that is extrapolation = 0"
-    valid = FmuVariable("valid", len(settable) + len(known) + len(calculated), "output", "discrete", None, None, words)
-    return VariableTable((*settable, *known, *calculated, valid), len(actuators), len(actuators) + 4, parameters)
+    valid = FmuVariable(
+        "valid", len(settable) + len(tunable) + len(calculated), "output", "discrete", None, None, words
+    )
+    return VariableTable((*settable, *tunable, *calculated, valid), len(actuators), len(actuators) + 4, parameters)
 
 
 def _parameter(c: ProductCoefficient, reference: int) -> FmuVariable:
@@ -132,7 +134,7 @@ def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
     for state in ship.model.states[6:]:
         rows.append((f"memory.{state}", "local", STATE_UNITS.get(state, ""), f"what the ship remembers: {state}"))
     words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
-    ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.held.items())
+    ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.ranges.items())
     words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"
     rows.append(("extrapolation", "output", "", words))
     return rows

@@ -60,34 +60,32 @@ def fmu_files(
         files["modelDescription.xml"] = description_3(ship, table, token).encode()
         files["sources/buildDescription.xml"] = build_description(ship, [MAIN]).encode()
     files |= _papers(ship, table)
-    said: list[Message] = []
+    messages: list[Message] = []
     if ship.late_columns:
         words = f"logged.* approximates the lateness of {', '.join(ship.late_columns)}; mmg simulate has it exactly"
-        said.append(Message(words, LATE_COLUMNS))
+        messages.append(Message(words, LATE_COLUMNS))
     if platforms:
         libraries = build(sources, ship.identifier, platforms_of(platforms, version))
     else:
         libraries, why = build_here(sources, ship.identifier)
         if why:
-            said.append(Message(f"the FMU holds sources alone, to be compiled where it is used: {why}", SOURCES_ONLY))
+            messages.append(Message(f"the FMU holds sources alone, compiled where it is used: {why}", SOURCES_ONLY))
     for name, content in libraries.items():
         folder = PLATFORMS[name].folder_2 if version == 2 else name
         files[f"binaries/{folder}/{ship.identifier}{PLATFORMS[name].suffix}"] = content
-    return files, said
+    return files, messages
 
 
 def _write(product: Product, target: Path, version: int, platforms: Sequence[str], replace: bool) -> list[Message]:
     ship = CoSimulatedShip.of(product)
-    beside, text = target.parent / osp_name(ship), osp_description(variable_table(ship))
-    if beside.exists() and not replace and beside.read_text(encoding="utf-8", errors="replace") != text:
-        raise TargetExists(
-            f"{beside}: describes another FMU to the Open Simulation Platform; export to another folder, or add --force"
-        )
-    files, said = fmu_files(ship, version, platforms)
+    osp_file, text = target.parent / osp_name(ship), osp_description(variable_table(ship))
+    if osp_file.exists() and not replace and osp_file.read_text(encoding="utf-8", errors="replace") != text:
+        raise TargetExists(f"{osp_file}: describes another FMU; export to another folder, or add --force")
+    files, messages = fmu_files(ship, version, platforms)
     write_archive(target, files)
-    beside.write_text(text, encoding="utf-8", newline="\n")
-    words = f"{beside.name}: groups of its variables for the Open Simulation Platform (docs/how-to/fmu.md)"
-    return [*said, Message(words, OSP_DESCRIPTION)]
+    osp_file.write_text(text, encoding="utf-8", newline="\n")
+    words = f"{osp_file.name}: groups of its variables for the Open Simulation Platform (docs/how-to/fmu.md)"
+    return [*messages, Message(words, OSP_DESCRIPTION)]
 
 
 def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:

@@ -45,8 +45,8 @@ def write_scaled(result: FitResult, folder: Path) -> FitResult:
             written.write("scaling", partial(scaled_figure, result), "From model to ship", caption)
         failed = tuple(MessageRow("warning", m.code, m) for m in written.failures)
         rows = tuple(FigureRow(**row) for row in written.rows)
-        whole = replace(result, figures=rows, messages=(*failed, *result.messages), folder=Path(scratch))
-        return whole.save(folder)
+        complete = replace(result, figures=rows, messages=(*failed, *result.messages), folder=Path(scratch))
+        return complete.save(folder)
 
 
 def scaled_figure(result: FitResult) -> Figure:
@@ -57,19 +57,18 @@ def scaled_figure(result: FitResult) -> Figure:
     correlation = (result.correlation.symbols, np.array(result.correlation.matrix, dtype=float))
     drawn = draw_coefficients(ships["ship"], DRAWS, 0, correlation) if correlation[1].size else {}
     figure = new_figure(3.6)
-    left, right = figure.subplots(1, 2, width_ratios=(1.6, 1))
-    dress(left, "to starboard / L", "ahead / L", "Turning, 35 degrees")
-    dress(right, "t √(g / L)", "heading [deg]", "Zigzag 20/20")
-    left.set_aspect("equal", adjustable="box")
+    circles, zigzags = figure.subplots(1, 2, width_ratios=(1.6, 1))
+    dress(circles, "to starboard / L", "ahead / L", "Turning, 35 degrees")
+    dress(zigzags, "t √(g / L)", "heading [deg]", "Zigzag 20/20")
+    circles.set_aspect("equal", adjustable="box")
     looks: dict[str, dict] = {"model": {"color": BEFORE, "linestyle": (0, (4, 1.5))}, "ship": {"color": AFTER}}
     for name, ship in ships.items():
         froude = speed / reference_speed(ships["model"].particulars["L"])
-        own = froude * reference_speed(ship.particulars["L"])
+        approach = froude * reference_speed(ship.particulars["L"])
+        draws = drawn if name == "ship" else {}
         for text in (*CIRCLES, ZIGZAG):
-            _draw(
-                right if text == ZIGZAG else left, ship, text, own, drawn if name == "ship" else {}, looks[name], name
-            )
-    for ax in (left, right):
+            _draw(circles if text in CIRCLES else zigzags, ship, text, approach, draws, looks[name], name)
+    for ax in (circles, zigzags):
         ax.legend(fontsize=7.5, loc="best", frameon=True, framealpha=0.9, edgecolor="none")
     return figure
 

@@ -40,13 +40,15 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     content = content_on(folder)
     if content.get("kind") == "calibration":
         return read_fit(folder)
-    told = of_predictions(content)
-    return replace(_of_ship(load_ship(source)), bands=told.get("bands"), adaptation=told.get("adaptation"))
+    predictions = of_predictions(content)
+    return replace(
+        _of_ship(load_ship(source)), bands=predictions.get("bands"), adaptation=predictions.get("adaptation")
+    )
 
 
 def _of_ship(ship: Ship) -> FitResult:
     free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
-    known = tuple(tuple(float(a == b) for b in free) for a in free)
+    eye = tuple(tuple(float(a == b) for b in free) for a in free)
     rows = {}
     for s in free:
         c = ship.coefficients[s]
@@ -57,7 +59,7 @@ def _of_ship(ship: Ship) -> FitResult:
         objective=None, constraint_violation=None, condition_number=None, iterations=0, passes=(), starts=(),
         settings=Settings(), versions=versions(), compiled=False, timings_s={}, data=(), validation_data=(), windows=0,
         intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=rows,
-        fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed), correlation=Correlation(tuple(free), known),
+        fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed), correlation=Correlation(tuple(free), eye),
         scores={}, identifiability={}, messages=(), ship=ship, start=ship,
     )  # fmt: skip
 
@@ -72,31 +74,31 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     model = model.model or model
     matrix = np.array(model.correlation.matrix, dtype=float)
     fastest = max(map(abs, (model.envelope or {}).get("u", [0.0])))
-    found = scaled_ship(model.ship, scaling, model.correlation.symbols, matrix if matrix.size else None, fastest)
+    scaled = scaled_ship(model.ship, scaling, model.correlation.symbols, matrix if matrix.size else None, fastest)
     priors = scaled_ship(_prior_ship(model), scaling, fastest=fastest).ship
-    coefficients = _coefficient_rows(model, found, priors)
+    coefficients = _coefficient_rows(model, scaled, priors)
     named = {
-        s: found.ship.coefficients[s].with_(verdict=row.verdict, prior_value=row.prior_value, prior_std=row.prior_std)
+        s: scaled.ship.coefficients[s].with_(verdict=row.verdict, prior_value=row.prior_value, prior_std=row.prior_std)
         for s, row in coefficients.items()
     }
-    symbols = tuple(s for s in found.symbols if s in coefficients)
-    at = [found.symbols.index(s) for s in symbols]
-    matrix = found.correlation[np.ix_(at, at)]
+    symbols = tuple(s for s in scaled.symbols if s in coefficients)
+    at = [scaled.symbols.index(s) for s in symbols]
+    matrix = scaled.correlation[np.ix_(at, at)]
     start = scaled_ship(model.start, scaling, fastest=fastest).ship
     absent = {f.name: f.default for f in fields(FitRecord) if f.default is not MISSING}  # what belongs to trials
-    known = {
-        "bands": similar_bands(model.bands, found.law),
-        "adaptation": similar_adaptation(model.adaptation, found.law),
-        "envelope": similar_envelope(model.envelope, found.law),
-        "scaling": _account(model, found, scaling),
+    contents = {
+        "bands": similar_bands(model.bands, scaled.law),
+        "adaptation": similar_adaptation(model.adaptation, scaled.law),
+        "envelope": similar_envelope(model.envelope, scaled.law),
+        "scaling": _account(model, scaled, scaling),
     }
     return replace(
-        model, created=_now(), command=command, ship_name=found.ship.name, ship=found.ship.with_coefficients(named),
+        model, created=_now(), command=command, ship_name=scaled.ship.name, ship=scaled.ship.with_coefficients(named),
         start=start, model=model, iterate=None, objects=None, folder=None, objective=None, constraint_violation=None,
         condition_number=None, iterations=0, passes=(), starts=(), versions=versions(), timings_s={}, data=(),
         validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=coefficients,
         correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)), scores={},
-        identifiability={}, messages=_messages(model, found), **{**absent, **known},
+        identifiability={}, messages=_messages(model, scaled), **{**absent, **contents},
     )  # fmt: skip
 
 
@@ -117,15 +119,15 @@ def _prior_ship(model: FitResult) -> Ship:
     return model.ship.without_network().with_coefficients(rows)
 
 
-def _coefficient_rows(model: FitResult, found: ScaledShip, priors: Ship) -> dict[str, CoefficientRow]:
+def _coefficient_rows(model: FitResult, scaled: ScaledShip, priors: Ship) -> dict[str, CoefficientRow]:
     rows = {}
-    for s in found.symbols:
-        c, prior = found.ship.coefficients[s], priors.coefficients[s]
+    for s in scaled.symbols:
+        c, prior = scaled.ship.coefficients[s], priors.coefficients[s]
         old = model.coefficients.get(s)
         verdict = (old.verdict if old else c.verdict) or "prior"
-        if s in found.changed:
+        if s in scaled.changed:
             verdict = f"{model.ship.coefficients[s].value:.4g} of the model, scaled by ITTC-78; there: {verdict}"
-        bound = old.at_bound if old and s not in found.changed else None
+        bound = old.at_bound if old and s not in scaled.changed else None
         share = (c.std / prior.std) ** 2 if prior.std > 0 else None
         rows[s] = CoefficientRow(
             c.value, c.std, prior.value, prior.std, _finite(c.lower), _finite(c.upper), bound,
@@ -134,7 +136,7 @@ def _coefficient_rows(model: FitResult, found: ScaledShip, priors: Ship) -> dict
     return rows
 
 
-def _messages(model: FitResult, found: ScaledShip) -> tuple[MessageRow, ...]:
+def _messages(model: FitResult, scaled: ScaledShip) -> tuple[MessageRow, ...]:
     """What must be known of the ship: the model's state, what was left out, what was assumed."""
     rows = []
     if not model.converged:
@@ -145,20 +147,20 @@ def _messages(model: FitResult, found: ScaledShip) -> tuple[MessageRow, ...]:
     if gone := dropped_effects(model.ship):
         words = "left with the model, as they belong to its place, instruments or steering gear: " + ", ".join(gone)
         rows.append(("notice", "effects_left_out", words))
-    if found.ship.network is not None:
+    if scaled.ship.network is not None:
         words = "the learned residual is scaled by Froude's law: it was trained at the model's Reynolds number"
         rows.append(("warning", "residual_scaled", words))
-    rows += [("notice", "assumed", words) for words in assumptions(found)]
+    rows += [("notice", "assumed", words) for words in assumptions(scaled)]
     return tuple(MessageRow(*row) for row in rows)
 
 
-def assumptions(found: ScaledShip) -> list[str]:
-    """What was assumed on the way from model to ship, in sentences. found: the scaled ship."""
+def assumptions(scaled: ScaledShip) -> list[str]:
+    """What was assumed on the way from model to ship, in sentences. scaled: the scaled ship."""
     same = "hull forces, added masses, thrust deduction and open-water thrust keep their dimensionless values"
     first = "equal Froude numbers: lengths by the scale, times and speeds by its square root"
-    if found.change is None:
+    if scaled.change is None:
         return [first, f"{same}, and so do resistance and wake: Froude's law alone was asked for"]
-    model, ship = found.change.model, found.change.ship
+    model, ship = scaled.change.model, scaled.change.ship
     return [
         first,
         same,
@@ -171,39 +173,39 @@ def assumptions(found: ScaledShip) -> list[str]:
     ]
 
 
-def _account(model: FitResult, found: ScaledShip, scaling: Scaling) -> dict[str, Any]:
+def _account(model: FitResult, scaled: ScaledShip, scaling: Scaling) -> dict[str, Any]:
     """The section ``scaling`` of result.json."""
-    old, new = model.ship, found.ship
+    old, new = model.ship, scaled.ship
     rows = []
-    for s in dict.fromkeys((*found.changed, *found.doubts)):
-        doubt, before, after = found.doubts.get(s), old.coefficients[s], new.coefficients[s]
+    for s in dict.fromkeys((*scaled.changed, *scaled.doubts)):
+        doubt, before, after = scaled.doubts.get(s), old.coefficients[s], new.coefficients[s]
         rows.append({
             "symbol": s, "model": before.value, "model_std": before.std, "ship": after.value, "ship_std": after.std,
             "added_std": doubt.std if doubt else 0.0, "source": doubt.source if doubt else "follows from the others",
-            "changed": s in found.changed,
+            "changed": s in scaled.changed,
         })  # fmt: skip
-    speed = found.speed * math.sqrt(found.law.scale)
+    speed = scaled.speed * math.sqrt(scaled.law.scale)
     return {
         "model": {"ship": old.name, "length_m": old.particulars["L"], "status": model.status,
                   "trials": [row.name for row in model.data]},
         "length_m": new.particulars["L"],
-        "scale": found.law.scale,
-        "density_ratio": found.law.density,
+        "scale": scaled.law.scale,
+        "density_ratio": scaled.law.density,
         "froude_only": scaling.froude_only,
-        "water": {"model": _water(found, 0), "ship": _water(found, 1)} if found.change else None,
+        "water": {"model": _water(scaled, 0), "ship": _water(scaled, 1)} if scaled.change else None,
         "coefficients": rows,
         "particulars": [{"symbol": s, "model": value, "ship": new.particulars.get(s)}
                         for s, value in old.particulars.items()],
-        "self_propulsion": {"model": self_propulsion(old, found.speed), "ship": self_propulsion(new, speed)},
-        "assumptions": assumptions(found),
+        "self_propulsion": {"model": self_propulsion(old, scaled.speed), "ship": self_propulsion(new, speed)},
+        "assumptions": assumptions(scaled),
         "left_out": list(dropped_effects(old)),
     }  # fmt: skip
 
 
-def _water(found: ScaledShip, side: int) -> dict[str, float]:
-    assert found.change is not None
-    water = (found.change.model, found.change.ship)[side]
-    k = found.change.form_factor
+def _water(scaled: ScaledShip, side: int) -> dict[str, float]:
+    assert scaled.change is not None
+    water = (scaled.change.model, scaled.change.ship)[side]
+    k = scaled.change.form_factor
     return {
         "speed_m_s": water.speed, "froude": water.froude, "reynolds": water.reynolds, "density": water.density,
         "friction": water.C_F, "allowance": water.allowance, "form_factor": water.watanabe if k is None else k,
@@ -216,15 +218,15 @@ def self_propulsion(ship: Ship, speed: float) -> dict[str, float | None]:
 
     None for what its model does not give.
     """
-    found: dict[str, float | None] = {"speed_m_s": speed, "froude": speed / reference_speed(ship.particulars["L"])}
-    found |= dict.fromkeys(("n", "J", "K_T", "C_Th"))
+    point: dict[str, float | None] = {"speed_m_s": speed, "froude": speed / reference_speed(ship.particulars["L"])}
+    point |= dict.fromkeys(("n", "J", "K_T", "C_Th"))
     try:
-        n = found["n"] = revolutions_for(ship, speed)
+        n = point["n"] = revolutions_for(ship, speed)
     except UserError:
-        return found
+        return point
     c: Mapping[str, Any] = ship.coefficients
     if {"w_P0", "k_0", "k_1", "k_2"} <= c.keys() and "D_P" in ship.particulars:
         J = speed * (1 - c["w_P0"].value) / (n * ship.particulars["D_P"])
         K = c["k_0"].value + c["k_1"].value * J + c["k_2"].value * J * J
-        found |= {"J": J, "K_T": K, "C_Th": 8 * K / (math.pi * J * J)}
-    return found
+        point |= {"J": J, "K_T": K, "C_Th": 8 * K / (math.pi * J * J)}
+    return point

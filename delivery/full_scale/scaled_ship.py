@@ -109,26 +109,27 @@ def scaled_ship(
                         "scale it with --froude-only")  # fmt: skip
     added = doubts(model, values, scaled, change) if change else {}
     added = {s: doubt for s, doubt in added.items() if not model.coefficients[s].fixed and doubt.std > 0}
-    known, covariance = _covariance(bare, symbols, correlation, added)
-    J = _jacobian(model, known, change)
-    covariance = J @ covariance @ J.T + np.diag([added[s].std ** 2 if s in added else 0.0 for s in known])
+    fitted, covariance = _covariance(bare, symbols, correlation, added)
+    J = _jacobian(model, fitted, change)
+    covariance = J @ covariance @ J.T + np.diag([added[s].std ** 2 if s in added else 0.0 for s in fitted])
     std = np.sqrt(np.diag(covariance))
     safe = np.where(std > 0, std, 1.0)
     matrix = covariance / np.outer(safe, safe)
     np.fill_diagonal(matrix, 1.0)
     rows = {
-        s: _row(bare, s, scaled, dict(zip(known, std, strict=True)), added) for s in {**dict.fromkeys(known), **scaled}
+        s: _row(bare, s, scaled, dict(zip(fitted, std, strict=True)), added)
+        for s in {**dict.fromkeys(fitted), **scaled}
     }
     ship = bare.with_coefficients(rows)
-    return ScaledShip(model, ship, law, speed, change, tuple(scaled), added, known, matrix)
+    return ScaledShip(model, ship, law, speed, change, tuple(scaled), added, fitted, matrix)
 
 
 def _model_speed(model: Ship, scaling: Scaling, law: Similarity, fastest: float) -> float:
     """Speed of the model [m/s] at which friction is taken."""
     if scaling.speed is not None:
         return scaling.speed / math.sqrt(law.scale)
-    own = model.particulars.get("U_0", 0.0) or fastest
-    return own if own > 0 else TEST_FROUDE * reference_speed(model.particulars["L"])
+    speed = model.particulars.get("U_0", 0.0) or fastest
+    return speed if speed > 0 else TEST_FROUDE * reference_speed(model.particulars["L"])
 
 
 def _change(model: Ship, ship: Ship, scaling: Scaling, speed: float, law: Similarity) -> Change:
@@ -143,10 +144,10 @@ def _change(model: Ship, ship: Ship, scaling: Scaling, speed: float, law: Simila
             "scale by Froude's law alone with --froude-only"
         )
     block = p.get("C_b") or p["m"] / (p["rho"] * p["L"] * p["B"] * p["d"])
-    own = HullInWater(p["L"], p["B"], p["d"], block, speed, p["rho"], scaling.roughness)
+    model_hull = HullInWater(p["L"], p["B"], p["d"], block, speed, p["rho"], scaling.roughness)
     q = ship.particulars
     other = HullInWater(q["L"], q["B"], q["d"], block, speed * math.sqrt(law.scale), q["rho"], scaling.roughness)
-    return Change(own, other, scaling.form_factor)
+    return Change(model_hull, other, scaling.form_factor)
 
 
 def _covariance(
@@ -155,12 +156,12 @@ def _covariance(
     """Symbols (P,) that have, or get, a standard deviation, and their covariance (P, P) before scaling [unit of the
     ship]."""
     free = [s for s in ship.free if (0 < ship.coefficients[s].std < math.inf) or s in added]
-    known = [s for s in symbols if s in free]
-    order = (*known, *(s for s in free if s not in known))
+    fitted = [s for s in symbols if s in free]
+    order = (*fitted, *(s for s in free if s not in fitted))
     matrix = np.eye(len(order))
-    if correlation is not None and known:
-        at = [list(symbols).index(s) for s in known]
-        matrix[: len(known), : len(known)] = np.nan_to_num(np.asarray(correlation, dtype=float)[np.ix_(at, at)])
+    if correlation is not None and fitted:
+        at = [list(symbols).index(s) for s in fitted]
+        matrix[: len(fitted), : len(fitted)] = np.nan_to_num(np.asarray(correlation, dtype=float)[np.ix_(at, at)])
         np.fill_diagonal(matrix, 1.0)
     std = np.array([ship.coefficients[s].std for s in order])
     std = np.where(np.isfinite(std), std, 0.0)

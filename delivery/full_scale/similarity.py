@@ -66,20 +66,20 @@ class Similarity:
 def similar_particulars(given: Mapping[str, float], law: Similarity) -> dict[str, float]:
     """Particulars at the other length. given: symbol -> value [SI]; law: of similarity. The particular ``scale``
     becomes what is left of it and is gone at 1. Raises UserError for a unit that is not known."""
-    found = {}
+    scaled = {}
     for name, value in given.items():
         unit = PARTICULARS[name][1] if name in PARTICULARS else ""
-        found[name] = value if name in KEPT else value * law.factor(unit, name)
-    left = found.pop("scale", 1.0) / law.scale
-    return found | ({"scale": left} if left > 1.005 else {})
+        scaled[name] = value if name in KEPT else value * law.factor(unit, name)
+    ratio = scaled.pop("scale", 1.0) / law.scale
+    return scaled | ({"scale": ratio} if ratio > 1.005 else {})
 
 
 def dropped_effects(ship: Ship) -> tuple[str, ...]:
     """Effects of a ``ship`` that stay with the model: of its place and day, its instruments and its steering gear."""
 
     def stays(name: str) -> bool:
-        known = effect(name)
-        return known.surroundings or known.measures or known.enters == "actuator path"
+        known_effect = effect(name)
+        return known_effect.surroundings or known_effect.measures or known_effect.enters == "actuator path"
 
     return tuple(name for name in ship.effects if stays(name))
 
@@ -145,17 +145,17 @@ def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str,
     if not bands:
         return None
     time = math.sqrt(law.scale)
-    found: dict[str, Any] = {key: dict(value) if key != "horizons_s" else value for key, value in bands.items()}
-    if "held" in found:  # its points are divided by the scales of u, v, r L, actuators, air
-        actuators = [name for name in found["held"]["inputs"] if name in INPUTS]
+    scaled: dict[str, Any] = {key: dict(value) if key != "horizons_s" else value for key, value in bands.items()}
+    if "held" in scaled:  # its points are divided by the scales of u, v, r L, actuators, air
+        actuators = [name for name in scaled["held"]["inputs"] if name in INPUTS]
         units = ["m/s"] * 3 + [INPUTS[name][1] for name in actuators] + ["m/s"] * 2
-        scales = zip(found["held"]["scale"], units, strict=True)
-        found["held"]["scale"] = [value * law.factor(unit) for value, unit in scales]
-    if "horizons_s" in found:
-        found["horizons_s"] = [value * time for value in found["horizons_s"]]
+        scales = zip(scaled["held"]["scale"], units, strict=True)
+        scaled["held"]["scale"] = [value * law.factor(unit) for value, unit in scales]
+    if "horizons_s" in scaled:
+        scaled["horizons_s"] = [value * time for value in scaled["horizons_s"]]
     for key in ("acceleration_memory_s", "error_decay_s"):
-        found[key] = {name: value * time for name, value in found[key].items()}
-    turning = found["acceleration_std"]["r"]
-    found["acceleration_std"]["r"] = {name: turning[name] / law.scale for name in SIZES}
-    found["noise"] = dict.fromkeys(found["noise"], 0.0)
-    return found
+        scaled[key] = {name: value * time for name, value in scaled[key].items()}
+    turning = scaled["acceleration_std"]["r"]
+    scaled["acceleration_std"]["r"] = {name: turning[name] / law.scale for name in SIZES}
+    scaled["noise"] = dict.fromkeys(scaled["noise"], 0.0)
+    return scaled

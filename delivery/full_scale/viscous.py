@@ -130,28 +130,28 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
 
     change: of the water. Only symbols that the model has are in it.
     """
-    v, found = values, {}
+    v, scaled_values = values, {}
     for symbol, sign in zip(RESISTANCE, (1.0, -1.0), strict=True):
         if symbol in v:
-            found[symbol] = sign * change.resistance(sign * v[symbol])
+            scaled_values[symbol] = sign * change.resistance(sign * v[symbol])
             if symbol == "X_0F" and "X_0A" in v:
-                found["X_0A"] = min(v["X_0A"] + found[symbol] - v[symbol], 0.5 * v["X_0A"])
+                scaled_values["X_0A"] = min(v["X_0A"] + scaled_values[symbol] - v[symbol], 0.5 * v["X_0A"])
     if "w_P0" not in v:
         if {"a_0", "c_0"} <= v.keys():  # the wake 1 - w = a_0 + a_1 J_s + ... of Kang et al. (2008), 1 - t = c_0 + ...
-            found["a_0"] = 1 - change.wake(1 - v["a_0"], 1 - v["c_0"])
-        return found
+            scaled_values["a_0"] = 1 - change.wake(1 - v["a_0"], 1 - v["c_0"])
+        return scaled_values
     t = v.get("t_P", 0.0)
     w = change.wake(v["w_P0"], t)
-    found["w_P0"] = w
+    scaled_values["w_P0"] = w
     for symbol in ("tau", "C_P"):  # the change of wake in a drift is a share of the wake
         if symbol in v and v["w_P0"] > 0:
-            found[symbol] = v[symbol] * w / v["w_P0"]
+            scaled_values[symbol] = v[symbol] * w / v["w_P0"]
     if "epsilon" in v:
         behind = change.wake(1 - v["epsilon"] * (1 - v["w_P0"]), t)
-        found["epsilon"] = (1 - behind) / (1 - w)
+        scaled_values["epsilon"] = (1 - behind) / (1 - w)
         if "kappa" in v:
-            found["kappa"] = v["kappa"] * v["epsilon"] / found["epsilon"]
-    return found
+            scaled_values["kappa"] = v["kappa"] * v["epsilon"] / scaled_values["epsilon"]
+    return scaled_values
 
 
 @dataclass(frozen=True)
@@ -183,29 +183,29 @@ def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float],
     ship: the model; values: of its coefficients; scaled: those of the ship that change (``ship_values``); change: of
     the water.
     """
-    found: dict[str, Doubt] = {}
+    doubt_of: dict[str, Doubt] = {}
     for symbol in RESISTANCE:
         if symbol in scaled:
             words = "form factor: 0.05, and two readings of the model's resistance; half the allowances"
             if change.form_factor is not None:
                 words = "0.05 of the form factor, and half the allowances"
-            found[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)
+            doubt_of[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)
     published = "0.03, and a quarter of the change (ITTC's 0.32 for KVLCC2 against the published 0.35)"
     for symbol in {"w_P0", "a_0"} & scaled.keys():
         std = math.hypot(0.03 * change.fading, 0.25 * (scaled[symbol] - values[symbol]))
-        found[symbol] = Doubt(std, published)
+        doubt_of[symbol] = Doubt(std, published)
     if "epsilon" in scaled:
-        found["epsilon"] = _rudder_doubt(values, scaled, change)
+        doubt_of["epsilon"] = _rudder_doubt(values, scaled, change)
     if "kappa" in scaled:
         share, words = SHARES["k_x"]
-        found["kappa"] = Doubt(share * change.fading * scaled["kappa"], f"{share:.0%}: {words}")
+        doubt_of["kappa"] = Doubt(share * change.fading * scaled["kappa"], f"{share:.0%}: {words}")
     part = component_of(ship)
     for symbol in (s for s in ship.symbols if s not in scaled):
         key = symbol if symbol in SHARES else "gamma" if symbol.startswith("gamma") else part.get(symbol, "")
         if key in SHARES:
             share, words = SHARES[key]
-            found[symbol] = Doubt(share * change.fading * abs(values[symbol]), f"{share:.0%}: {words}")
-    return found
+            doubt_of[symbol] = Doubt(share * change.fading * abs(values[symbol]), f"{share:.0%}: {words}")
+    return doubt_of
 
 
 def _rudder_doubt(values: Mapping[str, float], scaled: Mapping[str, float], change: Change) -> Doubt:

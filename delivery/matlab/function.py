@@ -199,21 +199,21 @@ def _network(network: Network, features: Sequence[str]) -> str:
 
 def _range(product: Product) -> str:
     """Distance to what the trials held, as the C source has it."""
-    held, features = product.held, product.ship.features
-    if not held:
+    ranges, features = product.ranges, product.ship.features
+    if not ranges:
         return _local("e = extrapolation(state, inputs, theta)", ["e = -1;"])
     u, v = (f"f({features.index(axis) + 1})" for axis in "uv")
     lines = ["if ~all(isfinite(state))", "  e = realmax;", "  return", "end", "f = features_of(state, inputs, theta);"]
-    lines.append(f"x = zeros({len(held)}, 1);")
-    for k, name in enumerate(held, 1):
+    lines.append(f"x = zeros({len(ranges)}, 1);")
+    for k, name in enumerate(ranges, 1):
         if name in features:
             lines.append(f"x({k}) = f({features.index(name) + 1});")
         else:
-            fastest = max(abs(x) for x in held["u"])
-            lines += [f"x({k}) = {m_number(0.5 * sum(held[name]))};", f"if {u}^2 + {v}^2 > {(0.1 * fastest) ** 2!r}",
+            fastest = max(abs(x) for x in ranges["u"])
+            lines += [f"x({k}) = {m_number(0.5 * sum(ranges[name]))};", f"if {u}^2 + {v}^2 > {(0.1 * fastest) ** 2!r}",
                       f"  x({k}) = atan2(-{v}, {u});", "end"]  # fmt: skip
     low, high = (
-        m_column(word, np.array([pair[i] for pair in held.values()])) for i, word in enumerate(("low", "high"))
+        m_column(word, np.array([pair[i] for pair in ranges.values()])) for i, word in enumerate(("low", "high"))
     )
     lines += [low, high, "width = max(max(high - low, 0.1 * max(abs(low), abs(high))), 1e-12);"]
     return _local(
@@ -228,7 +228,7 @@ def _parameters(product: Product) -> str:
     def cell(names: Sequence[str]) -> str:
         return "{" + ", ".join(m_text(name) for name in names) + "}"
 
-    def known(x: float | None) -> str:
+    def or_nan(x: float | None) -> str:
         return "NaN" if x is None or math.isnan(x) else m_number(x)
 
     lines = [
@@ -243,11 +243,11 @@ def _parameters(product: Product) -> str:
         f"p.longest_step = {product.longest_step!r};",
         "p.ranges = struct();",
     ]
-    for name, (low, high) in product.held.items():
+    for name, (low, high) in product.ranges.items():
         lines.append(f"p.ranges.{name} = [{m_number(low)}, {m_number(high)}];")
     for c in product.coefficients:
         fields: Mapping[str, str] = {
-            "value": m_number(c.value), "std": known(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
+            "value": m_number(c.value), "std": or_nan(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
             "upper": m_number(c.upper), "fixed": str(c.fixed).lower(), "verdict": m_text(c.verdict),
             "description": m_text(c.description), "symbol": m_text(c.symbol),
         }  # fmt: skip

@@ -26,9 +26,9 @@ def write_matlab(product: Product, target: Path) -> None:
 
 def example_m(product: Product) -> str:
     """A script that steers ``product`` through 600 s with the rudder held."""
-    p, (speed, moved) = product.identifier, approach(product)
+    p, (speed, inputs) = product.identifier, approach(product)
     settings = "".join(
-        f"inputs({list(product.model.controls).index(name) + 1}) = {x!r};  % {name}\n" for name, x in moved.items()
+        f"inputs({list(product.model.controls).index(name) + 1}) = {x!r};  % {name}\n" for name, x in inputs.items()
     )
     clock = ""
     if "time" in product.model.controls:

@@ -45,8 +45,8 @@ def predictions(model: ViewModel, trials: Sequence[Trial], lengths: Sequence[flo
     for length in lengths:
         stride = length or longest
         bands = model.bands if isinstance(simulator, Simulator) else None
-        found = predict_all(simulator, trials, length, stride, short_last=True, bands=bands)
-        windows.append([own for own, _ in found])
+        results = predict_all(simulator, trials, length, stride, short_last=True, bands=bands)
+        windows.append([window for window, _ in results])
     forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
     return Predictions(windows, forces)
 
@@ -66,19 +66,19 @@ def forces_along(simulator: Simulator, trial: Trial) -> dict[str, np.ndarray]:
     states = states_behind(model, logged, controls, values)
     rows = np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3)
 
-    def whole(part: np.ndarray) -> np.ndarray:
+    def at_all_rows(part: np.ndarray) -> np.ndarray:
         result = np.full((len(good), 3), np.nan)
         result[good] = part
         return result
 
-    found = {role: whole(rows[i]) for i, role in enumerate(model.roles)}
+    forces = {role: at_all_rows(rows[i]) for i, role in enumerate(model.roles)}
     if ship.network is not None:
         without = Simulator(ship.without_network(), compiled=simulator.compiled)
         added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
         mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
         X, Y = (mass.m + mass.m_x) * added[0], (mass.m + mass.m_y) * added[1] + mass.moment * added[2]
-        found[NETWORK] = whole(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
-    return found
+        forces[NETWORK] = at_all_rows(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
+    return forces
 
 
 def rows_per_run(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> int:
@@ -100,16 +100,16 @@ def shown_rows(count: int, starts: Sequence[int], most: int) -> np.ndarray:
 def run_content(
     trial: Trial,
     inputs: Sequence[str],
-    found: Sequence[tuple[list[list[Window]], Mapping[str, np.ndarray]]],
+    predicted: Sequence[tuple[list[list[Window]], Mapping[str, np.ndarray]]],
     most: int,
     missing: MissingForce | None = None,
 ) -> dict[str, Any]:
     """The columns of one ``trial``, as the script of the page reads them.
 
-    inputs: names of the inputs of the models; found: for each model the windows by window length and the forces (N, 3)
-    by role; most: rows, about; missing: force that a diagnosis found missing.
+    inputs: names of the inputs of the models; predicted: for each model the windows by window length, and the forces
+    (N, 3) by role; most: rows, about; missing: force that a diagnosis found missing.
     """
-    starts = [w.first for windows, _ in found for own in windows for w in own]
+    starts = [w.first for windows, _ in predicted for same_length in windows for w in same_length]
     rows = shown_rows(len(trial), starts, most)
     columns = dict(zip(inputs, model_inputs(trial, inputs).array.T, strict=True))
     shown = [name for name in inputs if name != "time"]
@@ -119,10 +119,10 @@ def run_content(
         "inputs": [packed(columns[name][rows]) for name in shown],
         "models": [
             {
-                "windows": [_window_columns(own, rows) for own in windows],
+                "windows": [_window_columns(same_length, rows) for same_length in windows],
                 "forces": [[packed(column) for column in force[rows].T] for force in forces.values()],
             }
-            for windows, forces in found
+            for windows, forces in predicted
         ],
     }
     if missing is not None:

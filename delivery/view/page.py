@@ -34,14 +34,14 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
     if not lengths or any(not 0 <= length < float("inf") for length in lengths):
         raise BadValue("--window: give lengths in seconds, 0 for the whole run")
     trials = [view.trial for view in campaign.trials]
-    found = [predictions(model, trials, lengths) for model in campaign.models]
-    roles = [list(next(filter(None, p.forces), {})) for p in found]
+    predicted = [predictions(model, trials, lengths) for model in campaign.models]
+    roles = [list(next(filter(None, p.forces), {})) for p in predicted]
     most = rows_per_run(campaign, lengths, roles)
     inputs = campaign.ship.inputs
-    missing = campaign.found.missing if campaign.found else {}
+    missing = campaign.diagnosis.missing if campaign.diagnosis else {}
     runs = [
         run_content(
-            trial, inputs, [([own[k] for own in p.windows], p.forces[k]) for p in found], most, missing.get(trial.name)
+            trial, inputs, [([w[k] for w in p.windows], p.forces[k]) for p in predicted], most, missing.get(trial.name)
         )
         for k, trial in enumerate(trials)
     ]
@@ -50,7 +50,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
 
 def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> dict[str, Any]:
     """What the script reads before any run: names, lengths, models, inputs, the diagnosis."""
-    ship, found = campaign.ship, campaign.found
+    ship, found = campaign.ship, campaign.diagnosis
     p = ship.particulars
     L = p["L"]
     places = {"propeller": -0.5, "rudder": p.get("x_R", -0.5 * L) / L}
@@ -67,8 +67,8 @@ def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequen
             for words, unit in [(INPUTS | WIND)[name]]
         ],
         "models": [
-            {"kind": m.kind, "label": m.label, "run": m.run, "band": m.bands is not None, "roles": list(own)}
-            for m, own in zip(campaign.models, roles, strict=True)
+            {"kind": m.kind, "label": m.label, "run": m.run, "band": m.bands is not None, "roles": list(names)}
+            for m, names in zip(campaign.models, roles, strict=True)
         ],
         "places": places,
         "runs": [

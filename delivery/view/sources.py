@@ -57,7 +57,7 @@ class ViewTrial:
 
 
 @dataclass(frozen=True)
-class Found:
+class MarkedDiagnosis:
     """A diagnosis: name of its folder, verdict, the sentence, and the missing force by trial name."""
 
     folder: str
@@ -73,7 +73,7 @@ class Campaign:
     ship: Ship
     models: tuple[ViewModel, ...]
     trials: tuple[ViewTrial, ...]
-    found: Found | None
+    diagnosis: MarkedDiagnosis | None
     notes: tuple[str, ...]
 
 
@@ -95,19 +95,19 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     for folder in [folder for folder, kind in kinds.items() if kind != "diagnosis"]:
         models += _models(folder, kinds[folder])
         rows += _rows(folder)
-    own = diagnoses[0] if diagnoses else None
-    if own is not None:
-        rows += _rows(own)
-        models += _named(own)
+    diagnosis_folder = diagnoses[0] if diagnoses else None
+    if diagnosis_folder is not None:
+        rows += _rows(diagnosis_folder)
+        models += _named(diagnosis_folder)
     shown, notes = _trials(rows, trials)
-    if own is None:
-        own, more = _beside(folders, shown)
+    if diagnosis_folder is None:
+        diagnosis_folder, more = _used_with(folders, shown)
         notes += more
     distinct, measured = _distinct(models), [one.trial for one in shown]
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
-    return Campaign(ship, distinct, tuple(shown), _found(own) if own else None, tuple(notes))
+    return Campaign(ship, distinct, tuple(shown), _marked(diagnosis_folder) if diagnosis_folder else None, tuple(notes))
 
 
 def _models(folder: Path, kind: str) -> list[ViewModel]:
@@ -130,11 +130,11 @@ def _models(folder: Path, kind: str) -> list[ViewModel]:
         return [ViewModel("black box", "black box", run, training.black_box)]
     bands = bands_of(training.to_dict(), training.ship)
     kept = training.recommended == "hybrid"
-    found = [ViewModel("calibrated", "calibrated", run, Simulator(training.start), None if kept else bands)]
+    models = [ViewModel("calibrated", "calibrated", run, Simulator(training.start), None if kept else bands)]
     if training.hybrid is not None:
         words = "hybrid" if kept else "hybrid (not recommended)"
-        found.append(ViewModel("hybrid", words, run, Simulator(training.hybrid), bands if kept else None))
-    return found
+        models.append(ViewModel("hybrid", words, run, Simulator(training.hybrid), bands if kept else None))
+    return models
 
 
 def _named(folder: Path) -> list[ViewModel]:
@@ -156,17 +156,17 @@ def _trials(
 ) -> tuple[list[ViewTrial], list[str]]:
     """The trials to show, each file once, and what is missing of them."""
     if given:
-        known = unique_rows(rows)
-        return [ViewTrial(t, known.get(str(t.sha256), ("other", {}))[0]) for t in read_trials(given)], []
-    found, absent = trials_again(rows)
-    if not found:
+        rows_by_hash = unique_rows(rows)
+        return [ViewTrial(t, rows_by_hash.get(str(t.sha256), ("other", {}))[0]) for t in read_trials(given)], []
+    pairs, absent = trials_again(rows)
+    if not pairs:
         what = f"none of the {len(absent)} trials of the run is there as it was: {absent[0]}" if absent else "no trial"
         raise Missing(f"{what}; give the files with --trials")
     notes = [f"{len(absent)} trial(s) of the run are not shown: {'; '.join(absent)}; give them with --trials"]
-    return [ViewTrial(trial, role) for role, trial in found], notes if absent else []
+    return [ViewTrial(trial, role) for role, trial in pairs], notes if absent else []
 
 
-def _beside(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
+def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
     """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
     hashes = {view.trial.sha256 for view in shown}
     around = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
@@ -177,9 +177,9 @@ def _beside(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path |
     return (good[0] if good else None), []
 
 
-def _found(folder: Path) -> Found:
+def _marked(folder: Path) -> MarkedDiagnosis:
     d = read_diagnosis(folder)
-    return Found(label_of(folder), d.verdict, d.sentence, read_missing_force(folder))
+    return MarkedDiagnosis(label_of(folder), d.verdict, d.sentence, read_missing_force(folder))
 
 
 def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:

@@ -12,12 +12,13 @@ from mmg.compile.codegen import prelude
 _PRODUCTS = """
 #include <stdlib.h>
 /* m rows of w vectors of a product: sums that wait for each other in none of the others */
+#define EACH(e, count) _Pragma("GCC unroll 4") for (int e = 0; e < count; e++)
 #define BLOCK(m, w) { V sum[m][w]; \\
-  for (int e = 0; e < m; e++) for (int v = 0; v < w; v++) sum[e][v] = plus ? out[(i + e) * nv + at + v] : fill(0.0); \\
+  EACH(e, m) EACH(v, w) sum[e][v] = plus ? out[(i + e) * nv + at + v] : fill(0.0); \\
   const double* x = a + i * si; const V* row = b + at; \\
-  for (long long j = 0; j < inner; j++, x += sj, row += nv) for (int e = 0; e < m; e++) { \\
-    const V one = fill(x[e * si]); for (int v = 0; v < w; v++) sum[e][v] += one * row[v]; } \\
-  for (int e = 0; e < m; e++) for (int v = 0; v < w; v++) out[(i + e) * nv + at + v] = sum[e][v]; }
+  for (long long j = 0; j < inner; j++, x += sj, row += nv) EACH(e, m) { \\
+    const V one = fill(x[e * si]); EACH(v, w) sum[e][v] += one * row[v]; } \\
+  EACH(e, m) EACH(v, w) out[(i + e) * nv + at + v] = sum[e][v]; }
 #define ROWS(m, w) { long long i = 0; for (; i + m <= rows; i += m) BLOCK(m, w) for (; i < rows; i++) BLOCK(1, w) }
 /* kept from being copied to where it is called, which takes the compiler most of its time */
 #define ONCE __attribute__((noinline))

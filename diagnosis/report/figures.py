@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -192,7 +192,7 @@ def unexplained_figure(d: Findings) -> Figure:
     return figure
 
 
-def figures_for(d: Findings) -> list[tuple[str, Callable[[Findings], Figure], str, str]]:
+def figures_for(d: Findings) -> Sequence[tuple[str, Callable[[Findings], Figure], str, str]]:
     """Name, function, title and caption of each figure that ``d`` can have. Those of tracks and times need its fit,
     which a diagnosis read from a folder has not."""
     fitted, every = d.null is not None and d.data is not None, []

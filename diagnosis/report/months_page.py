@@ -25,7 +25,7 @@ SHOWN = 4
 def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> None:
     """Write the run ``folder`` of ``study``, with the calibration ``result`` where there is one; it must not exist."""
     if result:
-        result.save(folder, beside=partial(_numbers, study))
+        result.save(folder, attach=partial(_numbers, study))
     else:
         write_whole(folder, partial(_fill, study))
     figures = FigureFolder(folder / "figures")

@@ -177,8 +177,8 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
     """
     if not results:
         raise UserError("no run folder given")
-    beside = [*known, *(Delivered() for _ in results[len(known) :])]
-    runs = [_run(*result, i + 1, beside[i]) for i, result in enumerate(results)]
+    deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
+    runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,57 +27,45 @@ MOST = 5
 """Manoeuvres of the library beside the plan."""
 
 
-@dataclass(frozen=True)
-class PlanSection:
-    """What the template shows. lead: sentences; wanted: name, before, after and what is left of what is to be known
-    better; beside: the trial and those of the library: name, gain, what is left of a standard deviation, stays inside;
-    orders: t [s], n [1/s], rudder [deg]; assumed: sentences; image: the map, as the macro ``figure`` takes it."""
-
-    lead: tuple[str, ...]
-    wanted: tuple[tuple[str, str, str, str], ...]
-    beside: tuple[tuple[str, str, str, str], ...]
-    orders: tuple[tuple[str, str, str], ...]
-    assumed: tuple[str, ...]
-    image: dict[str, Any] | None
-
-
-def plan_section(folder: Path) -> PlanSection | None:
-    """The planned trial that the ``folder`` of a run keeps, None where there is none or it cannot be read."""
-    path = folder / FOLDER / PLAN
+def plan_section(folder: Path) -> dict[str, Any] | None:
+    """The planned trial that the ``folder`` of a run keeps, as the template shows it: what ``_words`` gives and image,
+    the map as the macro ``figure`` takes it. None where there is none or it cannot be read."""
+    path, drawn = folder / FOLDER / PLAN, folder / FOLDER / MAP
     if not path.is_file():
         return None
+    caption = (
+        "Hull at equal times, the first one filled; shaded: two standard deviations of its place by draws of the "
+        "coefficients; dashed: the margin."
+    )
     try:
-        content = read_json(path)
-        image = (folder / FOLDER / MAP).read_bytes() if (folder / FOLDER / MAP).is_file() else b""
-        return _section(content, image)
+        words = _words(read_json(path))
+        content = drawn.read_bytes() if drawn.is_file() else b""
     except (UserError, OSError, LookupError, TypeError, ValueError, AttributeError):
         return None
+    image = figure_entry(content, "planned_trial", "Map and orders of the designed trial", caption, MAP)
+    return words | {"image": image if content else None}
 
 
-def _section(content: Mapping[str, Any], image: bytes) -> PlanSection:
-    """The section of a plan's ``content`` with its ``image``."""
-    start, area, orders = content["start"], content["area_m"], content["orders"]
-    lead = (
-        f"{content['time_s']:g} s in {area['length']:g} x {area['width']:g} m, by mmg plan. Start at x "
-        f"{start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, with "
-        f"{start['speed_m_s']:.3g} m/s and {start['n_rps']:.3g} 1/s. File for the autopilot: {content['file']}.",
-        _comparison(content),
-    )
-    found = None
-    if image:
-        caption = (
-            "Hull at equal times, the first one filled; shaded: two standard deviations of its place by draws of the "
-            "coefficients; dashed: the margin."
-        )
-        found = figure_entry(image, "planned_trial", "Map and orders of the designed trial", caption, MAP)
-    return PlanSection(
-        lead,
-        tuple(_wanted(name, row) for name, row in _by_gain(content)),
-        tuple(_beside(content)),
-        tuple((f"{o['t_s']:.1f}", f"{o['n_rps']:.2f}", f"{o['delta_deg']:.0f}") for o in orders),
-        (*map(str, content["assumed"]), *map(str, content["notes"])),
-        found,
-    )
+def _words(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a plan's ``content`` says. lead: sentences; wanted: name, standard deviation before, after, and what is left
+    of it; library: the trial and the best ones of the library: name, gain, what is left, stays inside; orders: t [s],
+    n [1/s], rudder [deg]; assumed: sentences."""
+    start, area = content["start"], content["area_m"]
+    wanted = sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
+    rows = [("the designed trial", content["mean_log_variance"], True)]
+    rows += [(row["name"], row["mean_log_variance"], row["stays_inside"]) for row in content["library"][:MOST]]
+    return {
+        "lead": (
+            f"{content['time_s']:g} s in {area['length']:g} x {area['width']:g} m, by mmg plan. Start at x "
+            f"{start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, with "
+            f"{start['speed_m_s']:.3g} m/s and {start['n_rps']:.3g} 1/s. File for the autopilot: {content['file']}.",
+            _comparison(content),
+        ),
+        "wanted": [_wanted(name, row) for name, row in wanted],
+        "library": [(name, f"{gain:+.2f}", _left(gain), "yes" if fits else "no") for name, gain, fits in rows],
+        "orders": [(f"{o['t_s']:.1f}", f"{o['n_rps']:.2f}", f"{o['delta_deg']:.0f}") for o in content["orders"]],
+        "assumed": (*map(str, content["assumed"]), *map(str, content["notes"])),
+    }
 
 
 def _comparison(content: Mapping[str, Any]) -> str:
@@ -99,10 +86,6 @@ def _left(gain: float) -> str:
     return f"{math.exp(gain / 2):.0%}"
 
 
-def _by_gain(content: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    return sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
-
-
 def _wanted(name: str, row: Mapping[str, Any]) -> tuple[str, str, str, str]:
     """The cells of what is to be known better; angles in degrees."""
     unit, factor = row.get("unit") or "", 1.0
@@ -112,39 +95,17 @@ def _wanted(name: str, row: Mapping[str, Any]) -> tuple[str, str, str, str]:
     return name + (f" [{unit}]" if unit and unit != "-" else ""), before, after, f"{row['left']:.0%}"
 
 
-def _beside(content: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
-    """The designed trial and the best ones of the library."""
-    gain = content["mean_log_variance"]
-    rows = [("the designed trial", f"{gain:+.2f}", _left(gain), "yes")]
-    for row in content["library"][:MOST]:
-        gain = row["mean_log_variance"]
-        rows.append((row["name"], f"{gain:+.2f}", _left(gain), "yes" if row["stays_inside"] else "no"))
-    return rows
-
-
-def in_words(content: Mapping[str, Any], most: int = 12) -> Sequence[str]:
-    """Lines for a person on a planned trial. content: its ``to_dict``; most: rows of a table."""
-    start, area = content["start"], content["area_m"]
-    lines = [
-        f"{content['title']}: {content['time_s']:g} s in {area['length']:g} x {area['width']:g} m",
-        f"start at x {start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, "
-        f"{start['speed_m_s']:.3g} m/s, {start['n_rps']:.3g} rps",
-        "    t [s]   n [1/s]   rudder [deg]",
-    ]
-    lines += [f"  {o['t_s']:7.1f} {o['n_rps']:9.2f} {o['delta_deg']:14.0f}" for o in content["orders"]]
+def in_words(content: Mapping[str, Any], file: str) -> list[str]:
+    """Lines for a person on a planned trial. content: its ``to_dict``; file: name of that for the autopilot."""
+    words = _words({**content, "file": file})
+    lines = [f"{content['title']}: {words['lead'][0]}", "    t [s]   n [1/s]   rudder [deg]"]
+    lines += [f"  {t:>7s} {n:>9s} {delta:>14s}" for t, n, delta in words["orders"]]
     lines.append("standard deviation before -> after")
-    for cells in (_wanted(name, row) for name, row in _by_gain(content)):
-        lines.append(f"  {cells[0]:22s} {cells[1]:>10s} -> {cells[2]:>10s}  ({cells[3]})")
-    lines.append(f"mean log variance: {content['mean_log_variance']:+.3f} by this trial")
-    for row in content["library"][: most // 4]:
-        inside = "" if row["stays_inside"] else "  (leaves the area)"
-        lines.append(f"  {row['mean_log_variance']:+.3f} by {row['name']}{inside}")
-    for key, words in (("inside", "of those that stay inside"), ("library", "of the library, wherever there is room")):
-        if key in content["best_two_of_the_library"]:
-            pair = content["best_two_of_the_library"][key]
-            lines.append(f"  {pair['mean_log_variance']:+.3f} by the best two {words}: {' and '.join(pair['names'])}")
-    lines += [f"assumed: {words}" for words in content["assumed"]]
-    return lines
+    lines += [f"  {name:22s} {before:>10s} -> {after:>10s}  ({left})" for name, before, after, left in words["wanted"]]
+    lines.append("mean log variance")
+    for name, gain, _, inside in words["library"]:
+        lines.append(f"  {gain} by {name}" + ("" if inside == "yes" else "  (leaves the area)"))
+    return [*lines, words["lead"][1], *(f"assumed: {line}" for line in content["assumed"])]
 
 
 def keep_plan(planned: PlannedTrial, folder: Path, out: Path) -> None:

@@ -31,8 +31,6 @@ STYLES: tuple[dict, ...] = (
 )
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Of lines that are many: no two alike, so that a figure can be read in grey."""
-HATCH = "////"
-"""Of bars whose colour alone would not tell them from others."""
 WIDTH, DPI = 8.2, 110
 COLOURS = 128
 """Of a PNG file: shades of few inks."""

@@ -241,11 +241,11 @@ def write_figures(
     shown = _shown(trials, validation, TRACKS)
     windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):
-        pairs = [side[number][0] for side in windows]
-        rms = [_position_rms(trial, windows) for windows in pairs]
+        earlier, later = (side[number][0] for side in windows)
+        rms = [_position_rms(trial, some) for some in (earlier, later)]
         words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
         written.write(
-            f"track_{number + 1}", partial(trajectory_plot, trial, *pairs, after.ship.particulars["L"]),
+            f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
             f"track; dotted lines below). {words}",

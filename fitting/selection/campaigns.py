@@ -24,11 +24,12 @@ from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.nlp.fisher_information import Information
+from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
-from fitting.selection.left_out_runs import RunScores, apart, leave_out
+from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
+from fitting.solvers.preparation import prepared
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
@@ -83,7 +84,7 @@ class CampaignFit:
 
     calibration: with constants of campaigns, or as it was; own: ``per_run`` of ``estimate_coefficients`` that made it;
     content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
-    took; left_out: scores of runs left out before and after, None where nothing was kept.
+    took; left_out: errors (R,) of runs left out before and after, None where nothing differs.
     """
 
     calibration: Calibration
@@ -91,7 +92,7 @@ class CampaignFit:
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
-    left_out: tuple[RunScores, RunScores] | None = None
+    left_out: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def by_campaign(
     if differing:
         made, widths = _with_constants(fit, campaigns, differing, trials, progress)
         at = [each.symbol in differing for each in tried]
-        errors = [scores.mean().value for scores in made.left_out] if made.left_out else [float("nan")] * 2
+        errors = [float(np.nanmean(scores)) for scores in made.left_out] if made.left_out else [float("nan")] * 2
         taken = made is not same and made.calibration is not fit
         rows = [
             replace(row, width=widths[each.symbol], without=errors[0], own=errors[1], taken=taken) if there else row
@@ -265,6 +266,9 @@ def _with_constants(
     warm = {"p": p, "sigma": fit.sigma, "nodes": _nodes(fit, ship)}
     passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
+    # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
+    problem, x, *_ = prepared(ship, trials, settings, warm, captive, own)
+    warm["p"] = estimates_without(information(problem, x), [()], problem.p_bounds())[0]
     new = estimate_coefficients(ship, trials, settings, progress, warm, captive, own)
     same = CampaignFit(fit)
     if not new.converged or new.constants is None:
@@ -273,7 +277,7 @@ def _with_constants(
     trials, folds = list(trials), apart(trials)
     unit = pooled_sigma([t for t in trials if t.has_position])
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
-    if not gains(scores[0].window, scores[1].window):
+    if not gains(*scores):
         return replace(same, left_out=scores), widths
     return _in_words(CampaignFit(new, own, left_out=scores), campaigns), widths
 
@@ -335,10 +339,10 @@ def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
     own, prior = slice(len(fit.calibration.p), None), fit.calibration.problem.prior
     std = prior.std[own] * np.sqrt(np.diag(fit.calibration.spread.model)[own])
     sentences = differences(constants, campaigns, std.reshape(constants.value.shape) / constants.prior_std)
-    error = scores[0].change(scores[1]).error
+    without, own_error = (float(np.nanmean(some)) for some in scores)
     content = {
         "values": constants.rows(),
-        "left_out": {"without": scores[0].mean().value, "with": scores[1].mean().value, "error": error},
+        "left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]},
         "sentences": [str(message) for message in sentences],
     }
     return replace(fit, content=content, messages=tuple(sentences))

@@ -11,7 +11,6 @@ coefficients of its fold.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -23,8 +22,6 @@ from fitting.nlp.problem import Problem
 from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import pooled_sigma, score
 
-METRICS = ("window", "paper")
-"""30 s windows, and restarts every 100 s."""
 ROUNDS = 8
 """Most times that a step is made again with coefficients held at their bounds."""
 
@@ -39,70 +36,16 @@ class Estimated(Protocol):
     def information(self) -> Information: ...
 
 
-@dataclass(frozen=True)
-class Jackknifed:
-    """A mean over files, or a difference of means, with its jackknife error over files."""
-
-    value: float
-    error: float
-
-    @property
-    def significant(self) -> bool:
-        """Whether it differs from zero by more than one error."""
-        return abs(self.value) > self.error
-
-
-@dataclass(frozen=True)
-class RunScores:
-    """Scores of runs that had no part in the estimate that predicts them.
-
-    names, kinds: of the runs; window, paper: (R,) mean squared error of their 30 s windows and 100 s restarts over six
-    states in units of ``sigma`` (6,); windows: (R,) number of 30 s windows. A run without a whole window has NaN, one
-    on which the estimate diverges inf.
-    """
-
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    window: np.ndarray
-    paper: np.ndarray
-    windows: np.ndarray
-    sigma: np.ndarray
-
-    def of(self, metric: str = "window", kind: str | None = None) -> np.ndarray:
-        """Scores by run in one of METRICS, of all runs or of those of one ``kind``."""
-        values = getattr(self, metric)
-        return values if kind is None else values[[k == kind for k in self.kinds]]
-
-    def mean(self, metric: str = "window", kind: str | None = None) -> Jackknifed:
-        """Mean of files in one of METRICS, of all runs or of those of one ``kind``."""
-        return jackknifed(self.of(metric, kind))
-
-    def change(self, other: RunScores, metric: str = "window", kind: str | None = None) -> Jackknifed:
-        """Share by which the mean of files changes from these scores to the ``other`` ones of the same runs, with the
-        error of that share."""
-        return relative_change(self.of(metric, kind), other.of(metric, kind))
-
-
-def jackknifed(values: np.ndarray) -> Jackknifed:
-    """Mean over files of ``values`` (R,), those that are NaN left out, and its jackknife error."""
-    good = values[~np.isnan(values)]
-    n = len(good)
-    if n < 2:
-        return Jackknifed(float(good[0]) if n else float("nan"), float("nan"))
-    return Jackknifed(float(good.mean()), float(good.std(ddof=1) / np.sqrt(n)))
-
-
-def relative_change(before: np.ndarray, after: np.ndarray) -> Jackknifed:
-    """mean(after) / mean(before) - 1 over files (R,) that both have, and its jackknife error over files."""
+def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """mean(after) / mean(before) - 1 over files (R,) that both have, and its jackknife error over files; NaN where
+    there are too few."""
     good = ~(np.isnan(before) | np.isnan(after))
     a, b, n = before[good], after[good], int(good.sum())
-    if not n:
-        return Jackknifed(float("nan"), float("nan"))
-    whole = b.mean() / a.mean() - 1
+    change = float(b.mean() / a.mean() - 1) if n else float("nan")
     if n < 2:
-        return Jackknifed(float(whole), float("nan"))
+        return change, float("nan")
     without = (b.sum() - b) / (a.sum() - a) - 1
-    return Jackknifed(float(whole), float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum())))
+    return change, float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
 
 
 def estimates_without(
@@ -140,26 +83,6 @@ def estimates_without(
     return found
 
 
-def folds_by(labels: Sequence[str], groups: Sequence[int], count: int) -> list[tuple[int, ...]]:
-    """Runs in ``count`` folds, those with the same of ``labels`` (R,) spread over them; runs of one of ``groups``
-    (R,) stay together, as those that share rows must."""
-    first = {g: i for i, g in reversed(list(enumerate(groups)))}
-    heads = sorted(first.values(), key=lambda i: (labels[i], i))
-    fold = {groups[i]: k % count for k, i in enumerate(heads)}
-    parts = [tuple(i for i, g in enumerate(groups) if fold[g] == k) for k in range(count)]
-    return [part for part in parts if part]
-
-
-def sharing_rows(trials: Sequence[Trial]) -> list[int]:
-    """A number for each of ``trials`` that those have in common which hold the same rows."""
-    groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
-    for i, (copies, _) in enumerate(duplicates(trials)):
-        for copy in copies:
-            pair = (groups[i], groups[position[copy["other"]]])
-            groups = [min(pair) if g in pair else g for g in groups]
-    return groups
-
-
 def each_alone(count: int) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``count`` runs alone."""
     return [(i,) for i in range(count)]
@@ -167,84 +90,36 @@ def each_alone(count: int) -> list[tuple[int, ...]]:
 
 def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``trials`` alone, those that share rows together."""
-    groups = sharing_rows(trials)
+    groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
+    for i, (copies, _) in enumerate(duplicates(trials)):
+        for copy in copies:
+            pair = (groups[i], groups[position[copy["other"]]])
+            groups = [min(pair) if g in pair else g for g in groups]
     return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
 
-def scores_of_folds(
-    problem: Problem,
-    trials: Sequence[Trial],
-    folds: Sequence[Sequence[int]],
-    estimates: np.ndarray,
-    sigma: np.ndarray | None = None,
-    adapt: float | None = None,
-    compiled: bool | None = None,
-) -> RunScores:
-    """Scores of ``trials``, those of ``problem`` in their order, each by the estimate without its fold.
-
-    folds: numbers of the trials left out, together all; estimates: (folds, P) scaled, as of ``estimates_without``;
-    sigma: (6,) by which errors are divided, by default pooled over the trials; adapt: seconds of past that a
-    prediction may use; compiled: whether to use a C compiler, by default as the problem did. Raises UserError for
-    trials without positions.
-    """
-    return scores_of_estimates(problem, trials, folds, [estimates], sigma, adapt, compiled)[0]
-
-
-def scores_of_estimates(
-    problem: Problem,
-    trials: Sequence[Trial],
-    folds: Sequence[Sequence[int]],
-    several: Sequence[np.ndarray],
-    sigma: np.ndarray | None = None,
-    adapt: float | None = None,
-    compiled: bool | None = None,
-) -> list[RunScores]:
-    """``scores_of_folds`` of ``several`` estimates of the ``folds``, (folds, P) each, all predicted side by side;
-    problem, trials, sigma, adapt, compiled: as there."""
-    own = np.full((len(several), len(trials), len(problem.ship.symbols)), np.nan)
-    group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
-    for each, estimates in zip(own, several, strict=True):
-        for out, p in zip(folds, estimates, strict=True):
-            theta = np.atleast_2d(problem.coefficients(p))
-            for i in out:
-                each[i] = theta[group.get(i, 0)]
-    sigma = pooled_sigma(trials) if sigma is None else sigma
-    simulator = ShipsByTrial(
-        problem.ship,
-        own.reshape(-1, own.shape[2]),
-        not problem.kernels.interpreted_because if compiled is None else compiled,
-    )
-    rows = score(simulator, [*trials] * len(several), sigma, adapt=adapt).trials
-    return [run_scores(trials, rows[i : i + len(trials)], sigma) for i in range(0, len(rows), len(trials))]
-
-
-def run_scores(trials: Sequence[Trial], rows: Sequence, sigma: np.ndarray) -> RunScores:  # type: ignore[type-arg]
-    """Scores by run from the ``rows`` (``TrialScore``) of ``trials``, made with ``sigma`` (6,)."""
-    counts = np.array([row.windows for row in rows])
-    return RunScores(
-        names=tuple(t.name for t in trials),
-        kinds=tuple(t.kind for t in trials),
-        window=np.where(counts > 0, [row.window for row in rows], np.nan),
-        paper=np.where(counts > 0, [row.paper for row in rows], np.nan),
-        windows=counts,
-        sigma=np.asarray(sigma, dtype=float),
-    )
-
-
 def leave_out(
-    found: Estimated,
+    fit: Estimated,
     trials: Sequence[Trial],
     folds: Sequence[Sequence[int]] | None = None,
     sigma: np.ndarray | None = None,
-    adapt: float | None = None,
     info: Information | None = None,
-) -> RunScores:
-    """How the calibration ``found`` predicts its own ``trials`` when they are left out, fold by fold.
+) -> np.ndarray:
+    """How the calibration ``fit`` predicts its own ``trials`` when they are left out, fold by fold: mean squared error
+    (R,) of the 30 s windows of each over six states in units of ``sigma`` (6,), by default pooled over the trials.
 
-    folds: numbers of the trials left out, default each alone; sigma (6,), adapt: as of ``scores_of_folds``; info: of
-    the windows, by default that of the calibration; with other weights of windows or samples the estimate is what these
-    make it. Takes about a second. Raises UserError for trials without positions.
+    folds: numbers of the trials left out, together all, default each alone; info: of the windows, by default that of
+    the calibration; with other weights of windows or samples the estimate is what these make it. A run without a whole
+    window has NaN, one on which the estimate diverges inf. Takes about a second. Raises UserError for trials without
+    positions.
     """
-    chosen = each_alone(len(trials)) if folds is None else folds
-    estimates = estimates_without(info or found.information, chosen, found.problem.p_bounds())
-    return scores_of_folds(found.problem, trials, chosen, estimates, sigma, adapt)
+    problem, folds = fit.problem, each_alone(len(trials)) if folds is None else folds
+    own = np.full((len(trials), len(problem.ship.symbols)), np.nan)
+    group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
+    for out, p in zip(folds, estimates_without(info or fit.information, folds, problem.p_bounds()), strict=True):
+        theta = np.atleast_2d(problem.coefficients(p))
+        for i in out:
+            own[i] = theta[group.get(i, 0)]
+    simulator = ShipsByTrial(problem.ship, own, not problem.kernels.interpreted_because)
+    rows = score(simulator, list(trials), pooled_sigma(trials) if sigma is None else sigma).trials
+    return np.array([row.window if row.windows > 0 else np.nan for row in rows])

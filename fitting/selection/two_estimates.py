@@ -5,7 +5,7 @@ part of her; a filter predicts the next sample from the past, with random forces
 by gusts, but sees the error of a second, not of a minute. Where the model is not quite the ship, both are off in their
 own way, and their mean is off less (a composite likelihood, Varin, Reid and Firth 2011, in equal parts). On the 35
 records of Train-TZRB+, left out in five folds, it predicts every kind of manoeuvre better than multiple shooting alone
-(``python -m benchmarks.cross_validation default estimator=windows``).
+("windows alone" in ``benchmarks/ablation.md``).
 """
 
 from __future__ import annotations

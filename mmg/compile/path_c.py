@@ -12,7 +12,16 @@ from mmg.compile.codegen import prelude
 from mmg.compile.transposed_c import TRANSPOSED
 from mmg.runge_kutta import NODES, WEIGHTS
 
-FLAGS = ("-O3", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-w")
+FLAGS = (
+    "-O2",
+    "-ftree-vectorize",
+    "-fPIC",
+    "-shared",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-ffp-contract=fast",
+    "-w",
+)
 
 _BEGIN = """
 #include <stdlib.h>

@@ -57,8 +57,8 @@ def module(role: str, name: str) -> ModuleType:
     try:
         return MODELS[role][name]
     except KeyError:
-        known = ", ".join(MODELS.get(role, {})) or "no such role; roles are " + ", ".join(ROLES)
-        raise KeyError(f"{role} = {name!r} is unknown; known: {known}") from None
+        choices = ", ".join(MODELS.get(role, {})) or "no such role; roles are " + ", ".join(ROLES)
+        raise KeyError(f"{role} = {name!r} is unknown; known: {choices}") from None
 
 
 def summary(role: str, name: str) -> str:

@@ -158,7 +158,7 @@ def linear_derivatives(L: float, B: float, d: float, C_b: float, m_x: float = 0.
     L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
     kijima, clarke = kijima_1990(L, B, d, C_b, m_x), clarke_1983(L, B, d, C_b)
-    found = {
+    derivatives = {
         "Kijima (1990)": kijima,
         "Inoue (1981)": inoue_1981(L, B, d, C_b),
         "Clarke (1983)": clarke,
@@ -166,7 +166,7 @@ def linear_derivatives(L: float, B: float, d: float, C_b: float, m_x: float = 0.
         "Wagner Smitt (1971)": wagner_smitt_1971(L, d),
         "Lee (1998)": lee_1998(L, B, d, C_b, m_x),
     }
-    return {name: {s: values[s] for s in ("Y_v", "Y_r", "N_v", "N_r")} for name, values in found.items()}
+    return {name: {s: values[s] for s in ("Y_v", "Y_r", "N_v", "N_r")} for name, values in derivatives.items()}
 
 
 def motora_added_mass(L: float, B: float, d: float, C_b: float) -> dict[str, float]:

@@ -23,8 +23,8 @@ def mirrored_flows(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
 def combined(starboard: Force, port: Force, p: SimpleNamespace) -> Force:
     """The sum of the two sides, the port one mirrored back, with the moments of their thrusts. starboard, port: forces;
     p: particulars."""
-    right, left = _levered(starboard, p, 1), _levered(port, p, -1)
-    return replace(right + left, blades=right.blades + left.blades)
+    starboard, port = _levered(starboard, p, 1), _levered(port, p, -1)
+    return replace(starboard + port, blades=starboard.blades + port.blades)
 
 
 def _levered(force: Force, p: SimpleNamespace, side: int) -> Force:

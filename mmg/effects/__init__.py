@@ -47,8 +47,8 @@ GONE = ("disturbance",)
 
 def present_name(name: str) -> str:
     """What an effect, or its coefficient, of an earlier ``name`` is called now; every other name as it is."""
-    known, dot, parameter = name.partition(".")
-    return FORMER.get(known, known) + dot + parameter
+    effect_name, dot, parameter = name.partition(".")
+    return FORMER.get(effect_name, effect_name) + dot + parameter
 
 
 def with_present_names(content: Any) -> Any:

@@ -77,6 +77,6 @@ def late_samples(t: np.ndarray, y: Columns, delay: float) -> Columns:
     velocity = body_to_earth(y[3], y[4], y[2])
     past = t - delay
     before = np.minimum(past - t[0], 0.0)
-    moved = [np.interp(past, t, place) + before * speed[0] for place, speed in zip(y[:2], velocity, strict=True)]
+    positions = [np.interp(past, t, place) + before * speed[0] for place, speed in zip(y[:2], velocity, strict=True)]
     late = earth_to_body(np.interp(past, t, velocity[0]), np.interp(past, t, velocity[1]), y[2])
-    return [*moved, y[2], *late, y[5]]
+    return [*positions, y[2], *late, y[5]]

@@ -56,6 +56,6 @@ def low_passed_samples(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
         return x
     out = x.astype(float).copy()
     for k, h in enumerate(np.diff(t)):
-        left, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
-        out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * left
+        decay, slope = math.exp(-h / T), (x[k + 1] - x[k]) / h
+        out[k + 1] = x[k + 1] - slope * T + (out[k] - x[k] + slope * T) * decay
     return out

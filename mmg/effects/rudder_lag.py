@@ -26,16 +26,16 @@ class RudderLag(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         k = time_scale(p.L)
-        return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
+        return flow.actuated(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
         from scipy.linalg import solve_banded  # slow to import, and only a diagnosis needs it
 
-        left = np.exp(-step / time)
+        decay = np.exp(-step / time)
         bands = np.ones((2, len(record)))
-        bands[1] = -left
-        driven = (1 - left) * record
+        bands[1] = -decay
+        driven = (1 - decay) * record
         driven[0] = record[0]  # settled
         ends = solve_banded((1, 0), bands, driven.reshape(len(record), -1), check_finite=False).reshape(record.shape)
         starts = np.concatenate([record[:1], ends[:-1]])
-        return record + (starts - record) * (time / step) * (1 - left)
+        return record + (starts - record) * (time / step) * (1 - decay)

@@ -44,6 +44,6 @@ class WindForce(Effect):
         if "wind" in at.components:
             air = parts["wind"]
         else:
-            whole = upper_works(at.p)
-            air = fujiwara.force(flow, whole, SimpleNamespace(**fujiwara.regression(whole)), at.s)
+            particulars = upper_works(at.p)
+            air = fujiwara.force(flow, particulars, SimpleNamespace(**fujiwara.regression(particulars)), at.s)
         return {**parts, "wind": Force(e.X * air.X, e.Y * air.Y, e.N * air.N)}

@@ -90,9 +90,9 @@ def played(memory: Memory, name: str, x: Any, b: Any, time: float, softest: floa
     The result is x less the smooth clip of its distance to a remembered position, which is drawn along, within
     about ``time`` [s], once the distance exceeds b. memory, name, size: of the state; softest: as for ``clip``.
     """
-    held = memory.state(name, x, size)
-    memory.moves((x - held - clip(x - held, b, softest, SHARPER)) / time)
-    return x - clip(x - held, b, softest)
+    position = memory.state(name, x, size)
+    memory.moves((x - position - clip(x - position, b, softest, SHARPER)) / time)
+    return x - clip(x - position, b, softest)
 
 
 def rate_limited(memory: Memory, name: str, x: Any, rate: Any, time: Any, size: float) -> Any:

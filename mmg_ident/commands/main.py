@@ -196,7 +196,7 @@ class _Verbs(TyperGroup):
                 formatter.write_dl(list(verbs.items()))
 
 
-app = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
+app: typer.Typer = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
 
 
 def _print_version(wanted: bool) -> None:

@@ -75,7 +75,7 @@ def plan(
         return
     for note in planned.notes:
         say(f"note: {note}")
-    print("\n".join(in_words(content)))
+    print("\n".join(in_words(content, out.name)))
     say(f"written: {out}, {out.with_suffix('.png')}")
 
 

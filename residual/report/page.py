@@ -23,8 +23,8 @@ def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], kn
     runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
     recommends, None of a black box. known: of each its trials and its form for IMO; none by default.
     """
-    beside = [*known, *(Delivered() for _ in runs[len(known) :])]
-    shown = [_run(*run[:3], number + 1) | _use(*run[2:], beside[number]) for number, run in enumerate(runs)]
+    deliveries = [*known, *(Delivered() for _ in runs[len(known) :])]
+    shown = [_run(*run[:3], number + 1) | _use(*run[2:], deliveries[number]) for number, run in enumerate(runs)]
     states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)

@@ -69,11 +69,11 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
     before, after = scores[name]["before"], scores[name]["after"]
     where = "on held-out trials" if name == "validation" else "on the trials it was trained on"
     restarts = any(t.get("restarts", True) for t in after["trials"])
-    own, beside = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
-    over = f"over 100 s {own[1]} and {beside[1]}" if restarts else "there is nothing to score over 100 s"
+    trained, ship = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
+    over = f"over 100 s {trained[1]} and {ship[1]}" if restarts else "there is nothing to score over 100 s"
     return (
-        f"{model} has an error of {own[0]} in 30 s predictions {where}, the ship model beside it "
-        f"({result['beside']}) {beside[0]}; {over}."
+        f"{model} has an error of {trained[0]} in 30 s predictions {where}, the ship model beside it "
+        f"({result['beside']}) {ship[0]}; {over}."
     )
 
 

@@ -50,7 +50,7 @@ class HeadingController:
         self.guess: np.ndarray | None = None
         self.plan = np.zeros(self.tuning.intervals)
 
-    def moved(self, state: Any, delta: Any, wind: Any) -> Any:
+    def advance(self, state: Any, delta: Any, wind: Any) -> Any:
         """State one interval later. state (S,); delta: rudder angle [rad]; wind: air to north and east [m/s], (2,)."""
         return self.interval(state, delta, wind)
 
@@ -97,10 +97,10 @@ class HeadingController:
             self.guess = np.concatenate([np.full(K, delta), np.tile(state, K)])
         u, g = self.bounds["ubx"], self.bounds["ubg"]
         p = np.concatenate([state, [delta, heading], wind])
-        found = self.solver(x0=self.guess, p=p, lbx=-u, ubx=u, lbg=-g, ubg=g)
+        solution = self.solver(x0=self.guess, p=p, lbx=-u, ubx=u, lbg=-g, ubg=g)
         if not self.solver.stats()["success"]:
             raise RuntimeError(f"no plan: {self.solver.stats()['return_status']}")
-        x = np.array(found["x"]).ravel()
+        x = np.array(solution["x"]).ravel()
         self.plan = x[:K]
         moved = x[K:].reshape(K, S)
         self.guess = np.concatenate([x[1:K], x[K - 1 : K], moved[1:].ravel(), moved[-1]])
@@ -113,19 +113,19 @@ def sail(
     duration: float,
     speed: float,
     wind: tuple[float, float] = (0.0, 0.0),
-    known: bool = True,
+    wind_known: bool = True,
 ) -> np.ndarray:
     """The ship under the controller, rows t, heading, rudder, u, v, r (N, 6) in SI, from heading north.
 
     heading: wanted [rad] from the first moment; duration [s]; speed: at the start [m/s]; wind: velocity of the air to
-    north and east [m/s]; known: whether the controller knows the wind.
+    north and east [m/s]; wind_known: whether the controller knows the wind.
     """
     state, delta, rows = np.zeros(len(controller.about["states"])), 0.0, []
     state[3] = speed
     for k in range(round(duration / controller.dt) + 1):
-        delta = controller.rudder(state, delta, heading, wind if known else (0.0, 0.0))
+        delta = controller.rudder(state, delta, heading, wind if wind_known else (0.0, 0.0))
         rows.append([k * controller.dt, state[2], delta, *state[3:6]])
-        state = np.array(controller.moved(ca.DM(state), delta, ca.DM(wind))).ravel()
+        state = np.array(controller.advance(ca.DM(state), delta, ca.DM(wind))).ravel()
     return np.array(rows)
 
 

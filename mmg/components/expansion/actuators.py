@@ -93,17 +93,17 @@ def devices_of(inputs: Sequence[str], particulars: Mapping[str, float]) -> tuple
     inputs: names of its actuators; particulars: SI, where the pods are. As Miyauchi et al. (2023) do, two rudders
     behind one propeller are two devices. Blade angles are left out.
     """
-    left = [name for name in inputs if not name.startswith("n_azimuth") and name != "pitch"]
-    found: list[Device] = []
-    while left:
-        name = left.pop(0)
-        partner = MIRRORED.get(name) if name == "n" else _mirrored_pod(name, left, particulars)
-        if partner in left:
-            left.remove(str(partner))
-            found.append(Device((name, str(partner))))
+    remaining = [name for name in inputs if not name.startswith("n_azimuth") and name != "pitch"]
+    devices: list[Device] = []
+    while remaining:
+        name = remaining.pop(0)
+        partner = MIRRORED.get(name) if name == "n" else _mirrored_pod(name, remaining, particulars)
+        if partner in remaining:
+            remaining.remove(str(partner))
+            devices.append(Device((name, str(partner))))
         else:
-            found.append(Device((name,)))
-    return tuple(found)
+            devices.append(Device((name,)))
+    return tuple(devices)
 
 
 def without_partner(devices: Sequence[Device], particulars: Mapping[str, float]) -> list[str]:
@@ -121,7 +121,7 @@ def without_partner(devices: Sequence[Device], particulars: Mapping[str, float])
 
 def variables(devices: Sequence[Device]) -> tuple[ExpansionVariable, ...]:
     """The variables of an expansion: motion, then those of each of the ``devices``; even before odd ones."""
-    found = [
+    expansion_variables = [
         ExpansionVariable(Word("u"), False),
         ExpansionVariable(Word("v"), True),
         ExpansionVariable(Word("r"), True),
@@ -129,14 +129,14 @@ def variables(devices: Sequence[Device]) -> tuple[ExpansionVariable, ...]:
     for device in devices:
         several = [_single(name) for name in device.names]
         if len(several) == 1:
-            found += several[0]
+            expansion_variables += several[0]
             continue
         for one, other in zip(*several, strict=True):
             words = (one.word, other.word)
-            found.append(ExpansionVariable(Word("mean", words), one.odd, one.angle, one.part))
+            expansion_variables.append(ExpansionVariable(Word("mean", words), one.odd, one.angle, one.part))
             half = f"half {one.part}" if one.part else ""
-            found.append(ExpansionVariable(Word("half", words), not one.odd, one.angle, half))
-    return tuple(sorted(found, key=lambda variable: variable.odd))
+            expansion_variables.append(ExpansionVariable(Word("half", words), not one.odd, one.angle, half))
+    return tuple(sorted(expansion_variables, key=lambda variable: variable.odd))
 
 
 def _single(name: str) -> list[ExpansionVariable]:

@@ -49,11 +49,11 @@ def series_force(
     hard: conditions are switched at once instead of blended; flow, p, c, s: as in mmg/motion/flow.py.
     """
     switch: Smoothing = Exact() if hard else s
-    known: dict[Any, Any] = {}
+    cache: dict[Any, Any] = {}
     flow, total = _within(flow, p, s)
     for symbol, text in monomials.items():
         term = parse_monomial(text)
-        product = _product(term, flow, p, (s, switch), known)
+        product = _product(term, flow, p, (s, switch), cache)
         total[symbol[0]] = total[symbol[0]] + getattr(c, symbol) * product
     unit = 0.5 * p.rho * p.L * p.d * speed_scale(p.L) ** 2
     return Force(unit * total["X"], unit * total["Y"], unit * p.L * total["N"])
@@ -94,19 +94,19 @@ def variable(word: Word, flow: Flow, L: float) -> Any:
 
 
 def _product(
-    term: Monomial, flow: Flow, p: SimpleNamespace, by: tuple[Smoothing, Smoothing], known: dict[Any, Any]
+    term: Monomial, flow: Flow, p: SimpleNamespace, by: tuple[Smoothing, Smoothing], cache: dict[Any, Any]
 ) -> Any:
     s, switch = by
     values = []
     for condition in term.conditions:
-        if condition not in known:
-            known[condition] = _weight(condition, flow, p, switch)
-        values.append(known[condition])
+        if condition not in cache:
+            cache[condition] = _weight(condition, flow, p, switch)
+        values.append(cache[condition])
     for word, bars in term.factors:
-        if (word, bars) not in known:
+        if (word, bars) not in cache:
             x = variable(word, flow, p.L)
-            known[word, bars] = s.absolute(x, WIDTH) if bars else x
-        values.append(known[word, bars])
+            cache[word, bars] = s.absolute(x, WIDTH) if bars else x
+        values.append(cache[word, bars])
     return math.prod(values[1:], start=values[0])
 
 

@@ -121,18 +121,18 @@ Powers = tuple[tuple[ExpansionVariable, int], ...]
 def monomials(structure: Structure, force: str) -> tuple[Powers, ...]:
     """The monomials of ``force`` ("X", "Y" or "N") in one sub-model of a ``structure``, by order."""
     several = variables(structure.devices)
-    found = []
+    products = []
     for degree in range(1, structure.order + 1):
         for product in itertools.combinations_with_replacement(several, degree):
             powers = tuple(Counter(product).items())
             if structure.symmetric and sum(k for x, k in powers if x.odd) % 2 != (force != "X"):
                 continue
             if not _duplicate(powers, force, structure.duplicates):
-                found.append(powers)
+                products.append(powers)
     if structure.moduli == "full" and structure.order == 2 and force != "X":
         drifting = [x for x in several if x.word.name in ("v", "r")]
-        found += [tuple(Counter(product).items()) for product in itertools.combinations_with_replacement(drifting, 3)]
-    return tuple(found)
+        products += [tuple(Counter(cubic).items()) for cubic in itertools.combinations_with_replacement(drifting, 3)]
+    return tuple(products)
 
 
 def terms(structure: Structure) -> tuple[Coefficient, ...]:
@@ -176,9 +176,9 @@ def term_list(rows: Sequence[Coefficient]) -> str:
     """The generated terms among ``rows`` as lines: for each force its symbols and monomials, with the counts."""
     lines = []
     for force in "XYN":
-        own = [c for c in rows if c.monomial and c.symbol[0] == force]
-        width = max((len(c.symbol) for c in own), default=0)
-        lines += [f"{force}: {len(own)} terms", *(f"  {c.symbol:<{width}}  {c.monomial}" for c in own)]
+        summed = [c for c in rows if c.monomial and c.symbol[0] == force]
+        width = max((len(c.symbol) for c in summed), default=0)
+        lines += [f"{force}: {len(summed)} terms", *(f"  {c.symbol:<{width}}  {c.monomial}" for c in summed)]
     return "\n".join(lines)
 
 
@@ -214,16 +214,16 @@ def _follows_from_identity(powers: Powers) -> bool:
 
 def _factors(powers: Powers, rule: str) -> tuple[tuple[Word, bool], ...]:
     """The factors of a monomial after rule C."""
-    found: list[tuple[Word, bool]] = []
+    factors: list[tuple[Word, bool]] = []
     alone = len(powers) == 1
     for x, k in powers:
         if rule == "full" and alone and k == 3:
-            found += [(x.word, False), (x.word, True)]
+            factors += [(x.word, False), (x.word, True)]
         elif rule == "none" or k != 2 or (alone and x.odd):
-            found += [(x.word, False)] * k
+            factors += [(x.word, False)] * k
         else:
-            found += [(x.word, True)] if x.odd else [(x.word, False), (x.word, True)]
-    return tuple(found)
+            factors += [(x.word, True)] if x.odd else [(x.word, False), (x.word, True)]
+    return tuple(factors)
 
 
 def _bounds(force: str, powers: Powers, reach: float) -> tuple[float, float]:

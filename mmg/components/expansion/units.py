@@ -46,7 +46,7 @@ def units_of(devices: Sequence[Device]) -> tuple[Unit, ...]:
 def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monomial, ...]:
     """The terms of ``force`` ("X", "Y" or "N") of a hull with ``units``, motions and actions to ``order`` together."""
     sideways = force != "X"
-    found = [motion for motion in HULL if _degree(motion) <= order and _turns(motion) == sideways]
+    names = [motion for motion in HULL if _degree(motion) <= order and _turns(motion) == sideways]
     motions = ("", *(motion for motion in HULL if _degree(motion) <= 2))  # an action by cubes of motions tells no more
     for screw, degree in _SCREWS:
         for angle in _ANGLES if units[0][1] else _ANGLES[:1]:
@@ -56,8 +56,8 @@ def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monom
                     continue
                 for word, word_odd in _both([_action(unit, screw, angle) for unit in units], action_odd):
                     if (_turns(motion) != word_odd) == sideways:
-                        found.append(f"{motion} {word}".strip())
-    return tuple(map(parse_monomial, found))
+                        names.append(f"{motion} {word}".strip())
+    return tuple(map(parse_monomial, names))
 
 
 def _action(unit: Unit, screw: str, angle: Sequence[str]) -> Word:

@@ -165,18 +165,18 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
     mmg/motion/flow.py."""
     wash = slipstream(flow)
     side, outward = ("p", -1) if port else ("s", 1)
-    own, other = (flow.delta_port, flow.delta_starboard) if port else (flow.delta_starboard, flow.delta_port)
+    angle_here, other = (flow.delta_port, flow.delta_starboard) if port else (flow.delta_starboard, flow.delta_port)
     small = 0.1 * s.speed
     slip = clip(1 - advance_ratio(wash.u_P, flow.n * p.D_P, s) / p.pitch_ratio, 0.0, 1.2, 0.01, s)
 
     def Q(letter: str) -> Any:
         return _power(_values(c, letter + side), slip)
 
-    first = own - Q("b")
+    first = angle_here - Q("b")
     outside = s.step(outward * first, 0.02)
     turn = (Q("d") * other + Q("e") * other**2) * (1 + outside * (s.absolute(ca.cos(first), 0.02) - 1))
     angle = first - turn
-    free = _power(_values(c, "a" + side), own) * flow.u
+    free = _power(_values(c, "a" + side), angle_here) * flow.u
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - s.magnitude(wash.u_P, small)
     in_wash = free + c.k_x * jet

@@ -7,7 +7,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
@@ -17,6 +16,7 @@ from cases.simulation.sensors import logged
 from cases.trial import Trial
 from mmg.effects.gyro import low_passed_samples
 from mmg.states import STATES
+from tests.support.disturbed_trials import Disturbed, disturbed_trials
 from tests.support.trial_files import make_trial, motion_columns, shifted
 
 SHIP = load_ship("esso_osaka_3m")

@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import disturbed_trial, drawn_ship, process
 from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
@@ -23,6 +22,7 @@ from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.simulated_chance import simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, quiet
+from tests.support.disturbed_trials import disturbed_trial, drawn_ship, process
 
 RUNS = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0), ("random:5", 120.0))
 GUST, MEMORY, STEP = 0.15, 1.0, 0.2

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation import map_estimate
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
@@ -33,6 +32,7 @@ from tests.support.diagnosis_cases import (
     short_data,
     theta_of,
 )
+from tests.support.disturbed_trials import drawn_ship
 
 LONG = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0))
 NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.map_estimate import estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.hypotheses.forward_selection import (
@@ -27,6 +26,7 @@ from diagnosis.judgement.verdict import (
 )
 from tests.support.diagnosis_answers import LIMIT, a_fit, made_up, tried
 from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_trials, pushed_windows
+from tests.support.disturbed_trials import drawn_ship
 
 NAMES = {
     "current": {"x": 0.03, "y": -0.02},

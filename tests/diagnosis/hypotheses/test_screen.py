@@ -10,13 +10,13 @@ import pytest
 from scipy.stats import binom, kstest
 
 import diagnosis.hypotheses.score_test as module
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.score_test import EXCITED, ScoreTest, Slopes, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
+from tests.support.disturbed_trials import drawn_ship
 
 SEEDS = 12
 STRONG = {

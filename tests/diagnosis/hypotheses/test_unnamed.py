@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import mmg.effects
-from benchmarks.disturbed_trials import process
 from cases.shipfiles.effects import with_effects
 from diagnosis.estimation.dispersion import dispersion
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
@@ -38,6 +37,7 @@ from diagnosis.hypotheses.unnamed import (
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
 from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_trials, quiet
+from tests.support.disturbed_trials import process
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
 LENGTH, FAR = 3.0, 10.0

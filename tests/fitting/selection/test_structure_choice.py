@@ -112,7 +112,7 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
         figure.savefig(folder / "figures" / "structures.png")
         (folder / "selection.json").write_text(json.dumps(choice.to_dict()))
 
-    saved = choice.result.save(tmp_path / "run", beside=beside)
+    saved = choice.result.save(tmp_path / "run", attach=beside)
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "How the model was chosen" in page and "Complexity and error" in page
     assert all(f"<td>{name}</td>" in page or f"<b>{name}</b>" in page for name in rows)
