@@ -11,8 +11,8 @@ from functools import cache
 
 MIB = 2**20
 SETTINGS = {-1: 256 * MIB, -2: 32 * MIB, -3: 32 * MIB}
-"""Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD, how
-much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own (its
+"""Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD,
+how much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own (its
 largest value)."""
 
 
