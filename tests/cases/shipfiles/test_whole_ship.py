@@ -63,7 +63,7 @@ def test_a_ship_file_may_name_the_file_of_its_network(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
     back = load_ship(tmp_path / "mine.toml").network
     assert back is not None and same_network(back, ship.network)
-    with pytest.raises(UserError, match="a text has no folder"):
+    with pytest.raises(UserError):
         parse_ship(text)
 
 

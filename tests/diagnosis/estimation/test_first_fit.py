@@ -34,5 +34,5 @@ def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("diagnosis.estimation.first_fit.estimate", broken)
     p = ready().problem
-    with pytest.raises(BrokenModelError, match="breaks down"):
+    with pytest.raises(BrokenModelError):
         fit_without_effects(p.steps, p.data, p.steps.ship.values, p.base, initial_noise(p.steps.ship))

@@ -57,7 +57,7 @@ def test_a_campaign_that_was_kept_is_not_simulated_again(
     monkeypatch.setattr("diagnosis.hypotheses.simulated_chance.simulated_tests", none)
     again = simulated_chance(few, null, 2, seed=4, store=Store(tmp_path / "parts", {"seed": 4}, resume=True))
     assert np.array_equal(again.unnamed, found.unnamed) and np.array_equal(again.smallest, found.smallest)
-    with pytest.raises(UserError, match="--resume needs the same seed"):
+    with pytest.raises(UserError, match=r"--resume.*seed"):
         simulated_chance(few, null, 2, seed=5, store=Store(tmp_path / "parts", {"seed": 5}, resume=True))
 
 

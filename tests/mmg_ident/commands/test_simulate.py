@@ -177,5 +177,5 @@ def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path) -> N
         tried = np.arange(0.0, 1.5, 0.05)
         off = [np.std((trial["r"] - np.interp(trial.t - T, trial.t, rate))[20:]) for T in tried]
         assert tried[int(np.argmin(off))] == pytest.approx(lag, abs=0.06)
-    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows spring, autumn"):
+    with pytest.raises(UserError, match=r"--campaign summer.*spring, autumn"):
         CliRunner().invoke(APP, [*map(str, words[:4]), "--campaign", "summer"], catch_exceptions=False)

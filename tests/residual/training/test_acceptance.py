@@ -145,7 +145,7 @@ def test_validation_trials_judge_and_do_not_stop() -> None:
 def test_validation_needs_something_to_stop_by() -> None:
     ship = hybrids.ship()
     short, long = hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 300, seed=5)
-    with pytest.raises(UserError, match="too little data for a residual"):
+    with pytest.raises(UserError):
         train(ship, short, long, TrainSettings(step=1.0))
 
 
