@@ -33,6 +33,7 @@ from residual.training.augmentation import SETS, augmented
 from residual.training.pieces import pieces_of
 from residual.training.windows import windows
 from tests.support import hybrids
+from tests.support.quick import first_quick
 
 QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
 SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
@@ -298,7 +299,7 @@ def test_an_initial_state_network_finds_velocities_under_noise() -> None:
     assert errors[6] < errors[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", first_quick(KINDS))
 def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
     settings = replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0)
     trained = train(hybrids.ship(), runs(), settings=settings)

@@ -150,7 +150,7 @@ def test_a_unexplained_force_is_learned_and_kept() -> None:
 
 def test_noise_alone_is_not_kept() -> None:
     trained = train(hybrids.ship(), hybrids.trials(hybrids.ship()), settings=replace(QUICK, epochs=6, penalty=0.3))
-    assert trained.decision and not trained.decision.kept and "NOT kept" in trained.decision.words
+    assert trained.decision and not trained.decision.kept
     assert trained.network is not None, "what was declined can still be compared"
 
 
