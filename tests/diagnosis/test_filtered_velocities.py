@@ -11,6 +11,7 @@ from diagnosis.diagnose import DiagnosisOptions, diagnose
 from mmg.effects.gyro import low_passed_samples
 from tests.support.diagnosis_cases import FEW, pushed_trials
 from tests.support.disturbed_trials import drawn_ship
+from tests.support.quick import first_quick
 
 TAU = 0.4
 """s; of the true low pass."""
@@ -25,7 +26,7 @@ def low_passed(trial: Trial, in_body_axes: bool) -> Trial:
     return trial.with_columns(u=logged.real, v=logged.imag)
 
 
-@pytest.mark.parametrize("in_body_axes", [True, False])
+@pytest.mark.parametrize("in_body_axes", first_quick([True, False]))
 def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool) -> None:
     trials = [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
     found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
@@ -47,6 +48,7 @@ def test_a_filter_that_the_ship_has_already_is_still_listed() -> None:
     assert found.effects == () and "velocity_filter" in {fault.name for fault in found.instruments}
 
 
+@pytest.mark.slow
 def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where too few positions are logged for the kinematics to show it."""
     monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})

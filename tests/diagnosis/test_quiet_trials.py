@@ -17,6 +17,7 @@ from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import prepare
 from mmg.ship import Ship
+from tests.support.quick import first_quick
 
 SAMPLE, FINE = 0.2, 0.02
 RUNS = ("zigzag:20/20", "turning:35", "turning:-20")
@@ -41,7 +42,7 @@ def trials(ship: Ship, held: bool, seed: int) -> list[Trial]:
     return found
 
 
-@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("held", first_quick([True, False]))
 def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
     start = load_ship("esso_osaka_3m")
     ready = prepare(start, trials(drawn(start, np.random.default_rng(5)), held, 5))
