@@ -69,6 +69,7 @@ def test_a_hybrid_is_diagnosed(folder: Path, tmp_path: Path) -> None:
     assert main(["diagnose", str(folder / "run"), str(folder / "trials"), "--out", str(tmp_path / "diagnosis")]) == 0
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_hybrid_moves_the_hybrid_with_the_noise_of_her_calibration(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -121,6 +121,7 @@ def test_a_declined_residual_is_not_recommended_and_can_still_be_used(
     assert "<code>hybrid/</code>" in (run / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(declined: Path) -> None:
     run = declined / "always"
     content = read_result(run)

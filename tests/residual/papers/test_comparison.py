@@ -292,7 +292,7 @@ def test_table_9_is_complete() -> None:
         (["--models", "captive,oracle"], "unknown oracle; choose from captive"),
         (["--fractions", "0,1"], "--fractions 0,1"),
         (["--fractions", "all"], "--fractions"),
-        (["--seeds", "0"], "--seeds, --workers"),
+        (["--seeds", "0"], "--seeds 0"),
         (["--time-limit", "0"], "--time-limit"),
         (["--ship", "nothing"], "no such ship"),
         (["--train", "nowhere"], "nowhere"),
