@@ -4,7 +4,6 @@
 ``calibrated/`` beside a hybrid, ``hybrid/`` beside the calibrated ship. ``result.json`` holds settings, seeds, data and
 everything that led to the decision, ``training/`` the finished seeds. A black box has ``network.safetensors`` and
 ``start.toml``, the ship that named its inputs.
-
 """
 
 from __future__ import annotations

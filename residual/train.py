@@ -35,7 +35,7 @@ from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.splits import WINDOW, Piece, Split, pieces_of, splits_of
 from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, state_loss
-from residual.windows import SETS, STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
+from residual.windows import STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
 
 
 class Adam:
@@ -278,8 +278,8 @@ def stages(task: Task, past: int) -> list[Stage]:
     result = []
     for seconds, share in t.curriculum:
         if t.augment:
-            how = SETS[t.augment], torch.as_tensor(task.scales.noise)
-            batch = augmented(task.split.train, h, round(seconds / h), *how, task.seed, past)
+            noise = torch.as_tensor(task.scales.noise)
+            batch = augmented(task.split.train, h, round(seconds / h), t.augment, noise, task.seed, past)
         else:
             batch = windows(task.split.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
         if batch is not None:

@@ -18,6 +18,7 @@ from fitting.prediction.score import pooled_sigma
 from mmg.errors import UserError
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
+from residual.settings import SETS
 from residual.splits import WINDOW, Piece
 from residual.system import Past, RolloutBatch, TrainableSystem, measured_accelerations, rollout, squares
 
@@ -61,54 +62,22 @@ def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) ->
     return replace(batch, targets=targets, past=past and Past(past.logged + noisy(past.logged), past.controls))
 
 
-@dataclass(frozen=True)
-class Augmentation:
-    """slices: windows begin every I / slices rows; copies: noisy copies of each window, 0: the window as it is."""
-
-    slices: int = 1
-    copies: int = 0
-
-    @property
-    def factor(self) -> int:
-        """How many times as many windows it gives as ref, about."""
-        return self.slices * max(1, self.copies)
-
-
-SETS = {
-    "ref": Augmentation(),
-    "sli2": Augmentation(2),
-    "sli10": Augmentation(10),
-    "jit2": Augmentation(1, 2),
-    "jit10": Augmentation(1, 10),
-    "sli2+jit2": Augmentation(2, 2),
-    "sli10+jit10": Augmentation(10, 10),
-    "d-ref": Augmentation(),
-}
-"""The sets by name. d-ref is ref on twice the data: whoever compares gives it all trials and the others half."""
-
-
 def augmented(
-    pieces: Sequence[Piece], h: float, rows: int, how: Augmentation, noise: torch.Tensor, seed: int, past: int = 0
+    pieces: Sequence[Piece], h: float, rows: int, name: str, noise: torch.Tensor, seed: int, past: int = 0
 ) -> RolloutBatch | None:
-    """Windows of I = ``rows`` rows of ``pieces`` on a grid of ``h`` [s], as the set ``how`` says; None where none fits.
+    """Windows of I = ``rows`` rows of ``pieces`` on a grid of ``h`` [s], as the set of that ``name`` cuts and copies
+    them (Wakita et al. 2024, Eq. 15 to 23); None where none fits.
 
-    noise: of the instruments (6,), drawn by ``seed``; past: rows before each start that are given along.
+    noise: of the instruments (6,), of which that of u, v and r is drawn by ``seed`` (Table 5); past: rows before each
+    start that are given along.
     """
-    batch = windows(pieces, h, rows - 1, max(1, rows // how.slices), past)
-    if batch is None or not how.copies:
+    slices, copies = SETS[name]
+    batch = windows(pieces, h, rows - 1, max(1, rows // slices), past)
+    if batch is None or not copies:
         return batch
-    draw = torch.Generator().manual_seed(seed)
-    only = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
-    return joined([jittered(batch, only, draw) for _ in range(how.copies)])
-
-
-def joined(batches: Sequence[RolloutBatch]) -> RolloutBatch:
-    """``batches`` of windows of the same length as one."""
-    first = batches[0]
-    parts = {n: torch.cat([getattr(b, n) for b in batches], dim=2) for n in ("controls", "targets", "mask")}
-    pasts = [b.past for b in batches if b.past]
-    past = Past(*(torch.cat(both, dim=2) for both in zip(*pasts, strict=True))) if pasts else None
-    return RolloutBatch(first.h, **parts, past=past)
+    velocities = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
+    copied = batch.chosen(torch.arange(len(batch)).repeat(copies))
+    return jittered(copied, velocities, torch.Generator().manual_seed(seed))
 
 
 STRIDE, RESTART = 15.0, 100.0

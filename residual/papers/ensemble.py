@@ -3,7 +3,6 @@
 Wakita et al. (2025), sections 4 and 5.3: systems trained from different seeds stand for what the data leave open.
 Particles start from one measured state; under TS-infinity each keeps its member, under TS1 it draws one at every step
 (Chua et al. 2018). Eq. 30 is their mean and covariance, Eq. 31 the distances of the truth from them.
-
 """
 
 from __future__ import annotations
@@ -19,17 +18,12 @@ from mmg.errors import UserError
 from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual
 from residual.physics import Physics
-from residual.settings import TrainSettings
-from residual.splits import Piece, blocks
+from residual.splits import blocks
 from residual.system import RolloutBatch, TrainableSystem, rollout
-from residual.train import BuildSystem, Outcome, restored, train_one, training_tasks
-from residual.windows import Scales
+from residual.train import Task, restored, train_one
 
-SAMPLINGS = ("ts1", "ts-infinity")
 VELOCITIES = slice(3, 6)
 """Rows u, v, r of the logged columns, on which Eq. 30 and 31 are taken."""
-LEAST_MEMBERS = 4
-"""Fewer distinct particles leave the covariance of u, v, r singular."""
 
 
 def members_of_ship(ship: Ship) -> list[TrainableSystem]:
@@ -42,70 +36,21 @@ def members_of_ship(ship: Ship) -> list[TrainableSystem]:
     return [Hybrid(physics, Residual.of_network(ship.network, i), nothing) for i in count]
 
 
-def bootstrapped(pieces: Sequence[Piece], seconds: float, h: float, seed: int) -> list[Piece]:
-    """Blocks of about ``seconds`` of ``pieces`` on a grid of ``h`` [s], as many as they hold, drawn by ``seed``."""
-    cut = blocks(pieces, seconds, h)
-    draws = np.random.default_rng([11, seed]).integers(0, len(cut), len(cut))
-    return [cut[i] for i in draws]
+def bootstrapped(task: Task) -> Task:
+    """The ``task`` on blocks of its training pieces, as many as they hold, drawn with replacement by its seed."""
+    cut = blocks(task.split.train, task.settings.block, task.h)
+    draws = np.random.default_rng([11, task.seed]).integers(0, len(cut), len(cut))
+    return replace(task, split=task.split._replace(train=[cut[i] for i in draws]))
 
 
-def train_members(
-    build: BuildSystem,
-    ship: Ship,
-    scales: Scales,
-    settings: TrainSettings,
-    pieces: Sequence[Piece],
-    held_out: Sequence[Piece],
-    bootstrap: bool = False,
-) -> tuple[list[TrainableSystem], list[Outcome]]:
-    """Train the members of an ensemble from the seeds of ``settings``, on the same pieces or on resampled blocks.
-
-    build, ship, scales: make each system; pieces: to train on, drawn anew in blocks for each with ``bootstrap``;
-    held_out: pieces that choose the weights of all; the training pieces themselves: nothing is held out (Wakita et al.
-    2025); none: each member holds out other runs. Returns members and outcomes. Raises UserError when every training
-    diverged.
+def train_members(tasks: Sequence[Task]) -> list[TrainableSystem]:
+    """The members of an ensemble, one of each of ``tasks`` (of ``residual.train.training_tasks``), where need be
+    ``bootstrapped``. Raises UserError when every training diverged.
     """
-    tasks = training_tasks(build, ship, scales, settings, pieces, held_out, judged_apart=not held_out)
-    if bootstrap:
-        own = [bootstrapped(task.split.train, settings.block, task.h, task.seed) for task in tasks]
-        tasks = [replace(t, split=t.split._replace(train=blocks)) for t, blocks in zip(tasks, own, strict=True)]
-    outcomes = run_all(train_one, tasks, settings.workers, name="members")
-    members = restored(tasks[0], outcomes)
+    members = restored(tasks[0], run_all(train_one, tasks, tasks[0].settings.workers, name="members"))
     if not members:
         raise UserError("every member of the ensemble diverged in training; give a lower --rate or more data")
-    return members, outcomes
-
-
-def step(
-    members: Sequence[TrainableSystem],
-    which: torch.Tensor,
-    z: torch.Tensor,
-    controls: torch.Tensor,
-    h: float,
-    method: str,
-) -> torch.Tensor:
-    """States (Z, M) a step of ``h`` [s] later, each column by the one of ``members`` that it follows (2025, Eq. 28).
-
-    which: (M,) numbers of the members; z: states (Z, M); controls: inputs (C, M); method: "rk4" or "euler". What a
-    member remembers is handed on to the next one.
-    """
-    out = torch.empty_like(z)
-    for i, member in enumerate(members):
-        at = (which == i).nonzero()[:, 0]
-        if len(at):
-            out[:, at] = member.step(z[:, at], controls[:, at], h, method)
-    return out
-
-
-def drawn(count: int, members: int, sampling: str, draw: torch.Generator) -> torch.Tensor:
-    """Numbers of members (count,) for a step of TS1, or once for all of TS-infinity: there each is taken equally often.
-
-    count: particles; members: how many there are; sampling: one of SAMPLINGS; draw: random numbers. Raises ValueError
-    for another sampling.
-    """
-    if sampling not in SAMPLINGS:
-        raise ValueError(f"sampling {sampling!r} is none of {SAMPLINGS}")
-    return torch.randint(members, (count,), generator=draw) if sampling == "ts1" else torch.arange(count) % members
+    return members
 
 
 @torch.no_grad()
@@ -120,19 +65,25 @@ def particles(
     """Logged columns (N + 1, 6, P, M) of P = ``count`` particles per window of ``batch``, from its measured start.
 
     members: systems that they follow; method: "rk4" or "euler"; seed: of TS1; sampling: "ts1" or "ts-infinity". Under
-    the latter member i is followed by the particles i, i + E, i + 2E, ...
+    the latter member i is followed by the particles i, i + E, i + 2E, ... Raises ValueError for another sampling.
     """
-    draw, M = torch.Generator().manual_seed(seed), len(batch)
     if sampling == "ts-infinity":
         paths = torch.stack([rollout(member, batch, method) for member in members[:count]], dim=2)
-        return paths[:, :, drawn(count, len(members), sampling, draw)].numpy()
-    which = drawn(count * M, len(members), sampling, draw)
+        return paths[:, :, torch.arange(count) % len(members)].numpy()
+    if sampling != "ts1":
+        raise ValueError(f"sampling {sampling!r} is neither ts1 nor ts-infinity")
+    draw, M = torch.Generator().manual_seed(seed), len(batch)
+    which = torch.randint(len(members), (count * M,), generator=draw)
     starts = torch.stack([member.start(batch.targets[0], batch.controls[0], batch.past) for member in members])
     z = starts[which, :, torch.arange(count * M) % M].T.contiguous()
     states = [members[0].columns(z)]
     for controls in batch.controls:
-        which = drawn(count * M, len(members), sampling, draw)
-        z = step(members, which, z, controls.repeat(1, count), batch.h, method)
+        which = torch.randint(len(members), (count * M,), generator=draw)
+        before, inputs, z = z, controls.repeat(1, count), torch.empty_like(z)
+        for i, member in enumerate(members):  # what a member remembers is handed on to the next one (2025, Eq. 28)
+            at = (which == i).nonzero()[:, 0]
+            if len(at):
+                z[:, at] = member.step(before[:, at], inputs[:, at], batch.h, method)
         states.append(members[0].columns(z))
     return torch.stack(states).reshape(len(states), 6, count, M).numpy()
 
@@ -182,7 +133,7 @@ def distances(paths: np.ndarray, truth: np.ndarray, mask: np.ndarray, noise: np.
     scale = np.sqrt(np.maximum(np.diagonal(C, axis1=2, axis2=3), 1e-300))
     alike = C / (scale[..., :, None] * scale[..., None, :])
     if np.linalg.eigvalsh(alike)[..., 0].min() < 1e-13:
-        raise ValueError(f"the covariance of u, v, r is singular: {LEAST_MEMBERS} different members are needed")
+        raise ValueError("the covariance of u, v, r is singular: 4 different members are needed")
     error = np.moveaxis((truth[1:] - mean)[:, VELOCITIES], 1, -1)
     counted = mask[1:, VELOCITIES].all(axis=1)
     rows = np.maximum(counted.sum(axis=0), 1)

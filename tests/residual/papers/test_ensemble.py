@@ -15,6 +15,7 @@ from residual.physics import Physics
 from residual.settings import TrainSettings
 from residual.splits import pieces_of
 from residual.system import RolloutBatch, TrainableSystem, rollout
+from residual.train import training_tasks
 from residual.windows import windows
 from tests.support import hybrids
 from tests.support.yaw import Yaw
@@ -176,7 +177,8 @@ def test_members_differ_by_seed_or_resampled_blocks_and_come_back_the_same() -> 
     scales = hybrid_scales(ship, pieces, trials, 1.0)
 
     def trained(bootstrap: bool) -> list[TrainableSystem]:
-        return train_members(build_hybrid, ship, scales, settings, pieces, pieces, bootstrap)[0]
+        tasks = training_tasks(build_hybrid, ship, scales, settings, pieces, pieces, judged_apart=False)
+        return train_members([bootstrapped(t) for t in tasks] if bootstrap else tasks)
 
     batch = hybrid_batch()
     first, again, resampled = (particles(trained(b), batch, 2) for b in (False, False, True))
@@ -187,7 +189,10 @@ def test_members_differ_by_seed_or_resampled_blocks_and_come_back_the_same() -> 
 
 def test_resampled_blocks_are_as_many_as_there_were() -> None:
     pieces = pieces_of(hybrids.trials(hybrids.ship(), 3, 200), 1.0, hybrids.ship().inputs)
-    drawn = bootstrapped(pieces, 50.0, 1.0, 0)
-    assert sum(p.steps for p in drawn) == 600 and {p.steps for p in drawn} == {50}
-    assert len({(p.run, p.first) for p in drawn}) < 12
-    assert drawn == bootstrapped(pieces, 50.0, 1.0, 0) != bootstrapped(pieces, 50.0, 1.0, 1)
+    settings = TrainSettings(seeds=2, step=1.0, block=50.0)
+    scales = hybrid_scales(hybrids.ship(), pieces, [], 1.0)
+    tasks = training_tasks(build_hybrid, hybrids.ship(), scales, settings, pieces, pieces, judged_apart=False)
+    one, again, other = (bootstrapped(task).split.train for task in (tasks[0], tasks[0], tasks[1]))
+    assert sum(p.steps for p in one) == 600 and {p.steps for p in one} == {50}
+    assert len({(p.run, p.first) for p in one}) < 12
+    assert one == again != other
