@@ -55,14 +55,14 @@ def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, 
 
 
 @pytest.mark.parametrize("name", sorted(REPRODUCERS))
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32))
 def test_damaged_files_are_read_or_refused(name: str, number: int, made: dict[str, Reader]) -> None:
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
 
 
 @pytest.mark.parametrize("name", sorted(REPRODUCERS))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     content=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
 )

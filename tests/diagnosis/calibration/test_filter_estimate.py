@@ -97,7 +97,7 @@ def test_it_says_why_there_is_no_estimate(trials: list[Trial], monkeypatch: pyte
 
 def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
     options = FitOptions(next_trial=False, instruments=(), per_campaign=("none",))
-    settings = Settings(loss="gaussian", weight=1.0, passes=2, compiled=False)
+    settings = Settings(loss="gaussian", weight=1.0, passes=2)
     alone = calibrate(FEW, trials, settings=settings, options=replace(options, estimator="windows"))
     both = calibrate(FEW, trials, settings=settings, options=options)
     other = filter_estimate(FEW, trials)

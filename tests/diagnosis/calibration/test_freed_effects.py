@@ -38,7 +38,7 @@ def trials(offset: float) -> tuple[Trial, ...]:
 def fitted(offset: float, *effects: str) -> FitResult:
     """A calibration with some effects freed, of trials with this rudder offset [rad]."""
     options = FitOptions(next_trial=False, instruments=("none",))
-    settings = Settings(step=1.0, compiled=False)
+    settings = Settings(step=1.0)
     return mmg_ident.calibrate(freeing_effects(FEW, effects), trials(offset), (), settings, options)
 
 

@@ -19,7 +19,7 @@ from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, pr
 from tests.support.disturbed_trials import drawn_ship
 from tests.support.quick import first_quick
 
-SEEDS = 6
+SEEDS = 12
 STRONG = {
     "current": {"x": 0.03, "y": -0.02},
     "rudder_offset": {"delta": 0.1},

@@ -49,7 +49,7 @@ def trial(text: str, duration: float, seed: int = 0, wind: Wind | None = None) -
 def fitted(trials: list[Trial], only: tuple[str, ...] = FREE) -> Calibration:
     ship = load_ship("esso_osaka_3m")
     return estimate_coefficients(
-        ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0, compiled=False)
+        ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0)
     )
 
 

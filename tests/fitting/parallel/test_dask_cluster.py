@@ -145,7 +145,6 @@ def test_without_dask_a_line_says_what_to_install(
     assert capsys.readouterr().err == "mmg: --scheduler needs Dask: pip install 'mmg-ident[dask]'\n"
 
 
-@pytest.mark.slow
 def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     import socket
 
