@@ -32,14 +32,14 @@ def points(ship: Ship, noise: float = 0.0, seed: int = 0, count: int = 120) -> C
     motion = np.array([rng.uniform(0.2, 0.6, count), rng.uniform(-0.15, 0.15, count), rng.uniform(-0.08, 0.08, count)])
     actuators = {"n": rng.uniform(0, 12, count), "delta": rng.uniform(-0.6, 0.6, count)}
     blank = Captive("tank", motion, actuators, np.zeros((3, count)), np.ones((3, count)))
-    F = CaptiveForces(assemble(ship), np.arange(2), blank).residuals(ship.values)
+    F = CaptiveForces(assemble(ship), np.arange(2), blank, compiled=False).residuals(ship.values)
     sigma = np.repeat(0.02 * np.sqrt((F**2).mean(axis=1))[:, None], count, axis=1)
     return Captive("tank", motion, actuators, F + noise * sigma * rng.normal(size=F.shape), sigma)
 
 
 def prepared(ship: Ship, tank: Captive) -> tuple[CaptiveForces, np.ndarray, Prior]:
     free = np.array([ship.symbols.index(s) for s in ship.free])
-    return CaptiveForces(assemble(ship), free, tank), free, Prior.of(ship)
+    return CaptiveForces(assemble(ship), free, tank, compiled=False), free, Prior.of(ship)
 
 
 def test_derivatives_agree_with_finite_differences() -> None:
