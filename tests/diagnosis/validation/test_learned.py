@@ -164,5 +164,5 @@ def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)
     monkeypatch.setattr(module, "measure_learned_residual", lambda *given, **more: FOUND)
     out = tmp_path / "out"
-    diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], no_learn=no_learn)
+    diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], learn=not no_learn)
     assert (json.loads((out / "diagnosis.json").read_text())["learned"] is None) == no_learn
