@@ -36,9 +36,9 @@ from diagnosis.findings import (
     RandomSizes,
     Unnamed,
 )
-from diagnosis.hypotheses.between import compare_groups
+from diagnosis.groups.between import compare_groups
+from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
-from diagnosis.hypotheses.group_findings import Between
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.pattern import pattern

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.hypotheses.over_time.changes import CandidateChange
-from diagnosis.hypotheses.over_time.month_study import MonthStudy
+from diagnosis.groups.months import MonthStudy, parameter_of
+from diagnosis.groups.over_time import CandidateChange
 from fitting.report.page import environment, write_page
 from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figures_of, new_figure
 from fitting.report.run_folder import SHIP, plain, versions, write_whole
@@ -74,7 +74,7 @@ def changes_figure(study: MonthStudy) -> Figure:
             ax.axvspan(*row.change.begin_90, color=AFTER, alpha=0.15, linewidth=0)
         low, high = np.quantile(row.estimate, (0.02, 0.98))
         ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
-        unit = study.unit(row.name)
+        unit = parameter_of(study.ship, row.name).unit
         company = any(row.name in names for names in study.changes.company)
         what = "changed" if changed else "changes with what is named" if company else "no change found"
         dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
