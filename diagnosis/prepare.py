@@ -165,9 +165,8 @@ def prepare(
     where every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
-    full = ship_with_latent_force(ship)
-    if tests_follow:
-        full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
+    every = [*trials, *reference] if tests_follow else None
+    full = ship_with_all_effects(ship, every, place.held, place.start) if every else ship_with_latent_force(ship)
     base = priors_before(ship, other_trials and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
@@ -197,8 +196,8 @@ def prepare(
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
         finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, tests_follow=tests_follow)
-        same = replace(finely, reading=reading, notices=(*reading.notices, *finely.notices))
-        return finely if reading.chosen is None else same
+        notices = [*reading.notices, *finely.notices]
+        return finely if reading.chosen is None else replace(finely, reading=reading, notices=tuple(notices))
     if gap > 1:
         words = f"residuals of neighbouring samples are correlated ({correlation:.2f}), as of filtered instruments"
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))

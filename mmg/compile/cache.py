@@ -125,16 +125,16 @@ Text = str | LateSource
 
 CHARACTERS_A_SECOND = 400_000
 """Of C source that gcc 12 compiles on one processor of 2023 (600 kB in 1.5 s)."""
-_announced: list[str] = []
+announced: list[str] = []
 """What this process has said that it compiles: the first thing alone, so that a command has one line of it."""
 
 
 def _announce(what: str, text: str, folder: Path) -> None:
     """Say, once in a process, that ``what`` is compiled from a ``text`` into a ``folder``."""
-    if not _announced:
+    if not announced:
         seconds = 1 + len(text) // CHARACTERS_A_SECOND
         LOGGER.info("compiling %s, about %d s (once, kept in %s)", what, seconds, folder)
-        _announced.append(what)
+        announced.append(what)
 
 
 def compile_library(

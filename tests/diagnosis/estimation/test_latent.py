@@ -312,7 +312,7 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
     assert np.isfinite(found.nll) and len(calls) > 6 and np.isfinite(found.theta).all()
     calls.clear()
     broken = {1}
-    with pytest.raises(UserError, match="breaks down along these trials"):
+    with pytest.raises(UserError):
         estimate(steps, data, start)
 
 
