@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from cases.shipfiles.ship_file import dump_whole_ship
+from cases.shipfiles.ship_json import dump_ship_json
 from delivery.product import Product, product_of
 from fitting.report.run_folder import write_json, write_whole
 from mmg.errors import BadValue, Conflict, NotWritable, TargetExists, UnknownName
@@ -24,15 +26,17 @@ ABOUT = "product.json"
 class Format:
     """A format: the module and the function in it that write, what comes of it, and a line for the help.
 
-    writer: "module:function" of ``function(product, target, **options)``; it writes to ``target``, a folder that exists
-    and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix: of a file,
-    "" for a folder. options: names of further options that the function takes. beside: whether it writes a file beside
-    its target as well; it is then told by ``replace`` whether that may take the place of another.
+    writer: "module:function" of ``function(product, target, **given, **options)``; it writes to ``target``, a folder
+    that exists and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix:
+    of a file, "" for a folder. given: arguments that make this format of it. options: names of further options that
+    the function takes. beside: whether it writes a file beside its target as well; it is then told by ``replace``
+    whether that may take the place of another.
     """
 
     writer: str
     summary: str
     suffix: str = ""
+    given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
     beside: bool = False
 
@@ -47,18 +51,26 @@ class Format:
 FORMATS: dict[str, Format] = {
     "c": Format("delivery.c.package:write_c", "C99 and C++11 source, header and example (a folder)"),
     "matlab": Format("delivery.matlab.package:write_matlab", "M file and MEX source for MATLAB and Octave (a folder)"),
-    "toml": Format("delivery.ship_document:write_toml", "ship file, the network of a hybrid inside", ".toml"),
-    "json": Format("delivery.ship_document:write_json_ship", "the ship file as JSON, with units", ".json"),
+    "toml": Format("delivery.export:write_toml", "ship file, the network of a hybrid inside", ".toml"),
+    "json": Format("delivery.export:write_json_ship", "the ship file as JSON, with units", ".json"),
     "casadi": Format("delivery.graphs.casadi_functions:write_casadi", "serialised CasADi functions (a folder)"),
     "onnx": Format("delivery.graphs.onnx_network:write_onnx", "the residual network of a hybrid", ".onnx"),
     "shipmmg": Format("delivery.dictionaries.shipmmg:write_shipmmg", "parameter sets of shipmmg", ".json"),
     "pvs": Format(
         "delivery.dictionaries.vehicle_simulator:write_vehicle", "class for the Python Vehicle Simulator", ".py"
     ),
-    "gazebo": Format("delivery.dictionaries.gazebo:write_gazebo", "hull for Gazebo Sim's hydrodynamics", ".sdf"),
-    "vrx": Format("delivery.dictionaries.gazebo:write_vrx", "hull for the simple hydrodynamics of VRX", ".sdf"),
-    "fmu": Format("delivery.fmi.write:write_fmu2", "FMI 2.0 for co-simulation", ".fmu", ("platforms",), True),
-    "fmu3": Format("delivery.fmi.write:write_fmu3", "FMI 3.0 for co-simulation", ".fmu", ("platforms",), True),
+    "gazebo": Format(
+        "delivery.dictionaries.gazebo:write_hull", "hull for Gazebo Sim's hydrodynamics", ".sdf", {"form": "gazebo"}
+    ),
+    "vrx": Format(
+        "delivery.dictionaries.gazebo:write_hull", "hull for the simple hydrodynamics of VRX", ".sdf", {"form": "vrx"}
+    ),
+    "fmu": Format(
+        "delivery.fmi.write:write_fmu", "FMI 2.0 for co-simulation", ".fmu", {"version": 2}, ("platforms",), True
+    ),
+    "fmu3": Format(
+        "delivery.fmi.write:write_fmu", "FMI 3.0 for co-simulation", ".fmu", {"version": 3}, ("platforms",), True
+    ),
 }
 """The formats of ``mmg export`` by name."""
 
@@ -81,7 +93,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         options["replace"] = force
 
     def fill(place: Path) -> None:
-        messages.extend(chosen.function(product, place, **options) or ())
+        messages.extend(chosen.function(product, place, **chosen.given, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
@@ -140,3 +152,22 @@ def _write_file(target: Path, write: Callable[[Path], None]) -> None:
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
+
+
+def write_toml(product: Product, target: Path) -> None:
+    """Write ``product`` to the ship file ``target``: values, standard errors, verdicts; provenance as comments."""
+    source = product.provenance
+    origin = f"{product.ship.title}, exported by mmg export from {source['source']}"
+    lines = [f"{origin}; std is the standard error of each estimate."]
+    if source.get("created"):
+        lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")
+    for name, (low, high) in product.held.items():
+        lines.append(f"The trials held {name} from {low:.4g} to {high:.4g} (SI).")
+    lines += [f"Mind: {words}." for words in product.caveats]
+    target.write_text(dump_whole_ship(product.ship, "\n".join(lines)), encoding="utf-8")
+
+
+def write_json_ship(product: Product, target: Path) -> None:
+    """Write ``product`` as JSON to the file ``target``: every number with its unit, and where the ship comes from."""
+    about = {key: value for key, value in product.about().items() if key != "coefficients"}
+    target.write_text(dump_ship_json(product.ship, {"product": about}), encoding="utf-8")

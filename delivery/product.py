@@ -7,7 +7,7 @@ import re
 import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,82 +23,15 @@ from mmg.messages import Message
 from mmg.model import Model, assemble
 from mmg.ship import Ship
 
-RESERVED = frozenset(
-    [
-        "alignas",
-        "alignof",
-        "and",
-        "asm",
-        "auto",
-        "bool",
-        "break",
-        "case",
-        "catch",
-        "char",
-        "class",
-        "compl",
-        "const",
-        "constexpr",
-        "continue",
-        "decltype",
-        "default",
-        "delete",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "explicit",
-        "export",
-        "extern",
-        "false",
-        "float",
-        "for",
-        "friend",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "main",
-        "mutable",
-        "namespace",
-        "new",
-        "noexcept",
-        "not",
-        "nullptr",
-        "operator",
-        "or",
-        "private",
-        "protected",
-        "public",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "template",
-        "this",
-        "throw",
-        "true",
-        "try",
-        "typedef",
-        "typeid",
-        "typename",
-        "union",
-        "unsigned",
-        "using",
-        "virtual",
-        "void",
-        "volatile",
-        "wchar_t",
-        "while",
-        "xor",
-    ]
-)
+RESERVED = frozenset([
+    "alignas", "alignof", "and", "asm", "auto", "bool", "break", "case", "catch", "char", "class", "compl", "const",
+    "constexpr", "continue", "decltype", "default", "delete", "do", "double", "else", "enum", "explicit", "export",
+    "extern", "false", "float", "for", "friend", "goto", "if", "inline", "int", "long", "main", "mutable",
+    "namespace", "new", "noexcept", "not", "nullptr", "operator", "or", "private", "protected", "public",
+    "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template", "this",
+    "throw", "true", "try", "typedef", "typeid", "typename", "union", "unsigned", "using", "virtual", "void",
+    "volatile", "wchar_t", "while", "xor",
+])  # fmt: skip
 """Words of C99 and C++11 that no name can be."""
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
@@ -159,23 +92,15 @@ class Product:
     @property
     def coefficients(self) -> tuple[ProductCoefficient, ...]:
         """Its coefficients in the order of the model's argument."""
-        coefficients_in_order = self.ship.coefficients.values()
-        names = identifiers([c.symbol for c in coefficients_in_order])
+        coefficients = self.ship.coefficients.values()
+        same = [f.name for f in fields(ProductCoefficient) if f.name not in ("identifier", "std")]
         return tuple(
             ProductCoefficient(
-                symbol=c.symbol,
+                **{key: getattr(c, key) for key in same},
                 identifier=name,
-                value=c.value,
                 std=c.std if c.std > 0 and not c.fixed else None,
-                unit=c.unit,
-                lower=c.lower,
-                upper=c.upper,
-                fixed=c.fixed,
-                verdict=c.verdict,
-                description=c.description,
-                source=c.source,
             )
-            for c, name in zip(coefficients_in_order, names, strict=True)
+            for c, name in zip(coefficients, identifiers([c.symbol for c in coefficients]), strict=True)
         )
 
     @property

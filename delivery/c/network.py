@@ -1,7 +1,7 @@
 """The residual network of a hybrid ship in C: loops over arrays of weights, and its derivatives.
 
 Rows are filled up with zeros to whole blocks, whose loops have a fixed length: compilers make vector instructions of
-them, and other code stays in registers.
+them, and other code stays in registers. ``step_many`` has the network of LANES ships: weights once, lanes inside.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from math import factorial
 
 import numpy as np
 
+from delivery.c.header import TEMPLATES
 from mmg.compile.portable_c import literal
+from mmg.compile.portable_lanes import LANES
 from mmg.network import Layers, Network
 
 BLOCK = 8
@@ -88,12 +90,6 @@ def _blocks(W: np.ndarray, columns: int) -> np.ndarray:
 def _vector(values: np.ndarray) -> np.ndarray:
     """Values (rows,) filled up with zeros."""
     return np.concatenate([values, np.zeros(_filled(len(values)) - len(values))])
-
-
-def layer_shapes(network: Network) -> list[list[tuple[int, int]]]:
-    """(rows, columns) of the layers of each member of ``network``, filled up to whole blocks."""
-    share = network.output_scales
-    return [_Member(k, m, network.feature_scales, share).shapes for k, m in enumerate(network.members)]
 
 
 class _Member:
@@ -184,3 +180,31 @@ def network_c(network: Network, places: list[int]) -> str:
             "static void network_jacobian(const real *features, real *by) {\n  " + "\n  ".join(by) + "\n}\n",
         ]
     )
+
+
+def lanes_network_c(network: Network) -> str:
+    """C function ``lanes_network(x, rates)``, which adds the accelerations of ``network`` to rates[3..5] of LANES ships
+    at once, and the layer that it calls."""
+    members = [_Member(k, m, network.feature_scales, network.output_scales) for k, m in enumerate(network.members)]
+    widest = max(max(shape) for member in members for shape in member.shapes)
+    lines = [f"real a[3][{LANES}], y[2][{widest}][{LANES}];", "int i, j, l;"]
+    lines.append(f"for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++) a[i][l] = R(0.0);")
+    for k, member in enumerate(members):
+        source = "x"
+        for i, (rows, columns) in enumerate(member.shapes):
+            arrays = ", ".join(f"network_{k}_{name}_{i}" for name in ("weight", "bias", "offset"))
+            target = f"y[{i % 2}]"
+            lines.append(f"lanes_layer({arrays}, {rows}, {columns}, {source}, {target});")
+            source = target
+        lines += [
+            f"for (j = 0; j < {member.shapes[-1][0]}; j++) for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++)",
+            f"  a[i][l] += network_{k}_last[4 * j + i] * {source}[j][l];",
+        ]
+    lines.append(f"for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++) rates[3 + i][l] += a[i][l];")
+    words = {"TANH": tanh_statements("s[l]"), "BLOCK": str(BLOCK), "LANES": str(LANES)}
+    words["GROUP_TANH"] = tanh_statements("(*(const lane_group *)s)").replace("real ", "lane_group ")
+    layer = (TEMPLATES / "lanes_layer.c").read_text(encoding="utf-8")
+    for word, text in words.items():
+        layer = layer.replace(f"@{word}@", text)
+    body = "\n  ".join(lines)
+    return f"{layer}\nstatic void lanes_network(real x[][{LANES}], real rates[][{LANES}]) {{\n  {body}\n}}\n\n"

@@ -17,7 +17,7 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from delivery.fmi.variables import input_name
-from delivery.fmi.write import write_fmu2, write_fmu3
+from delivery.fmi.write import write_fmu
 from mmg.compile.cache import compiler
 from mmg.motion.frames import wind_vector
 from mmg.network import Layers, Network
@@ -60,7 +60,7 @@ def ship_of(kind: str) -> Ship:
 def fmu(kind: str, version: int) -> Path:
     """The FMU of ``ship_of(kind)``, in a folder of its own, with a library for this platform."""
     path = Path(mkdtemp(prefix="fmu")) / "ship.fmu"
-    {2: write_fmu2, 3: write_fmu3}[version](product(ship_of(kind)), path)
+    write_fmu(product(ship_of(kind)), path, version)
     return path
 
 

@@ -16,8 +16,7 @@ import pytest
 
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
-from delivery.dictionaries.motions import Motions, motions
-from delivery.dictionaries.turning import turning_path
+from delivery.dictionaries.projection import Motions, masses, motions, ship_rates, turning_path
 from delivery.export import FORMATS, export
 from fitting.selection.candidates import candidate
 from mmg.errors import Unsupported, UserError
@@ -61,7 +60,7 @@ def test_projections_are_as_good_as_they_say(name: str, tmp_path: Path) -> None:
         assert abs(content["turning"]["projection"][figure] / content["turning"]["ship"][figure] - 1) < 0.05
     other = motions(product(load_ship(name), {}), "shipmmg", seed=5)
     p, errors = shipmmg.project(moved(name))
-    off = shipmmg.force(other, p) - other.needed_force(shipmmg.masses(other.ship))
+    off = shipmmg.force(other, p) - other.needed_force(masses(other.ship))
     for e, row in zip(errors, off, strict=True):
         assert np.sqrt(np.mean(row**2)) < 1.5 * e.error, e.channel
 
@@ -183,7 +182,7 @@ def test_a_ship_of_generated_terms_is_refused_in_a_line(form: str, tmp_path: Pat
 def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str, tmp_path: Path) -> None:
     export(product(load_ship(name), {}), form, tmp_path / "hull.sdf")
     m = moved(name)
-    mass = gazebo.masses(m.ship)
+    mass = masses(m.ship)
     off = in_simulator(tmp_path / "hull.sdf", form, m) - m.rates
     _, errors = gazebo.project(m, form)
     X = (mass.m + mass.m_x) * off[0]
@@ -243,8 +242,6 @@ def test_motions_stay_in_the_range_of_the_trials() -> None:
 
 
 def test_a_circle_of_the_ship_is_that_of_the_simulation() -> None:
-    from delivery.dictionaries.turning import ship_rates
-
     m = moved("esso_osaka_3m")
     path = turning_path(m, ship_rates(m), dt=0.2)
     assert path[0, 3] > 0.3 and path[-1, 2] > math.pi and np.ptp(path[:, 6]) == 0

@@ -11,7 +11,7 @@ import pytest
 
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
-from delivery.fmi.write import write_fmu2
+from delivery.fmi.write import write_fmu
 from mmg.motion.frames import earth_to_body
 from mmg.ship import Ship
 from mmg.states import STATES
@@ -59,7 +59,7 @@ def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) ->
 
 def compared(ship: Ship, folder: Path, wanted: list[str], trial: Trial) -> float:
     """The difference of ``wanted`` in an FMU of ``ship`` from its simulated motion."""
-    write_fmu2(product(ship), folder / "ship.fmu")
+    write_fmu(product(ship), folder / "ship.fmu", 2)
     with running(folder / "ship.fmu", 2) as instance:
         return difference(instance.run(ship, trial, wanted), simulate_controls(ship, trial))
 
