@@ -8,21 +8,11 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from delivery.product import SHOWN, Product, identifiers
-from mmg.motion.flow import INPUTS
+from delivery.product import SHOWN, Product, identifiers, unit_of
 
-UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s",
-         "wind_north": "m/s", "wind_east": "m/s", "time": "s", "a_x": "m/s", "a_y": "m/s", "beta": "rad"}  # fmt: skip
-"""Units of states, inputs and ranges; those of the actuators are in mmg.motion.flow, others are not stated."""
 TEMPLATES = Path(__file__).parent / "templates"
 LONGEST_STRING = 4000
 """Most bytes of a string constant: C99 promises 4095."""
-
-
-def unit_of(name: str) -> str:
-    """SI unit of the state, input or range ``name``, "" where none is stated."""
-    unit = INPUTS[name][1] if name in INPUTS else UNITS.get(name, "")
-    return "1/s" if unit == "rps" else unit
 
 
 def quoted(text: str, most: int = LONGEST_STRING) -> str:

@@ -112,7 +112,7 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
     left_out += [f"the effect {name} is a part of the forces" for name in ship.effects]
     for role in ("actuators", "roll"):
         if role in ship.components:
-            ship = _without_role(ship, role)
+            ship = replace(ship, components={k: v for k, v in ship.components.items() if k != role})
             left_out.append(f"the model of {role} is left out")
     thrusters = [name for name in ship.actuators if name in ("n_bow", "n_stern")]
     if thrusters:
@@ -127,10 +127,6 @@ def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...
     if "wind" in ship.components:
         left_out.append("wind is left out, but for the air that the ship's own motion meets")
     return ship, tuple(left_out)
-
-
-def _without_role(ship: Ship, role: str) -> Ship:
-    return replace(ship, components={k: v for k, v in ship.components.items() if k != role})
 
 
 def motions(product: Product, target: str, seed: int = 0) -> Motions:
@@ -316,17 +312,16 @@ def ship_rates(samples: Motions) -> Rates:
     return rates
 
 
-def turning_path(samples: Motions, rates: Rates, dt: float = 0.0) -> np.ndarray:
-    """Rows x, y, psi, u, v, r, n, delta (N, 8) of a turning circle to starboard, every ``dt`` [s] (0: L / U / 40).
+def turning_path(samples: Motions, rates: Rates) -> np.ndarray:
+    """Rows x, y, psi, u, v, r (N, 6) of a turning circle to starboard, 40 in the time of a ship length.
 
-    samples: motions of the ship with the largest revolutions, rudder angle and speed of the approach; rates: of the
+    samples: motions of the ship, with the largest revolutions, rudder angle and speed of the approach; rates: of the
     model. Ends when the heading has changed by 200 deg, or after 60 ship lengths.
     """
     L, n, largest = samples.ship.particulars["L"], float(samples.n.max()), float(np.abs(samples.delta).max())
     straight = np.argmax(np.where(np.abs(samples.r) < 0.02 * np.abs(samples.r).max(), samples.u, 0.0))
     speed = float(samples.u[straight])
-    dt = dt or L / speed / 40
-    rate, z, delta = RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
+    dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
     rows = []
 
     def derivative(state: np.ndarray, _: float) -> np.ndarray:
@@ -335,7 +330,7 @@ def turning_path(samples: Motions, rates: Rates, dt: float = 0.0) -> np.ndarray:
         return np.concatenate([moving, rates(state[3:], n, delta)])
 
     for _ in range(round(60 * L / speed / dt)):
-        rows.append([*z, n, delta])
+        rows.append(z)
         if not np.isfinite(z).all() or z[2] > math.radians(200):
             break
         delta = min(largest, delta + rate * dt)

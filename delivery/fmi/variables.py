@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
-from delivery.product import ProductCoefficient
+from delivery.product import ProductCoefficient, unit_of
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.ship import AIR
 from mmg.states import STATES
@@ -23,7 +23,6 @@ SHOWN = {
 }
 """Unit -> unit for people, and its value for one of the unit."""
 _PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
-STATE_UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s"}
 STATE_WORDS = {
     "x": "position of midship, north",
     "y": "position of midship, east",
@@ -117,7 +116,7 @@ def variable_table(ship: CoSimulatedShip) -> VariableTable:
         rows.append((f"current_velocity.{axis}", "input", "continuous", start, "m/s", words))
     for state in STATES:
         rows.append(
-            (f"initial.{state}", "parameter", "fixed", 0.0, STATE_UNITS[state], f"{STATE_WORDS[state]}, at the start")
+            (f"initial.{state}", "parameter", "fixed", 0.0, unit_of(state), f"{STATE_WORDS[state]}, at the start")
         )
     settable = [FmuVariable(row[0], i, *row[1:]) for i, row in enumerate(rows)]
     tunable = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
@@ -158,12 +157,12 @@ def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
     near = "; its lateness is approximated" if ship.late_columns else ""
     for state in STATES:
         words = f"{STATE_WORDS[state]}, as the ship's instruments log it{near}"
-        rows.append((f"logged.{state}", "output", STATE_UNITS[state], words))
+        rows.append((f"logged.{state}", "output", unit_of(state), words))
     for role in ship.model.roles:
         for axis, (unit, words) in FORCE.items():
             rows.append((f"force.{role}.{axis}", "output", unit, f"{words} of the part {role}, body axes"))
     for state in ship.model.states[6:]:
-        rows.append((f"memory.{state}", "local", STATE_UNITS.get(state, ""), f"what the ship remembers: {state}"))
+        rows.append((f"memory.{state}", "local", unit_of(state), f"what the ship remembers: {state}"))
     words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
     ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.held.items())
     words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"

@@ -1,7 +1,12 @@
-"""What the page holds of a trial: measured columns, predictions of each model over windows, forces along the motion."""
+"""What the page holds of a trial: measured columns, predictions of each model over windows, forces along the motion.
+
+Columns of numbers become short texts, 16 bits a value, exact enough for a screen.
+"""
 
 from __future__ import annotations
 
+import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,14 +15,17 @@ import numpy as np
 
 from cases.inputs import model_inputs
 from cases.trial import Trial
-from delivery.view.encode import packed, packed_times
 from delivery.view.sources import Campaign, ViewModel
 from diagnosis.report.missing_force import MissingForce
 from fitting.prediction.predict import Window, predict_all, record_of
+from fitting.report.run_folder import plain
 from mmg.components.rigid_body import inertia
 from mmg.model import states_behind
 from mmg.rollout import Simulator
 
+MISSING = -32768
+"""The 16-bit number that stands for a value that is not finite."""
+LARGEST = 32767
 NETWORK = "learned residual"
 """Role under which the accelerations of a network, times the masses, are shown."""
 BUDGET = 10e6
@@ -147,3 +155,28 @@ def _window_columns(windows: Sequence[Window], rows: np.ndarray) -> dict[str, An
     if any(window.std is not None for window in windows):
         content["std"] = [packed(column) for column in deviations.T]
     return content
+
+
+def packed(values: np.ndarray) -> list[Any]:
+    """A column (N,) as [offset, scale, text]: value = offset + scale k, with k the 16-bit integers in base64.
+
+    values: numbers that are not finite become MISSING. The error is at most half a scale, 1/65534 of the range.
+    """
+    column = np.asarray(values, dtype=float)
+    good = np.isfinite(column)
+    low, high = (float(column[good].min()), float(column[good].max())) if good.any() else (0.0, 0.0)
+    offset, scale = 0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low) / LARGEST
+    steps = np.full(len(column), MISSING, dtype="<i2")
+    steps[good] = np.clip(np.rint((column[good] - offset) / (scale or 1.0)), -LARGEST, LARGEST).astype("<i2")
+    return [offset, scale, base64.b64encode(steps.tobytes()).decode()]
+
+
+def packed_times(t: np.ndarray) -> str:
+    """Times ``t`` (N,) [s] since the start, as 32-bit floats in base64."""
+    return base64.b64encode(np.asarray(t, dtype="<f4").tobytes()).decode()
+
+
+def safe_json(data: Any) -> str:
+    """``data`` as JSON that may stand in a script element: no text in it ends the element or begins a comment."""
+    text = json.dumps(plain(data), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -12,8 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cases.io.files import replace_text
-from delivery.view.encode import safe_json
-from delivery.view.motions import predictions, rows_per_run, run_content
+from delivery.view.motions import predictions, rows_per_run, run_content, safe_json
 from delivery.view.sources import Campaign
 from fitting.report.run_folder import versions
 from mmg.errors import BadValue, NotWritable

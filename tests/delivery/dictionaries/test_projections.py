@@ -243,5 +243,5 @@ def test_motions_stay_in_the_range_of_the_trials() -> None:
 
 def test_a_circle_of_the_ship_is_that_of_the_simulation() -> None:
     m = moved("esso_osaka_3m")
-    path = turning_path(m, ship_rates(m), dt=0.2)
-    assert path[0, 3] > 0.3 and path[-1, 2] > math.pi and np.ptp(path[:, 6]) == 0
+    path = turning_path(m, ship_rates(m))
+    assert path[0, 3] > 0.3 and path[-1, 2] > math.pi
