@@ -38,18 +38,22 @@ def number(value: float | None) -> str:
     return repr(float(value))
 
 
+def inserted(text: str, **words: object) -> str:
+    """The ``text`` of a template, with one of the ``words`` in place of each @WORD@."""
+    return re.sub("@([A-Z0-9_]+)@", lambda match: str(words[match[1]]), text)
+
+
 def filled(template: Path, product: Product, **words: object) -> str:
     """The file ``template`` for a ``product``: SHIP becomes its identifier, UPPER that in capitals, @WORD@ one of the
     ``words``: its title, caveats, numbers of states, inputs, coefficients and roles are always among them."""
-    model = product.model
+    model, p = product.model, product.identifier
     words |= {
         "S": len(model.states), "C": len(model.controls), "P": len(model.symbols), "R": len(model.roles),
         "LONGEST_STEP": repr(product.longest_step), "TITLE": product.ship.title,
         "CAVEATS": "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n",
     }  # fmt: skip
-    text = template.read_text(encoding="utf-8")
-    text = text.replace("SHIP", product.identifier).replace("UPPER", product.identifier.upper())
-    return re.sub("@([A-Z0-9_]+)@", lambda match: str(words[match[1]]), text)
+    text = template.read_text(encoding="utf-8").replace("SHIP", p).replace("UPPER", p.upper())
+    return inserted(text, **words)
 
 
 def tables(product: Product) -> list[tuple[str, Sequence[str]]]:

@@ -11,7 +11,7 @@ from math import factorial
 
 import numpy as np
 
-from delivery.c.header import TEMPLATES
+from delivery.c.header import TEMPLATES, inserted
 from mmg.compile.portable_c import literal
 from mmg.compile.portable_lanes import LANES
 from mmg.network import Layers, Network
@@ -45,34 +45,12 @@ def tanh_statements(x: str) -> str:
 
 def layer_c(rows: int, columns: int) -> str:
     """C function ``network_ROWSxCOLUMNS``: one layer of ``rows`` (whole blocks) and ``columns``."""
-    sums = [f"s{i}" for i in range(BLOCK)]
-    return f"""
-/* y = tanh(weight x + bias) - offset. tanh is p / (p + 2) with p = exp(2 x) - 1, by the series of exp(y) - 1 at
- * y = x / {2 ** (DOUBLINGS - 1)}, doubled {DOUBLINGS} times. */
-static void network_{rows}x{columns}(const real *weight, const real *bias, const real *offset, const real *x,
-  real *y) {{
-  int b, i, j;
-  for (b = 0; b < {rows}; b += {BLOCK}) {{
-    const real *w = weight + b * {columns};
-    real {", ".join(f"{s} = bias[b + {i}]" for i, s in enumerate(sums))};
-    for (j = 0; j < {columns}; j++) {{
-      const real a = x[j];
-      {" ".join(f"{s} += w[{i}] * a;" for i, s in enumerate(sums))}
-      w += {BLOCK};
-    }}
-    {" ".join(f"y[b + {i}] = {s};" for i, s in enumerate(sums))}
-  }}
-  for (i = 0; i < {rows}; i++) {{
-    if (y[i] > R(20.0)) y[i] = R(20.0);
-    if (y[i] < R(-20.0)) y[i] = R(-20.0);
-  }}
-  for (i = 0; i < {rows}; i++) {{
-    {tanh_statements("y[i]")}
-    y[i] = p / (p + R(2.0));
-  }}
-  for (i = 0; i < {rows}; i++) y[i] -= offset[i];
-}}
-"""
+    template, sums = (TEMPLATES / "network_layer.c").read_text(encoding="utf-8"), range(BLOCK)
+    return inserted(
+        template, ROWS=rows, COLUMNS=columns, BLOCK=BLOCK, SHARE=2 ** (DOUBLINGS - 1), DOUBLINGS=DOUBLINGS,
+        STARTS=", ".join(f"s{i} = bias[b + {i}]" for i in sums), SUMS=" ".join(f"s{i} += w[{i}] * a;" for i in sums),
+        STORES=" ".join(f"y[b + {i}] = s{i};" for i in sums), TANH=tanh_statements("y[i]"),
+    )  # fmt: skip
 
 
 def _filled(rows: int) -> int:
@@ -201,10 +179,10 @@ def lanes_network_c(network: Network) -> str:
             f"  a[i][l] += network_{k}_last[4 * j + i] * {source}[j][l];",
         ]
     lines.append(f"for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++) rates[3 + i][l] += a[i][l];")
-    words = {"TANH": tanh_statements("s[l]"), "BLOCK": str(BLOCK), "LANES": str(LANES)}
-    words["GROUP_TANH"] = tanh_statements("(*(const lane_group *)s)").replace("real ", "lane_group ")
-    layer = (TEMPLATES / "lanes_layer.c").read_text(encoding="utf-8")
-    for word, text in words.items():
-        layer = layer.replace(f"@{word}@", text)
+    layer = inserted(
+        (TEMPLATES / "lanes_layer.c").read_text(encoding="utf-8"), BLOCK=BLOCK, LANES=LANES,
+        TANH=tanh_statements("s[l]"),
+        GROUP_TANH=tanh_statements("(*(const lane_group *)s)").replace("real ", "lane_group "),
+    )  # fmt: skip
     body = "\n  ".join(lines)
     return f"{layer}\nstatic void lanes_network(real x[][{LANES}], real rates[][{LANES}]) {{\n  {body}\n}}\n\n"

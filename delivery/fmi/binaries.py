@@ -18,7 +18,7 @@ from mmg.errors import Conflict, NotInstalled, ProgramFailed, UnknownName, UserE
 
 MAIN = "fmu-main.c"
 """The one file to compile: it includes the others. File names with a hyphen cannot be those of a ship."""
-FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
+FLAGS: tuple[str, ...] = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
 LINKED = ("-lm",)
 
 

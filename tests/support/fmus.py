@@ -16,6 +16,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from delivery.fmi import binaries
 from delivery.fmi.variables import input_name
 from delivery.fmi.write import write_fmu
 from mmg.compile.cache import compiler
@@ -25,6 +26,7 @@ from mmg.ship import Ship
 from mmg.states import STATES
 from tests.support.c_products import product
 
+binaries.FLAGS = tuple(flag.replace("-O2", "-O1") for flag in binaries.FLAGS)  # a third of the time to compile
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 MEMORY = {
     "control_delay": {"tau": 0.43},
