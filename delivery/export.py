@@ -48,7 +48,7 @@ class Format:
 
 
 FORMATS: dict[str, Format] = {
-    "c": Format("c.package:write_c"),
+    "c": Format("c.source:write_c"),
     "matlab": Format("matlab.package:write_matlab"),
     "toml": Format("export:write_toml", ".toml"),
     "json": Format("export:write_json_ship", ".json"),

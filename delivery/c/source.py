@@ -1,11 +1,13 @@
-"""The C source of a ship: its equations as one staged program, Runge-Kutta steps, derivatives, extrapolation."""
+"""The C product: its equations as one staged program, Runge-Kutta steps, derivatives, extrapolation, and an example."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import casadi as ca
 
+from cases.maneuvers import self_propulsion
 from delivery.c.header import TEMPLATES, about, comment, definitions, filled, header_c
 from delivery.c.network import lanes_network_c, network_c, tanh_statements
 from delivery.product import Product
@@ -13,7 +15,7 @@ from mmg.compile.portable_c import Emitter, functions_used, prelude
 from mmg.compile.portable_lanes import LANES, LaneEmitter, lane_functions
 from mmg.compile.stages import Program
 from mmg.effects import effect
-from mmg.errors import Unsupported
+from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS, Model
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
@@ -21,6 +23,8 @@ COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C = tuple(range(9))
 """Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the
 first six, features (F,); derivatives of rates and features by state (S) and inputs (C)."""
+RUDDER = 0.3
+"""Rudder angle [rad] of the turn in an example."""
 MOST_VALUES = 1500
 """Ships with more values than this are stepped one by one: their arrays would not fit into a small stack."""
 
@@ -260,3 +264,43 @@ def c_files(product: Product) -> dict[str, str]:
     source = Source(product)
     text, p = source.text(), product.identifier
     return {f"{p}.h": header_c(product, len(source.kept)), f"{p}.c": text}
+
+
+def write_c(product: Product, target: Path) -> None:
+    """Write the C product of ``product`` into the folder ``target``. Raises UserError where C cannot hold it."""
+    files = c_files(product) | {
+        "example.c": example_c(product),
+        "README.md": filled(TEMPLATES / "README.md", product),
+    }
+    for name, text in files.items():
+        (target / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def example_c(product: Product) -> str:
+    """A program that steers ``product`` through 600 s with the rudder held, and prints its motion as CSV."""
+    p, (speed, inputs) = product.identifier, approach(product)
+    build = f"Compile: cc -std=c99 -O2 {p}.c example.c -lm -o example"
+    timed = "time" in product.model.controls
+    return filled(
+        TEMPLATES / "example.c", product, SPEED=speed,
+        ABOUT=comment(["How to use the ship: a turn of 600 s in steps of 0.1 s.", build]),
+        SETTINGS="".join(f"  inputs[{p}_input_{name}] = ({p}_real){value!r};\n" for name, value in inputs.items()),
+        CLOCK=f"    inputs[{p}_input_time] = ({p}_real)(0.1 * k);\n" if timed else "",
+    )  # fmt: skip
+
+
+def approach(product: Product) -> tuple[float, dict[str, float]]:
+    """Speed [m/s] and inputs by name of the turn in an example of ``product``.
+
+    It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
+    begins: at the ship's own speed.
+    """
+    ship, highest = product.ship, product.held.get("n", (0.0, 0.0))[1]
+    try:
+        speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
+    except UserError:  # a ship before its calibration may hold no speed
+        speed = self_propulsion.own_speed(ship)
+        n = speed / (0.6 * ship.particulars.get("D_P", 0.03 * ship.particulars["L"]))
+    inputs = self_propulsion.actuator_positions(ship, n, RUDDER)
+    named = {name: round(float(value), 3) for name, value in inputs.items() if name in product.model.controls}
+    return round(speed, 3), {name: value for name, value in named.items() if value}

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import math
 from html import escape
+from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from delivery.c.header import about
+from delivery.c.header import about, inserted
 from delivery.fmi.ship import CoSimulatedShip
 from delivery.fmi.variables import SHOWN, FmuVariable, VariableTable, exponents
 from fitting.report.run_folder import versions
@@ -23,16 +24,7 @@ CATEGORIES = {
     "logStatusDiscard": "values that were refused",
     "logAll": "everything else",
 }
-STYLE = """body { font: 15px/1.5 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222 }
-table { border-collapse: collapse; margin: 1em 0 } th, td { text-align: left; padding: .2em .8em .2em 0;
-border-bottom: 1px solid #ccc; vertical-align: top } code { white-space: nowrap }"""
-USE = """<p>Connect the inputs, set <code>initial.*</code> before the initialization ends, and read the outputs.
-Positions are those of midship: north, east, down. Angles are in radians, clockwise; revolutions are per second. Inputs
-are held over each communication step, which is divided evenly into Runge-Kutta steps of at most {step:g} s. Memory
-(lags, delays) settles when the initialization ends. <code>coefficients.*</code> can be written at any time.</p>
-<p><code>valid</code> is true, and <code>extrapolation</code> 0, while motion and inputs stay inside what the trials
-held. Outside, <code>extrapolation</code> is the largest distance over the width of the range: treat what it computes
-there as a guess.</p>"""
+PAGE = Path(__file__).parent / "c" / "page.html"
 NAMESPACE = "https://open-simulation-platform.com/OspModelDescription/1.0.0"
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
          "AngularDisplacement")  # fmt: skip
@@ -207,21 +199,18 @@ def osp_description(table: VariableTable) -> str:
 
 def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
-    words = "".join(f"<li>{escape(line)}</li>" for line in about(ship.plain))
     ranges = [
         f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>" for k, (a, b) in ship.held.items()
     ]
     limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
     groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
-    tables = "".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups)
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(ship.identifier)}</title>'
-        f"<style>{STYLE}</style></head><body>\n"
-        f"<h1>{escape(ship.ship.title or ship.identifier)}</h1>\n<ul>{words}</ul>\n"
-        f"<h2>Use</h2>\n{USE.format(step=ship.longest_step)}\n<h2>What the trials held</h2>\n"
-        f"{limits if ranges else '<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>'}\n"
-        f"{tables}\n</body></html>\n"
-    )
+    return inserted(
+        PAGE.read_text(encoding="utf-8"), NAME=escape(ship.identifier), STEP=f"{ship.longest_step:g}",
+        TITLE=escape(ship.ship.title or ship.identifier),
+        WORDS="".join(f"<li>{escape(line)}</li>" for line in about(ship.plain)),
+        LIMITS=limits if ranges else "<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>",
+        TABLES="".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups),
+    )  # fmt: skip
 
 
 def _rows(variables: tuple[FmuVariable, ...]) -> str:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from delivery.c.header import about, filled
-from delivery.c.package import approach
-from delivery.c.source import COLUMNS, FEATURES, FORCES, RATES, SETTLED, c_files, equations
+from delivery.c.source import COLUMNS, FEATURES, FORCES, RATES, SETTLED, approach, c_files, equations
 from delivery.product import Product, unit_of
 from mmg.compile.portable_m import WHEN, MEmitter, m_number
 from mmg.errors import Unsupported

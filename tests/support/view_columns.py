@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from delivery.view.motions import MISSING
+from delivery.view.page import MISSING
 
 
 def unpacked(column: list[Any]) -> np.ndarray:

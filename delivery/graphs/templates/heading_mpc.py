@@ -51,10 +51,6 @@ class HeadingController:
         self.guess: np.ndarray | None = None
         self.plan = np.zeros(self.tuning.intervals)
 
-    def moved(self, state: Any, delta: Any, wind: Any) -> Any:
-        """State one interval later. state (S,); delta: rudder angle [rad]; wind: air to north and east [m/s], (2,)."""
-        return self.interval(state, delta, wind)
-
     def _interval(self) -> ca.Function:
         """Function (state (S,), rudder angle, wind (2,)) -> state one interval later."""
         state, delta, wind = (ca.SX.sym(n, k) for n, k in (("z", len(self.about["states"])), ("d", 1), ("wind", 2)))
@@ -126,7 +122,7 @@ def sail(
     for k in range(round(duration / controller.dt) + 1):
         delta = controller.rudder(state, delta, heading, wind if known else (0.0, 0.0))
         rows.append([k * controller.dt, state[2], delta, *state[3:6]])
-        state = np.array(controller.moved(ca.DM(state), delta, ca.DM(wind))).ravel()
+        state = np.array(controller.interval(ca.DM(state), delta, ca.DM(wind))).ravel()
     return np.array(rows)
 
 

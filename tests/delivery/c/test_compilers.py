@@ -12,7 +12,7 @@ import pytest
 
 from cases.maneuvers.self_propulsion import speed_for
 from cases.shipfiles.ship_file import load_ship
-from delivery.c.package import approach, write_c
+from delivery.c.source import approach, write_c
 from fitting.selection.candidates import candidate
 from mmg.ship import Ship
 from tests.delivery.c.test_source import SHIPS, ship_of

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from delivery.view.motions import packed, packed_times, safe_json
+from delivery.view.page import packed, packed_times, safe_json
 from tests.support.view_columns import unpacked
 
 EVIL = "</script><script>alert(1)</script><!-- & \u2028"
