@@ -1,6 +1,6 @@
 """Errors on runs that a calibration has not seen: all records left out in five folds, and the five hold-outs.
 
-folds: the 35 records of Train-TZRB+ in five folds (``benchmarks/ablation/fits.py``), each predicted by what ``mmg fit``
+folds: the 35 records of Train-TZRB+ in five folds (``benchmarks/left_out.py``), each predicted by what ``mmg fit``
 makes of the others: 30 s windows and 100 s restarts in units of the sigma of all records, mean of files with its
 jackknife error, without and with 30 s of past; and how many of their rows the 90 % bands hold.
 hold-outs: five records by the captive ship and by ships fitted on Train-TZRB and on the rest of Train-TZRB+, in units
@@ -12,27 +12,17 @@ Run from the repository root: python -m benchmarks.accuracy [folds] [hold-outs] 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.ablation.fits import PAST, inside_bands, records
+from benchmarks.left_out import PAST, SHIP, inside_bands, records, trials_of
 from benchmarks.record import Figure, keep, table
 from cases import published_splits as splits
-from cases.checks.trusted import without_broken
-from cases.io.read import read_trials
-from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.prediction.score import pooled_sigma
 from mmg_ident.api import calibrate, score
 
-SHIP = "esso_osaka_3m"
 METRICS = {"30": "30 s windows", "100": "100 s restarts"}
-
-
-def trials_of(names: Sequence[str]) -> list[Trial]:
-    """Records by their ``names`` without their broken stretches, as the commands take them."""
-    return without_broken(read_trials(splits.find(names)))
 
 
 def folds() -> dict[str, Figure]:

@@ -3,7 +3,7 @@
 python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PART being one or more of
 
 * intervals: 95 % intervals of the coefficients of ships drawn from the prior, on trials as bad as real ones
-  (benchmarks/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, and those of a bootstrap
+  (tests/support/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, those of a bootstrap
   by run;
 * clean: the same of the hidden ship of the demo, white noise alone;
 * figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
@@ -26,10 +26,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.ablation.fits import Fold, inside_bands
-from benchmarks.accuracy import SHIP, trials_of
-from benchmarks.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
+from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
 from benchmarks.record import Figure, keep
 from cases import published_splits as splits
 from cases.criteria.assessment import imo_figures
@@ -48,6 +46,7 @@ from fitting.uncertainty.bootstrap import bootstrap
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident.api import calibrate
+from tests.support.disturbed_trials import DEFECTS, Disturbed, disturbed_trials, drawn_ship
 
 FIRST = 100
 """First seed of the intervals."""

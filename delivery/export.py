@@ -29,15 +29,15 @@ class Format:
     writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
     to ``target``, a folder that exists and is empty, or a file that does not exist yet, and returns messages on what it
     wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
-    further options that the function takes. beside: whether it writes a file beside its target as well; it is then told
-    by ``replace`` whether that may take the place of another.
+    further options that the function takes. writes_second: whether it writes a second file
+    next to its target; ``replace`` then says whether that may take the place of another.
     """
 
     writer: str
     suffix: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
-    beside: bool = False
+    writes_second: bool = False
 
     @property
     def function(self) -> Callable[..., Sequence[Message] | None]:
@@ -58,8 +58,8 @@ FORMATS: dict[str, Format] = {
     "pvs": Format("dictionaries.vehicle_simulator:write_vehicle", ".py"),
     "gazebo": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "gazebo"}),
     "vrx": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "vrx"}),
-    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms",), beside=True),
-    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms",), beside=True),
+    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms",), writes_second=True),
+    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms",), writes_second=True),
 }
 """The formats of ``mmg export`` by name."""
 
@@ -78,7 +78,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if chosen.beside:
+    if chosen.writes_second:
         options["replace"] = force
 
     def fill(place: Path) -> None:
@@ -148,7 +148,7 @@ def write_toml(product: Product, target: Path) -> None:
     lines = [f"{origin}; std is the standard error of each estimate."]
     if source.get("created"):
         lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")
-    for name, (low, high) in product.held.items():
+    for name, (low, high) in product.ranges.items():
         lines.append(f"The trials held {name} from {low:.4g} to {high:.4g} (SI).")
     lines += [f"Mind: {words}." for words in product.caveats]
     target.write_text(dump_whole_ship(product.ship, "\n".join(lines)), encoding="utf-8")

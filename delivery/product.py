@@ -67,16 +67,16 @@ class ProductCoefficient:
 class Product:
     """A ship that is to be delivered.
 
-    ship: plain, hybrid, with effects, as it is delivered. identifier: its name made a C identifier in lower case. held:
-    quantity (``ship.features`` and "beta") -> the range that the trials held (lower, upper), SI; empty where none is
-    known. provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
+    ship: plain, hybrid, with effects, as delivered. identifier: its name as a C identifier in lower case. ranges:
+    quantity (``ship.features`` and "beta") -> its range in the trials (lower, upper), SI; empty where none is known.
+    provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
     values; never a path, so that a run gives the same product wherever it lies. caveats: what a user of the product
     must know, each with a code.
     """
 
     ship: Ship
     identifier: str
-    held: Mapping[str, tuple[float, float]]
+    ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, Any]
     caveats: tuple[Message, ...]
 
@@ -120,7 +120,7 @@ class Product:
             "hybrid": self.ship.network is not None,
             "longest_step_s": self.longest_step,
             "coefficients": {c.symbol: vars(c) for c in self.coefficients},
-            "range_of_the_trials": {name: list(pair) for name, pair in self.held.items()},
+            "range_of_the_trials": {name: list(pair) for name, pair in self.ranges.items()},
             "provenance": dict(self.provenance),
             "caveats": [{"code": m.code, "text": str(m)} for m in self.caveats],
         }
@@ -156,7 +156,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     envelope = content.get("envelope") or {}
     ranges = {quantity: (float(low), float(high)) for quantity, (low, high) in envelope.items()}
     if not ranges:
-        words = "no record says which range the trials held, so nothing can say when the ship extrapolates"
+        words = "no record of the range of the trials, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
     caveats += _unexcited(content)
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))

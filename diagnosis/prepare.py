@@ -12,7 +12,15 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Column, FullModel, ship_with_all_effects
+from diagnosis.estimation.candidates import (
+    FITTED_ALONG,
+    LOCAL,
+    Candidate,
+    Column,
+    FullModel,
+    ship_with_all_effects,
+    ship_with_latent_force,
+)
 from diagnosis.estimation.first_fit import MAX_FITS, fit_without_effects
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
@@ -27,7 +35,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
-from diagnosis.hypotheses.score_test import score_tests, slopes
+from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
@@ -123,6 +131,21 @@ def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
     return Priors(columns, *(a[usable] for a in (mean, std, lower, upper)))
 
 
+def _of_reference(shown: Sequence[ScoreTest], strong: Sequence[Candidate]) -> list[Message]:
+    """What the trials of the calibration themselves say: effects ``shown`` by their scores, and ``strong`` ones."""
+    words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
+    notices = [Message(f"{words} misfit and scatter counts", "reference_fitted")]
+    if usual := [f"{t.candidate.label} (p = {t.p_value:.1g})" for t in shown if t.candidate not in strong]:
+        words = f"the trials of the calibration themselves show more than chance of {', '.join(usual[:MOST])}: here it "
+        words += "is usual, and only a change from it counts; to have it named, diagnose those trials"
+        notices.append(Message(words, "usual_effects"))
+    if strong:
+        names = ", ".join(c.label for c in strong)
+        words = f"the trials of the calibration show these effects already: {names}"
+        notices.append(Message(words, "effects_in_reference"))
+    return notices
+
+
 def prepare(
     ship: Ship,
     trials: Sequence[Trial],
@@ -131,16 +154,20 @@ def prepare(
     other_trials: bool = False,
     reference: Sequence[Trial] = (),
     straight: bool | None = None,
+    tests_follow: bool = True,
 ) -> Prepared:
     """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
 
     ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
     the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
-    whether the actuators of ``trials`` are joined, where it is known. Returns the problem with its first fit. Raises
-    UserError where every coefficient is fixed, or all trials are too short.
+    whether the actuators of ``trials`` are joined, where it is known; tests_follow: whether effects are tested after
+    the fit; else the model has none but those of the ship. Returns the problem with its first fit. Raises UserError
+    where every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
-    full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
+    full = ship_with_latent_force(ship)
+    if tests_follow:
+        full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start)
     base = priors_before(ship, other_trials and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
@@ -158,21 +185,8 @@ def prepare(
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, wider(known.noise, full.ship)
         usual = np.array([known.unnamed, known.unexplained])
-        words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
-        notices.append(Message(f"{words} misfit and scatter counts", "reference_fitted"))
-        shown = [
-            t for t in score_tests(slopes(steps, old, null, full.candidates), full.candidates) if t.p_value < LEVEL
-        ]
-        if usual_ones := [
-            f"{t.candidate.label} (p = {t.p_value:.1g})" for t in shown if t.candidate not in known.strong
-        ]:
-            words = f"the trials of the calibration themselves show more than chance of {', '.join(usual_ones[:MOST])}"
-            words += ": here it is usual, and only a change from it counts; to have it named, diagnose those trials"
-            notices.append(Message(words, "usual_effects"))
-        if known.strong:
-            names = ", ".join(c.label for c in known.strong)
-            words = f"the trials of the calibration show these effects already: {names}"
-            notices.append(Message(words, "effects_in_reference"))
+        tests = score_tests(slopes(steps, old, null, full.candidates), full.candidates)
+        notices += _of_reference([t for t in tests if t.p_value < LEVEL], known.strong)
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
     (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
     notices += reading.notices
@@ -182,7 +196,7 @@ def prepare(
         finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
-        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen)
+        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, tests_follow=tests_follow)
         same = replace(finely, reading=reading, notices=(*reading.notices, *finely.notices))
         return finely if reading.chosen is None else same
     if gap > 1:

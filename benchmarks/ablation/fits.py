@@ -12,8 +12,8 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +24,18 @@ from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.generator.write import generate
 from benchmarks.blind.solve import blind_ship
 from benchmarks.coverage import figure_hits
-from benchmarks.cross_validation import SHIP, folds_of, trials_of
+from benchmarks.left_out import NORMAL, PAST, SHIP, Fold, inside_bands, records
 from cases import published_splits as splits
 from cases.checks.trusted import without_broken
 from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import Trial
 from fitting.calibrate import FitOptions
-from fitting.prediction.bands import bands_of
-from fitting.prediction.campaign_bands import bands_in
-from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.unexplained import accelerations
 from fitting.result import FitResult
 from fitting.settings import Settings
 from fitting.uncertainty.sandwich import Robust, changes_without_each
-from mmg.ship import Ship
 from mmg_ident.api import calibrate
 
 FIGURES, SEEDS = "figures", range(500, 508)
@@ -67,10 +62,13 @@ SWITCHES = (
     Switch("no gyro by campaign", "one lag and gain of the gyro in all campaigns",
            options={"per_campaign": ("log_scale",)}),
     Switch("no log by campaign", "one scale of the log in all campaigns", options={"per_campaign": ("gyro",)}),
-    Switch("long windows", "windows of 100 s", settings={"window": 100.0}),
+    Switch("windows of 100 s", "windows of 100 s, which is usual for a ship of 3 m", settings={"window": 100.0}),
+    Switch("windows of 50 s", "windows of 50 s", settings={"window": 50.0}),
     Switch("windows alone", "no second estimate (multiple shooting alone)", options={"estimator": "windows"}),
     Switch("filter alone", "the second estimate alone", replaced={"fitting.selection.two_estimates:SHARE": 1.0}),
     Switch("no velocity filter", "no lag of the velocity filter", options={"instruments": ()}),
+    Switch("weight 0.3", "each run counts with 30 % of its information", settings={"weight": 0.3}),
+    Switch("weight 0.1", "each run counts with 10 % of its information", settings={"weight": 0.1}),
     Switch("student", "Student's loss", settings={"loss": "student"}),
     Switch("huber", "Huber's loss", settings={"loss": "huber"}),
     Switch("one pass", "one solve, no second with re-estimated noise", settings={"passes": 1}),
@@ -90,39 +88,12 @@ BANDS = {
 }
 """Parts of the bands that are left out, by what becomes of them; measured at the first switch."""
 METRICS = ("30 s", "100 s", "30 s, past", "100 s, past")
-PAST = 30.0
-"""s before a window that a prediction may use."""
-NORMAL = 1.6448536269514722
-"""Half width of a 90 % interval of a normal distribution [standard deviations]."""
 GENERATED = {"pond": 12, "kvlcc2": 12}
 """Worlds whose cases are fitted, and how many of each."""
 SEED = 4901
 """Of those cases."""
 GUNNERUS = {"L": 33.9, "B": 9.6, "d": 2.7, "C_b": 0.604, "U_0": 5.4, "D_P": 1.9}
 """Particulars of R/V Gunnerus as a ship with one screw and a rudder [m, m/s] (shiplab/gunnerus)."""
-
-
-@dataclass(frozen=True)
-class Fold:
-    """One fit and what it is judged by: ground, its own name, ship, trials to fit, trials left out, sigma (6,); truth:
-    true coefficients by symbol, where they are known."""
-
-    ground: str
-    name: str
-    ship: Ship
-    train: Sequence[Trial]
-    out: Sequence[Trial]
-    sigma: np.ndarray
-    truth: dict[str, float]
-
-
-def records() -> Iterator[Fold]:
-    """The records of Train-TZRB+ in five folds; those that share rows stay together."""
-    trials = trials_of(splits.TRAIN_TZRB_PLUS)
-    sigma, ship = pooled_sigma(trials), load_ship(SHIP)
-    for k, out in enumerate(folds_of(trials)):
-        rest = [t for i, t in enumerate(trials) if i not in out]
-        yield Fold("records", str(k), ship, rest, [trials[i] for i in out], sigma, {})
 
 
 def gunnerus(work: Path) -> Iterator[Fold]:
@@ -193,34 +164,6 @@ def inside_intervals(found: FitResult, truth: dict[str, float]) -> list[int]:
     rows = [(found.ship.coefficients[s], truth[s]) for s in found.ship.free if s in truth]
     inside = [abs(c.value - true) <= NORMAL * c.std for c, true in rows]
     return [sum(inside), len(inside)]
-
-
-def inside_bands(found: FitResult, fold: Fold, part: dict[str, Any]) -> dict[str, list[int]]:
-    """How many numbers of the runs left out of ``fold`` the 90 % bands hold, of how many, by length of the windows
-    and kind of manoeuvre. part: what becomes of a part of the bands."""
-    assert found.objects is not None
-    content = found.to_dict()
-    bands, counted = bands_of(content, found.ship), dict[str, list[int]]()
-    if bands is None:
-        return counted
-    if "factor" in part:
-        one = np.ones_like(bands.process.factor)
-        bands = bands.with_process(replace(bands.process, factor=one, adapted=one))
-    if "held" in part:
-        bands = replace(bands, held=None)
-    if "root" in part:
-        bands = replace(bands, root=bands.root[:, :0])
-    for trial in fold.out:
-        own = bands if "campaign" in part else bands_in(bands, found.ship, content, trial)
-        for length, stride in ((30.0, 15.0), (100.0, 100.0)):
-            made = predict_all(found.objects.after, [trial], length, stride, length > 50, bands=own)
-            rows = counted.setdefault(f"{length:g} s {trial.kind}", [0, 0])
-            for window in made[0][0]:
-                error = window.error(trial.states)[1:]
-                known = np.isfinite(error)
-                rows[0] += int((np.abs(error) < NORMAL * window.std[1:])[known].sum())
-                rows[1] += int(known.sum())
-    return counted
 
 
 def change(before: dict[str, Any], after: dict[str, Any], metric: int) -> tuple[float, float, float]:

@@ -36,7 +36,8 @@ names, against the product as it was then. *Gone*: the mechanism was deleted. **
 
 Change of the error of runs left out when the mechanism is switched off or another taken [%], with its jackknife error:
 minus is better without it. Windows of 30 s and restarts every 100 s, without and with 30 s of past. Records: 35 of
-Train-TZRB+ in five folds; Gunnerus: seven runs; pond, kvlcc2: cases of `benchmarks/blind`. First row: the errors."""
+Train-TZRB+ in five folds; Gunnerus: seven runs; pond, kvlcc2: twelve cases of `benchmarks/blind`. First row: errors.
+Thirty fits are a whole row."""
 MIDDLE = """## Diagnosis
 
 Answers to open cases of all worlds of `benchmarks/blind`. Right: of effects of the library the first name, of strangers
@@ -51,8 +52,13 @@ def write_table(fits: Record, diagnoses: Record) -> None:
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {"fits": {}, "diagnoses": {}}
     kept["fits"] |= {s.name: row for s in SWITCHES if (row := fit_row(fits, s))}
     kept["diagnoses"] |= diagnosis_rows(diagnoses)
-    KEPT.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    sections = [f'"{part}": {{\n{_rows(rows)}\n}}' for part, rows in kept.items()]  # a line a row
+    KEPT.write_text("{\n" + ",\n".join(sections) + "\n}\n", encoding="utf-8")
     PAGE.write_text(page(kept, datetime.date.today().isoformat()), encoding="utf-8")
+
+
+def _rows(rows: Mapping[str, Any]) -> str:
+    return ",\n".join(f"{json.dumps(name)}: {json.dumps(row, ensure_ascii=False)}" for name, row in rows.items())
 
 
 def fit_row(record: Record, switch: Switch) -> dict[str, Any] | None:
@@ -149,7 +155,8 @@ def diagnosis_rows(record: Record) -> dict[str, Any]:
         pairs = [(row, other) for row in rows if (other := answer(row)) is not None]
         if pairs:
             found[name] = {"off": off, "commit": rows[-1]["commit"], **_measures(pairs)}
-    return found
+    answers = {" ".join(row[k] for k in ("world", "kind", "case")): row["answer"] for row in rows}
+    return found if not found else found | {FIRST: found[FIRST] | {"answers": answers}}
 
 
 def _measures(pairs: Sequence[tuple[Mapping[str, Any], Answer]]) -> dict[str, Any]:
@@ -182,7 +189,7 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     """The page of the ``kept`` rows, written at a ``date``."""
     own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO}
     lines = [HEAD.format(date=date), ""]
-    head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "processor", "commit"]
+    head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
     lines += _lines(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
     lines += ["", "Share of what 90 % intervals and bands hold:", "", *_coverage(kept["fits"]), "", MIDDLE, ""]
     head = ["rule switched off", "cases", "weak", "medium", "strong", "strangers", "nothing", "wrong names",
@@ -215,7 +222,8 @@ def _fit_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
             base, by, error = here["changes"][metric] if here else (None, None, None)
             cells.append((f"{base:.4f}" if base else "") if name == FIRST else _percent(by, error))
     spent = [g["processor"] for g in row["grounds"].values() if g["processor"]]
-    return [*cells, f"{np.sum(spent):.0f} s" if spent else "", commit]
+    fits = sum(ground["fits"] for ground in row["grounds"].values())
+    return [*cells, str(fits), f"{np.mean(spent):.0f} s a fit" if spent else "", commit]
 
 
 def _coverage(rows: Mapping[str, Any]) -> list[str]:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
+if sys.version_info >= (3, 11):
+    import tomllib
+else:  # pragma: no cover
+    import tomli as tomllib
 
-KNOT = 1852 / 3600
+from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 
 
 @dataclass(frozen=True)
@@ -21,46 +27,21 @@ class Set:
     maneuvers: tuple[str, ...]
     dt: float
     wind: float
-    grain: tuple[float, float, float, float]
+    grain: Sequence[float]
     wander: float
     current: float = 0.0
 
 
 DEG = math.pi / 180
-SETS = {
-    "3 m tanker, hard, 10 Hz": Set(
-        Hull(3.0, 0.49, 0.2, 0.83, 0.6, 10.0, 0.3), ("zigzag 20", "turn 35", "zigzag -20"), 0.1, 0.0,
-        (0.001, 0.001, 0.001, 0.0005), 0.02,
-    ),
-    "3.5 m ferry, mild, wind, 20 Hz": Set(
-        Hull(3.5, 0.6, 0.15, 0.6, 1.0, 9.0, 0.3), ("zigzag 10", "zigzag -5"), 0.05, 1.5,
-        (0.01, 0.001, 0.0001, 0.0001), 0.02,
-    ),
-    "7 m tanker, mild, 2 Hz": Set(
-        Hull(7.0, 1.27, 0.46, 0.81, 1.2, 5.0, 0.3), ("zigzag 5", "zigzag 10"), 0.5, 0.0,
-        (0.01, 0.001, 0.1 * DEG, 0.01 * DEG), 0.02, 0.05,
-    ),
-    "30 m launch, hard, wind, 5 Hz": Set(
-        Hull(30.0, 7.0, 2.0, 0.5, 6.0, 8.0, 0.12), ("turn -35", "zigzag 20"), 0.2, 8.0,
-        (0.1, 0.01, 0.1 * DEG, 0.1 * DEG), 0.3, 0.4,
-    ),
-    "90 m coaster, mild, 1 Hz": Set(
-        Hull(90.0, 14.0, 5.0, 0.72, 6.5, 3.0, 0.06), ("zigzag 10", "zigzag -10", "zigzag 5"), 1.0, 5.0,
-        (0.1, 0.01, 0.1 * DEG, 0.01 * DEG), 0.5,
-    ),
-    "161 m cargo, hard, 2 Hz": Set(
-        Hull(161.0, 23.2, 7.5, 0.59, 7.7, 2.0, 0.045), ("zigzag 20", "turn 35"), 0.5, 0.0,
-        (0.1, 0.1 * KNOT / 2, 0.1 * DEG, 0.01 * DEG), 0.5, 0.5,
-    ),
-    "230 m container, mild, wind, 1 Hz": Set(
-        Hull(230.0, 32.2, 10.8, 0.65, 12.0, 1.7, 0.045), ("zigzag 10", "zigzag -10"), 1.0, 10.0,
-        (1.0, 0.1 * KNOT, 0.1 * DEG, 0.01 * DEG), 1.0, 0.5,
-    ),
-    "320 m tanker, mild and hard, 1 Hz": Set(
-        Hull(320.0, 58.0, 20.8, 0.81, 7.9, 1.5, 0.04), ("zigzag 10", "zigzag 5", "turn -35"), 1.0, 6.0,
-        (1.0, 0.1 * KNOT, 0.1 * DEG, 0.01 * DEG), 1.0,
-    ),
-}  # fmt: skip
+
+
+def _sets() -> Iterator[tuple[str, Set]]:
+    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
+    for name, row in tomllib.loads(text).items():
+        yield name, Set(**{**row, "hull": Hull(*row["hull"]), "maneuvers": tuple(row["maneuvers"])})
+
+
+SETS = dict(_sets())
 
 
 def drawn(name: str, seed: int) -> list[dict[str, np.ndarray]]:

@@ -31,19 +31,8 @@ from mmg.network import Layers, Network
 from residual.pipeline import train
 from residual.settings import BlackBoxSettings, TrainSettings
 
-SIDECAR = """[default]
-kind = "zigzag"
-reference_point = { x = 1.2, y = 0.0, applies_to = "both" }
-units = { u = "m/s" }
-sign = { r = -1 }
-[files."side.csv"]
-name = "first"
-role = "train"
-day = "2026-11-22"
-"""
-SITE = '[bank]\ny = -6.0\nwater_side = "greater"\n[shelf]\nx = 10.0\nshallow_side = "greater"\n[water]\ndepth = 2.0\n'
-CAPTIVE = "u [m/s],v [m/s],r [rad/s],n [rps],delta [rad],X [N],Y [N],N [N m]\n0.3,0,0,9,0.1,1,2,3\n0.2,0,0,8,0,1,,1\n"
-CONTROLS = "t [s],n [rps],delta [deg],wind_speed [m/s],wind_direction [rad]\n0,9,0,1,0.5\n1,9,20,1,0.5\n2,9,,1.2,0.6\n"
+GOOD = Path(__file__).with_name("samples")
+"""Folder of good text files: a sidecar, a site, captive tests, controls, an import map."""
 _STAMPS = tuple(f"2026-05-04T09:30:{second:02d}.000+00:00" for second in range(24))
 _LOGGED = "34,70{i:04d};135,4;2,1{i};90;91,5;300;-5,{i};good"
 LOG = "\r\n".join(
@@ -55,18 +44,7 @@ NMEA = "\n".join(
     f"$IIRSA,-5.{second % 10},A,,\n$IIRPM,S,1,300.0,100.0,A"
     for second in range(24)
 )
-IMPORT_MAP = """rudder_positive = "port"
-zone_hours = 9.0
-sentinels = [-9999.0]
-step = 0.5
-[columns]
-psi = { from = "Heading [deg]", unit = "deg", sign = -1 }
-n = "RPM"
-[files."a.csv"]
-clock_offset = 1.5
-run = "first"
-"""
-LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA), ("import.toml", IMPORT_MAP))
+LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA))
 GROUPS = "day\nrun_07_2020-11-12\nrun_08_31-Jul-2020\nsea 20201112_zigzag"
 TEXTS = {
     "effect": (
@@ -102,12 +80,11 @@ def small_ship() -> str:
 def write_tables(folder: Path) -> None:
     """trial/a.csv, trial/b.parquet, side/side.csv with its sidecar, and text files of their own in ``folder``."""
     trial = short_trial()
-    for place in ("trial", "side"):
-        (folder / place).mkdir()
+    shutil.copytree(GOOD, folder, dirs_exist_ok=True)
+    (folder / "trial").mkdir()
     for path in (folder / "trial" / "a.csv", folder / "trial" / "b.parquet", folder / "side" / "side.csv"):
         write_trial(trial, path)
-    (folder / "side" / "trials.toml").write_text(SIDECAR, encoding="utf-8")
-    for name, text in (("site.toml", SITE), ("captive.csv", CAPTIVE), ("controls.csv", CONTROLS), *LOGS):
+    for name, text in LOGS:
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "ship.toml").write_text(small_ship(), encoding="utf-8")
 

@@ -74,10 +74,10 @@ def tables(product: Product) -> list[tuple[str, Sequence[str]]]:
         ("const double", "coefficient_lower", [number(c.lower) for c in coefficients]),
         ("const double", "coefficient_upper", [number(c.upper) for c in coefficients]),
         ("const double", "coefficient_stds", [number(c.std) for c in coefficients]),
-        (words, "range_names", [quoted(s) for s in product.held]),
-        (words, "range_units", [quoted(unit_of(s)) for s in product.held]),
-        ("const double", "range_lower", [number(low) for low, _ in product.held.values()]),
-        ("const double", "range_upper", [number(high) for _, high in product.held.values()]),
+        (words, "range_names", [quoted(s) for s in product.ranges]),
+        (words, "range_units", [quoted(unit_of(s)) for s in product.ranges]),
+        ("const double", "range_lower", [number(low) for low, _ in product.ranges.values()]),
+        ("const double", "range_upper", [number(high) for _, high in product.ranges.values()]),
     ]
     return [
         (f"{kind} {product.identifier}_{name}[{len(elements)}]", elements) for kind, name, elements in named if elements
@@ -112,7 +112,7 @@ def header_c(product: Product, kept: int) -> str:
     """The header of a ``product`` whose coefficient stage leaves ``kept`` numbers behind."""
     p, model = product.identifier, product.model
     S, C, P, R = (len(names) for names in (model.states, model.controls, model.symbols, model.roles))
-    sizes = {"STATES": S, "INPUTS": C, "COEFFICIENTS": P, "ROLES": R, "COLUMNS": 6, "RANGES": len(product.held)}
+    sizes = {"STATES": S, "INPUTS": C, "COEFFICIENTS": P, "ROLES": R, "COLUMNS": 6, "RANGES": len(product.ranges)}
     places = "".join(
         f"enum {{ {', '.join(f'{p}_{kind}_{name} = {i}' for i, name in enumerate(identifiers(names)))} }};\n"
         for kind, names in (("state", model.states), ("input", model.controls), ("role", model.roles))

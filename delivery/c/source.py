@@ -220,7 +220,7 @@ class Source:
 
     def _range(self) -> str:
         """Distance to what the trials held."""
-        p, ranges = self.p, self.product.held
+        p, ranges = self.p, self.product.ranges
         head = f"double {p}_extrapolation(const {p}_model *model, const real *state, const real *inputs)"
         if not ranges:
             return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])
@@ -295,7 +295,7 @@ def approach(product: Product) -> tuple[float, dict[str, float]]:
     It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
     begins: at the ship's own speed.
     """
-    ship, highest = product.ship, product.held.get("n", (0.0, 0.0))[1]
+    ship, highest = product.ship, product.ranges.get("n", (0.0, 0.0))[1]
     try:
         speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
     except UserError:  # a ship before its calibration may hold no speed

@@ -137,8 +137,8 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
     ship, left_out = horizontal_ship(product, target)
     model, rng = assemble(ship, symbols=()), np.random.default_rng(seed)
     step = longest_step(ship)
-    revolutions, speeds = _approaches(ship, product.held)
-    widest = max(map(abs, product.held.get("delta", (0.0, RUDDER))))
+    revolutions, speeds = _approaches(ship, product.ranges)
+    widest = max(map(abs, product.ranges.get("delta", (0.0, RUDDER))))
     n, M = np.repeat(revolutions, RUNS), RUNS * len(revolutions)
     delta = _rudder(rng, M, widest, RATE / time_scale(ship.particulars["L"]) * step)
     controls = np.zeros((SAMPLES, len(model.controls), M))
@@ -151,7 +151,7 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
     flat = states[:, 3:6].transpose(1, 0, 2).reshape(3, -1)
     inputs = controls.transpose(1, 0, 2).reshape(len(model.controls), -1)
     n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
-    inside = _inside(product.held, *flat, n, delta)
+    inside = _inside(product.ranges, *flat, n, delta)
     if inside.sum() < 100:
         raise Unsupported(
             f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "

@@ -200,7 +200,8 @@ def osp_description(table: VariableTable) -> str:
 def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
     ranges = [
-        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>" for k, (a, b) in ship.held.items()
+        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>"
+        for k, (a, b) in ship.ranges.items()
     ]
     limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
     groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))

@@ -164,7 +164,7 @@ def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
     for state in ship.model.states[6:]:
         rows.append((f"memory.{state}", "local", unit_of(state), f"what the ship remembers: {state}"))
     words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
-    ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.held.items())
+    ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.ranges.items())
     words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"
     rows.append(("extrapolation", "output", "", words))
     return rows

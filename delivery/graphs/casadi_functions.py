@@ -95,7 +95,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     """
     model = product.model
     steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
-    rudder = product.held.get("delta")
+    rudder = product.ranges.get("delta")
     content = {
         "ship": product.ship.called,
         "title": product.ship.title,
@@ -109,7 +109,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "columns": [_quantity(name, STATE_WORDS) for name in model.states[:6]],
         "forces": {"rows": list(model.roles), "columns": ["X [N]", "Y [N]", "N [N m]"]},
         "coefficients": [vars(c) for c in product.coefficients],
-        "range_of_the_trials": {name: list(pair) for name, pair in product.held.items()},
+        "range_of_the_trials": {name: list(pair) for name, pair in product.ranges.items()},
         "rudders": steered,
         "largest_rudder_rad": max(map(abs, rudder)) if rudder else None,
         "caveats": [str(text) for text in product.caveats],

@@ -59,7 +59,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     for i, name in enumerate(network.features):
         words, unit = MOTION.get(name) or INPUTS[name]
         row = {"name": name, "unit": unit, "description": words, "scale": network.feature_scales[i]}
-        rows.append(row | {"lower": _known(network.lower[i]), "upper": _known(network.upper[i])})
+        rows.append(row | {"lower": _finite(network.lower[i]), "upper": _finite(network.upper[i])})
     outputs = [
         {"name": name, "unit": unit, "scale": scale, "bound": bound}
         for (name, unit), scale, bound in zip(ACCELERATIONS, network.output_scales, network.bound, strict=True)
@@ -75,7 +75,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     )
 
 
-def _known(bound: float) -> float | None:
+def _finite(bound: float) -> float | None:
     return float(bound) if np.isfinite(bound) else None
 
 

@@ -128,7 +128,7 @@ def _network(network: Network, features: Sequence[str]) -> str:
 
 def _range(product: Product) -> str:
     """Distance to what the trials held, as the C source has it."""
-    ranges, features = product.held, product.ship.features
+    ranges, features = product.ranges, product.ship.features
     if not ranges:
         return _local("e = extrapolation(state, inputs, theta)", ["e = -1;"])
     u, v = (f"f({features.index(axis) + 1})" for axis in "uv")
@@ -157,7 +157,7 @@ def _parameters(product: Product) -> str:
     def cell(names: Sequence[str]) -> str:
         return "{" + ", ".join(m_text(name) for name in names) + "}"
 
-    def known(x: float | None) -> str:
+    def or_nan(x: float | None) -> str:
         return "NaN" if x is None or math.isnan(x) else m_number(x)
 
     lines = [
@@ -172,11 +172,11 @@ def _parameters(product: Product) -> str:
         f"p.longest_step = {product.longest_step!r};",
         "p.ranges = struct();",
     ]
-    for name, (low, high) in product.held.items():
+    for name, (low, high) in product.ranges.items():
         lines.append(f"p.ranges.{name} = [{m_number(low)}, {m_number(high)}];")
     for c in product.coefficients:
         fields: Mapping[str, str] = {
-            "value": m_number(c.value), "std": known(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
+            "value": m_number(c.value), "std": or_nan(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
             "upper": m_number(c.upper), "fixed": str(c.fixed).lower(), "verdict": m_text(c.verdict),
             "description": m_text(c.description), "symbol": m_text(c.symbol),
         }  # fmt: skip

@@ -59,7 +59,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
     roles = [list(next(filter(None, p.forces), {})) for p in predicted]
     most = rows_per_run(campaign, lengths, roles)
     inputs = campaign.ship.inputs
-    missing = campaign.found.missing if campaign.found else {}
+    missing = campaign.diagnosis.missing if campaign.diagnosis else {}
     runs = [
         run_content(
             trial, inputs, [([w[k] for w in p.windows], p.forces[k]) for p in predicted], most, missing.get(trial.name)
@@ -71,7 +71,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
 
 def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> dict[str, Any]:
     """What the script reads before any run: names, lengths, models, inputs, the diagnosis."""
-    ship, found = campaign.ship, campaign.found
+    ship, found = campaign.ship, campaign.diagnosis
     p = ship.particulars
     L = p["L"]
     places = {"propeller": -0.5, "rudder": p.get("x_R", -0.5 * L) / L}
@@ -198,18 +198,18 @@ def forces_along(simulator: Simulator, trial: Trial) -> dict[str, np.ndarray]:
     states = states_behind(model, logged, controls, values)
     rows = np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3)
 
-    def whole(part: np.ndarray) -> np.ndarray:
+    def at_all_rows(part: np.ndarray) -> np.ndarray:
         result = np.full((len(good), 3), np.nan)
         result[good] = part
         return result
 
-    forces = {role: whole(rows[i]) for i, role in enumerate(model.roles)}
+    forces = {role: at_all_rows(rows[i]) for i, role in enumerate(model.roles)}
     if ship.network is not None:
         without = Simulator(ship.without_network(), compiled=simulator.compiled)
         added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
         mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
         X, Y = (mass.m + mass.m_x) * added[0], (mass.m + mass.m_y) * added[1] + mass.moment * added[2]
-        forces[NETWORK] = whole(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
+        forces[NETWORK] = at_all_rows(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
     return forces
 
 

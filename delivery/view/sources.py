@@ -57,7 +57,7 @@ class ViewTrial:
 
 
 @dataclass(frozen=True)
-class Found:
+class MarkedDiagnosis:
     """A diagnosis: name of its folder, verdict, the sentence, and the missing force by trial name."""
 
     folder: str
@@ -73,7 +73,7 @@ class Campaign:
     ship: Ship
     models: tuple[ViewModel, ...]
     trials: tuple[ViewTrial, ...]
-    found: Found | None
+    diagnosis: MarkedDiagnosis | None
     notes: tuple[str, ...]
 
 
@@ -101,17 +101,17 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
         models += _named(diagnosis_folder)
     shown, notes = _trials(rows, trials)
     if diagnosis_folder is None:
-        diagnosis_folder, more = _beside(folders, shown)
+        diagnosis_folder, more = _used_with(folders, shown)
         notes += more
     distinct, measured = _distinct(models), [one.trial for one in shown]
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
-    found = None
+    marked = None
     if diagnosis_folder is not None:
         d, missing = read_diagnosis(diagnosis_folder), read_missing_force(diagnosis_folder)
-        found = Found(label_of(diagnosis_folder), d.verdict, d.sentence, missing)
-    return Campaign(ship, distinct, tuple(shown), found, tuple(notes))
+        marked = MarkedDiagnosis(label_of(diagnosis_folder), d.verdict, d.sentence, missing)
+    return Campaign(ship, distinct, tuple(shown), marked, tuple(notes))
 
 
 def _models(folder: Path, kind: str) -> list[ViewModel]:
@@ -165,7 +165,7 @@ def _trials(
     return [ViewTrial(trial, role) for role, trial in pairs], notes if absent else []
 
 
-def _beside(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
+def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
     """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
     hashes = {view.trial.sha256 for view in shown}
     around = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))

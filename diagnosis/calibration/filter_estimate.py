@@ -73,7 +73,7 @@ def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[
     is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
     straight = possible_readings(trials)[-1] if is_fine else None
     try:
-        ready = prepare(ship, few, straight=straight)
+        ready = prepare(ship, few, straight=straight, tests_follow=False)
     except UserError:
         if len(few) == len(trials):
             raise

@@ -12,12 +12,8 @@ from mmg.ship import Ship
 def second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
     """As ``filter_estimate`` of ``ship`` on ``trials``: values by symbol, or why there are none."""
     from diagnosis.calibration.filter_estimate import filter_estimate
-    from mmg.compile.recycled import forget
 
-    try:
-        return filter_estimate(ship, trials)
-    finally:
-        forget()
+    return filter_estimate(ship, trials)
 
 
 def tests_of_effects(result: FitResult, start: Ship) -> FitResult:

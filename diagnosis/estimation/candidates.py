@@ -147,3 +147,9 @@ def ship_with_all_effects(
         for form in dict.fromkeys(p.form for p in rows if p.form):
             candidates.append(_candidate(name, form, [p for p in rows if p.form == form]))
     return FullModel(full, tuple(candidates), left_out)
+
+
+def ship_with_latent_force(ship: Ship) -> FullModel:
+    """The ``ship`` with the effect that the latent force acts by, and without candidates: for a fit after which no
+    effect is tested. Its equations are a fraction of those with all effects."""
+    return FullModel(ship if "tow" in ship.effects else ship.with_effect("tow"), (), {})

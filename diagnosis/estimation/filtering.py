@@ -17,7 +17,6 @@ from diagnosis.estimation.kalman_c import source
 from mmg.compile.cache import compiler, load_library
 from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.compile.path_c import FLAGS
-from mmg.compile.recycled import room
 from mmg.compile.self_test import differences
 from mmg.progress import LOGGER
 
@@ -107,10 +106,10 @@ def filtered_by(library: ctypes.CDLL, s: LinearSystem) -> Filtered:
     """``filtered`` of the system ``s`` by the compiled ``library``."""
     K, R, n = s.T.shape[:3]
     f = Filtered(
-        gain=room(K, R, n, 6),
-        P=room(K + 1, R, n, n),
-        inverse=room(K + 1, R, 6, 6),
-        root=room(K + 1, R, 6, 6),
+        gain=np.empty((K, R, n, 6)),
+        P=np.empty((K + 1, R, n, n)),
+        inverse=np.empty((K + 1, R, 6, 6)),
+        root=np.empty((K + 1, R, 6, 6)),
         log_det=np.empty(R),
     )
     _over_windows(library, "filter", s, f)
@@ -126,15 +125,18 @@ def whitened_by(
     with_states: bool,
     rows: np.ndarray | None = None,
 ) -> np.ndarray:
-    """``whitened`` by the compiled ``library``, which writes into ``out``; returns the states. The other arguments: as
-    of ``whitened``."""
+    """As ``whitened``, by the compiled ``library``; returns the states (K + 1, R, n, c), or an empty array.
+
+    s, f, columns: as of ``whitened``; out: (K + 1 or k, R, 6, c) for the responses; with_states: whether the states are
+    wanted; rows: (k,) rising grid times of which responses are wanted (default: all).
+    """
     K, R, n = s.T.shape[:3]
     m, c = columns.forcing.shape[2:]
-    states = room(K + 1, R, n, c) if with_states else np.empty(0)
+    states = np.empty((K + 1, R, n, c)) if with_states else np.empty(0)
     given = (columns.forcing, columns.scale, columns.observed, columns.start)
     arrays = [None if a is None else _real(a) for a in given]
     at = np.ascontiguousarray(columns.observing, dtype=np.int64)
-    made = out if out.strides == _strides(out.shape[:3], out.strides[2] // out.itemsize) else room(*out.shape)
+    made = out if out.strides == _strides(out.shape[:3], out.strides[2] // out.itemsize) else np.empty(out.shape)
     place = None
     if rows is not None:
         place = np.full(K + 1, -1, dtype=np.int64)

@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.transition_model import LinearModel
-from mmg.compile.recycled import cleared, room
 
 PRIOR_SAMPLES = 30.0
 """Samples that a prior of the noise counts as."""
@@ -114,13 +113,13 @@ def linear_system(
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at, seen = np.arange(S, n), n - len(coloured)
-    T = cleared(K, R, n, n)
+    T = np.zeros((K, R, n, n))
     T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
     if gusts is not None:
         T[..., :S, S + 3 : seen] = linear.force @ gusts
     T[..., at, at] = decay
     T[~inside] = np.eye(n)
-    Z = cleared(K + 1, R, 6, n)
+    Z = np.zeros((K + 1, R, 6, n))
     Z[..., :S] = linear.H
     Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
@@ -230,26 +229,23 @@ class Adjoint:
 
 def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     """Derivatives of the filter run f of the system s, by the recursion N_t = Z' F^-1 Z + L' N_t+1 L, in
-    which L = T - K Z."""
+    which L = T - K Z. Only that goes step by step; all else is done for all steps at once."""
     K, R, n = s.T.shape[:3]
-    by_T, by_Z = room(K, R, n, n), room(K + 1, R, 6, n)
-    Ns, Ds = np.zeros((K, R, n)), np.empty((K + 1, R, 6))
-    N = np.zeros((R, n, n))
-    for k in range(K, -1, -1):
-        ZF = s.Z[k].swapaxes(1, 2) @ f.inverse[k]
-        by_Z[k] = ZF.swapaxes(1, 2) @ f.P[k]
-        Ds[k] = np.einsum("rii->ri", f.inverse[k])
-        if k < K:
-            Ns[k] = np.einsum("rii->ri", N)
-            NK = N @ f.gain[k]
-            Ds[k] += np.einsum("rij,rij->rj", f.gain[k], NK)
-            L = s.T[k] - f.gain[k] @ s.Z[k]
-            NL = N @ L
-            by_T[k] = NL @ f.P[k]
-            by_Z[k] -= f.gain[k].swapaxes(1, 2) @ by_T[k]
-            N = L.swapaxes(1, 2) @ NL
-        N = N + ZF @ s.Z[k]
-    return Adjoint(by_T, by_Z, Ns, Ds)
+    ZF = s.Z.swapaxes(2, 3) @ f.inverse
+    last, L = ZF @ s.Z, s.T - f.gain @ s.Z[:-1]
+    back, N, NL = L.swapaxes(2, 3), np.empty((K, R, n, n)), np.empty((K, R, n, n))
+    now = last[K]
+    for k in range(K - 1, -1, -1):
+        N[k] = now
+        np.matmul(now, L[k], out=NL[k])
+        now = back[k] @ NL[k]
+        now += last[k]
+    by_T = NL @ f.P[:-1]
+    by_Z = ZF.swapaxes(2, 3) @ f.P
+    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T
+    Ds = np.einsum("krii->kri", f.inverse).copy()
+    Ds[:-1] += np.einsum("krij,krij->krj", f.gain, N @ f.gain)
+    return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), Ds)
 
 
 def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:

@@ -24,7 +24,6 @@ from diagnosis.estimation.kalman import (
 )
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
-from mmg.compile.recycled import room
 from mmg.model import settled
 from mmg.motion.froude import state_scale
 
@@ -236,7 +235,7 @@ def linearise_and_filter(
     left, states = (x[..., 0] for x in whitened(system, filter_run, residual, with_states=True))
     rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
     last = left if rows is None else left[rows]
-    white, end = room(*last.shape, sum(part.width for part in parts) + 1), 0
+    white, end = np.empty((*last.shape, sum(part.width for part in parts) + 1)), 0
     for block in (block for part in parts for block in part.blocks()):
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)

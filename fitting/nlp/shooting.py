@@ -15,8 +15,7 @@ import numpy as np
 
 from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
-from fitting.nlp.portable_intervals import Blocks
-from fitting.nlp.portable_rates import Functions
+from fitting.nlp.portable_intervals import Blocks, Functions
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.cache import Untested
 from mmg.compile.intervals import IntervalKernel, Lanes
@@ -113,7 +112,7 @@ class Shooting:
         if self.kernel:
             self.lanes = Lanes.of(steps, controls, h, group, window)
         else:
-            self.blocks = Blocks(kernels_.functions, steps, controls, h, group, window)
+            self.blocks = Blocks(kernels_.functions, steps, controls, h, group)
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients."""
@@ -134,8 +133,9 @@ class Shooting:
         by_window: whether the Hessian of the coefficients is by window, else by group."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
-            found = self.blocks.quadratics(start, theta, cost, self.windows)
-            return found if by_window else found.of_groups(self._group, len(theta))
+            return self.blocks.curve(
+                start, theta, cost, None, *((self.window, self.windows) if by_window else (self.group, len(theta)))
+            )
         if by_window:
             return self._curved(start, theta, cost, None, self.lanes.slot)
         slot, group = self._by_group
@@ -148,7 +148,7 @@ class Shooting:
         start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle."""
         theta = np.atleast_2d(theta)
         if not self.kernel:
-            return self.blocks.hessian(start, theta, cost, weight, len(theta), middle)
+            return self.blocks.curve(start, theta, cost, weight, self.group, len(theta), middle)
         slot, group = self._by_group
         return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(theta))
 

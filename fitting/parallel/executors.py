@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from mmg.errors import UserError
+from mmg.freed_memory import keep_freed_memory
 from mmg.progress import LOGGER, OnProgress, Progress
 
 Task = TypeVar("Task")
@@ -245,7 +246,8 @@ def _one_thread_environment() -> Iterator[None]:
 
 
 def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
-    """The ``function`` with one thread in the libraries of linear algebra while it runs, and as before afterwards.
+    """The ``function`` with one thread in the libraries of linear algebra while it runs, and as before afterwards; it
+    keeps the memory of large arrays (``mmg.freed_memory``).
 
     The command sets this by its environment before anything is loaded. From Python numpy is there already, and its
     threads wait for each other over matrices that are far too small for them: a fit took four to six times the
@@ -254,6 +256,7 @@ def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        keep_freed_memory()
         if all(os.environ.get(name) == "1" for name in THREADS):
             return function(*args, **kwargs)
         from threadpoolctl import threadpool_limits

@@ -87,10 +87,9 @@ def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:
 
 def nearest(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Distance of each of ``rows`` (n, F) to the nearest of ``points`` (K, F)."""
-    square = -2 * rows @ points.T  # one array of this size: it is large
-    square += (rows**2).sum(axis=1)[:, None]
-    square += (points**2).sum(axis=1)
-    return np.sqrt(np.maximum(square.min(axis=1), 0.0))
+    ends = np.column_stack([-2 * points, (points**2).sum(axis=1)])
+    beyond = (np.column_stack([rows, np.ones(len(rows))]) @ ends.T).min(axis=1)  # one pass: the array is large
+    return np.sqrt(np.maximum(beyond + (rows**2).sum(axis=1), 0.0))
 
 
 def inputs_at(batch: WindowBatch, rows: np.ndarray) -> np.ndarray:

@@ -10,11 +10,13 @@ from collections.abc import Sequence
 
 import casadi as ca
 
-from mmg.compile.cache import UNIT
+from mmg.compile.cache import LONG, UNIT
 from mmg.compile.codegen import HIDDEN, prelude
 from mmg.compile.staged_lanes import divided_code, units_of
 from mmg.compile.stages import Program
 
+SHORT = 2
+"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives."""
 _MACROS = """
 #define EACH(i, name) for (long long e = 0, k; (k = name##_of##i[e]) >= 0; e++)
 #define READ(i, name) EACH(i, name) x##i[k] = load(arg[i] + k * ld[i] + at);
@@ -60,5 +62,6 @@ def source(functions: Sequence[ca.Function]) -> str:
     """C source, in units, with a batch kernel for each of the ``functions`` (SXFunctions with distinct names)."""
     head = prelude() + HIDDEN
     whole, parts = zip(*[kernel(f) for f in functions], strict=True)
-    first, *units = units_of(head, [part for each in parts for part in each])
-    return UNIT.join([first + _MACROS + "".join(whole), *units])
+    short, long = ([part for each in parts if (len(each) > SHORT) == far for part in each] for far in (False, True))
+    first, *units = units_of(head, short) or [head]
+    return UNIT.join([first + _MACROS + "".join(whole), *units, *units_of(LONG + head, long)])

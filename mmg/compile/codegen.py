@@ -59,7 +59,9 @@ HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
 #endif
 """
 """What a function is that is called from another unit of the same library alone."""
-_COMMON = "#include <math.h>\n#include <string.h>\n" + EXPORT
+_COMMON = (
+    "#include <math.h>\n#include <string.h>\n#define INLINE static inline __attribute__((always_inline))\n" + EXPORT
+)
 _VECTOR = f"""#define LANES {LANES}
 typedef double V __attribute__((vector_size(8 * LANES)));
 typedef long long M __attribute__((vector_size(8 * LANES)));
@@ -67,23 +69,23 @@ typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
 #define bits(x) ((U)(x))
 #define real(x) ((V)(x))
 #define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
-static inline V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
+INLINE V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
 static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
-static inline V fill(double a) {{ return a - (V){{0}}; }}
-static inline V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
+INLINE V fill(double a) {{ return a - (V){{0}}; }}
+INLINE V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
 #if defined(__AVX512DQ__) && defined(__GNUC__) && !defined(__clang__)
 #define ALL_LANES (unsigned char)-1
 #define any(m) (__builtin_ia32_cvtq2mask512(m) != 0)
-static inline V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
+INLINE V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
 #else
-static inline int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
+INLINE int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
 #if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
-static inline V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
+INLINE V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
 #else
-static inline V more(V a, V b, V c) {{ return a * b + c; }}
+INLINE V more(V a, V b, V c) {{ return a * b + c; }}
 #endif
 #endif
-static inline V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
+INLINE V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
 static V each_sin(V x) {{ LANEWISE(sin(x[i])); }}
 static V each_cos(V x) {{ LANEWISE(cos(x[i])); }}
 static V each_atan2(V y_, V x) {{ LANEWISE(atan2(y_[i], x[i])); }}
@@ -93,8 +95,8 @@ _SCALAR = """#define LANES 1
 typedef double V;
 typedef int M;
 typedef unsigned long long U;
-static inline U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
-static inline V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
+INLINE U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
+INLINE V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
 #define load(p) (*(p))
 #define store(p, x) (*(p) = (x))
 #define fill(a) (a)

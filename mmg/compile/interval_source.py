@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from mmg.compile.cache import UNIT
+from mmg.compile.cache import LONG, UNIT
 from mmg.compile.codegen import HIDDEN, prelude
 from mmg.compile.interval_loops import LOOPS, TYPES
 from mmg.compile.staged_lanes import divided_code, units_of
@@ -56,17 +56,18 @@ def interval_source(whole: ca.Function) -> str:
         "MIDDLE": MIDDLE, "STACK": STACK,
     }  # fmt: skip
     program = Program.of(whole, _STAGES)
-    head, functions, known, kept = prelude() + HIDDEN, [], [], [0, 0]
+    head, units, known, kept = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
     for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
         code = divided_code(name, program, outputs, _ARGUMENTS, _ARRAYS)
         kept = [max(a, code.early[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
         early = {line.format(name): code.early[i].text for i, line in enumerate(_DECLARED, 1)}
-        functions += [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in early.items()] + code.functions
+        functions = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in early.items()] + code.functions
+        units += units_of(LONG + head if name == "hessian" else head, functions)
         known += [*(f"{line};\n" for line in early), code.declared]
         known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
     first = "".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS])
-    return UNIT.join([first, *units_of(head, functions)])
+    return UNIT.join([first, *units])
 
 
 def _head(sizes: dict[str, int]) -> str:

@@ -13,7 +13,6 @@ from mmg.compile.batch import BatchFunction
 from mmg.compile.cache import load_library
 from mmg.compile.kernel_threads import even_shares, in_threads
 from mmg.compile.path_c import FLAGS, source
-from mmg.compile.recycled import cleared, room
 
 
 @dataclass(frozen=True)
@@ -104,8 +103,8 @@ class PathCode:
         """
         K, R, S = len(paths.inputs), *paths.z.shape[1:]
         P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
-        empty = room if paths.count is None else cleared
-        out = empty(K, R, S), empty(K, R, A, A), empty(K, R, A, P), empty(K, R, A, 3)
+        empty = np.empty if paths.count is None else np.zeros
+        out = empty((K, R, S)), empty((K, R, A, A)), empty((K, R, A, P)), empty((K, R, A, 3))
         through = np.flatnonzero(wanted.column < A)
         through = through[np.argsort(wanted.row[through], kind="stable")]
         first = np.searchsorted(wanted.row[through], np.arange(A + 1))
@@ -128,7 +127,7 @@ class PathCode:
         states.
         """
         K1, R = paths.z.shape[:2]
-        y, H, D = cleared(K1, R, 6), cleared(K1, R, 6, A), cleared(K1, R, 6, d)
+        y, H, D = np.zeros((K1, R, 6)), np.zeros((K1, R, 6, A)), np.zeros((K1, R, 6, d))
         table = [_whole(a) for a in (wanted.entry, wanted.row, wanted.column)]
         request = _Logged(A, d, len(wanted.entry), wanted.nonzeros, *(a.ctypes.data for a in (*table, y, H, D)))
         self._run("logged", paths, jacobian, ctypes.byref(request))

@@ -39,11 +39,11 @@ _ATAN = _horner(
 MATH = f"""
 #define MAGNITUDE 0x7fffffffffffffffULL
 #define ROUND 6755399441055744.0
-static inline V absolute(V x) {{ return real(bits(x) & MAGNITUDE); }}
-static inline V signed_as(V x, V y) {{ return real((bits(x) & MAGNITUDE) | (bits(y) & ~MAGNITUDE)); }}
-static inline V power_of_2(V shifted) {{ return real((bits(shifted) + 1023) << 52); }}
-static inline V beyond_ln2(V x, V n) {{ return (x - n * 0x1.62e42feep-1) - n * 0x1.a39ef35793c76p-33; }}
-static inline V expm1_small(V z) {{ return more(z * z, {_EXPM1}, z); }}
+INLINE V absolute(V x) {{ return real(bits(x) & MAGNITUDE); }}
+INLINE V signed_as(V x, V y) {{ return real((bits(x) & MAGNITUDE) | (bits(y) & ~MAGNITUDE)); }}
+INLINE V power_of_2(V shifted) {{ return real((bits(shifted) + 1023) << 52); }}
+INLINE V beyond_ln2(V x, V n) {{ return (x - n * 0x1.62e42feep-1) - n * 0x1.a39ef35793c76p-33; }}
+INLINE V expm1_small(V z) {{ return more(z * z, {_EXPM1}, z); }}
 MATH v_exp(V x) {{
   const V y = choose(x > 710.0, fill(710.0), choose(x < -708.0, fill(-708.0), x));
   const V shifted = y * {1 / math.log(2)!r} + ROUND, n = shifted - ROUND;
@@ -56,7 +56,7 @@ MATH v_tanh(V x) {{
   const V e = more(p, expm1_small(beyond_ln2(y, n)), p - 1.0);
   return signed_as(quotient(e, e + 2.0), x);
 }}
-static inline V wave(V x, unsigned long long quarter) {{
+INLINE V wave(V x, unsigned long long quarter) {{
   const V shifted = x * {2 / math.pi!r} + ROUND, n = shifted - ROUND;
   const V r = ((x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a6p-34) - n * 0x1.3198a2e037073p-69;
   const V z = r * r;

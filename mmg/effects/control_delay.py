@@ -29,8 +29,8 @@ class ControlDelay(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         k, size = time_scale(p.L), 0.1 * reference_speed(p.L) / (0.03 * p.L)
-        flow = flow.moved(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
-        return flow.moved(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
+        flow = flow.actuated(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
+        return flow.actuated(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
         at = np.clip(np.arange(len(record)) - time / step, 0.0, len(record) - 1.0)

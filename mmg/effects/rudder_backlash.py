@@ -29,6 +29,6 @@ class RudderBacklash(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         time = 0.5 * time_scale(p.L)
-        return flow.moved(
+        return flow.actuated(
             RUDDERS, lambda name, x: played(memory, f"rudder_backlash.{name}", x, e.b, time, SOFTEST, 0.3)
         )

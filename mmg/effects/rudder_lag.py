@@ -26,7 +26,7 @@ class RudderLag(Effect):
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
         k = time_scale(p.L)
-        return flow.moved(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
+        return flow.actuated(RUDDERS, lambda name, x: lagged(memory, f"rudder_lag.{name}", x, e.T, 0.5 * k, 0.3))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
         from scipy.linalg import solve_banded  # slow to import, and only a diagnosis needs it

@@ -19,4 +19,4 @@ class RudderOffset(Effect):
         return (Parameter("delta", 0.0, 0.05, -0.5, 0.5, "rad", "real rudder angle less the logged one"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        return flow.moved(RUDDERS, lambda _, angle: angle + e.delta)
+        return flow.actuated(RUDDERS, lambda _, angle: angle + e.delta)

@@ -124,7 +124,7 @@ class Flow:
         """A copy with some fields changed."""
         return replace(self, **changes)
 
-    def moved(self, actuators: Iterable[str], position: Callable[[str, Any], Any]) -> Flow:
+    def actuated(self, actuators: Iterable[str], position: Callable[[str, Any], Any]) -> Flow:
         """A copy with those of the actuators that the ship has at ``position(name, order)``; others are a plain 0.0."""
         present = {name: x for name in actuators if not isinstance(x := getattr(self, name), float)}
         return replace(self, **{name: position(name, x) for name, x in present.items()})

@@ -10,7 +10,7 @@ from typer import Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, working
+from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, working
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
@@ -122,48 +122,26 @@ def _print(
     unreadable: list[tuple[Path, UserError]],
 ) -> None:
     """A table with one line per file, what is wrong (``every``: and all else), and sentences on all files together."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.padding import Padding
-    from rich.table import Table
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=max(console.width, 100))
-    colours = {"ok": "green", "doubtful": "yellow", "contradictory": "red"}
-    table = Table(box=None, padding=(0, 1), pad_edge=False)
-    for title in ("trial", "verdict", "rows", "s", "dt", "lag u v r, s", "wind/U", "n, rps"):
-        table.add_column(title, justify="left" if title in ("trial", "verdict") else "right", no_wrap=True)
-    table.columns[0].overflow = "ellipsis"
-    for report in reports:
-        verdict = f"[{colours[report.verdict]}]{report.verdict}[/]"
-        table.add_row(escape(report.name), verdict, *_cells(report))
-    for path, _ in unreadable:
-        table.add_row(escape(path.stem), "[red]unreadable[/]")
-    console.print(table)
-    marks = {"info": "  ", "doubtful": "! ", "contradictory": "!!"}
-
-    def say_line(mark: str, text: str) -> None:
-        line = Table.grid(padding=(0, 1))
-        line.add_row(f"  {mark}", escape(text))
-        console.print(line)
-
+    rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
+    rows += [(path.stem, "unreadable", *[""] * 6) for path, _ in unreadable]
+    print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
+    marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
     for _, error in unreadable if len(unreadable) > 1 else ():
-        say_line("!!", str(error))
+        print_wrapped("  !! ", str(error))
     if every:
         for report in reports:
-            console.print(f"\n[bold]{escape(report.name)}[/]: [{colours[report.verdict]}]{report.verdict}[/]")
+            print(f"\n{report.name}: {report.verdict}")
             for finding in sorted(report.findings, key=lambda f: f.level == "info"):
-                say_line(marks[finding.level], finding.text)
+                print_wrapped(marks[finding.level], finding.text)
     else:
         for (level, text), names in _together(reports).items():
-            say_line(marks[level], f"{_listed(names, len(reports))}: {text}")
+            print_wrapped(marks[level], f"{_listed(names, len(reports))}: {text}")
     if together is not None:
-        console.print("\n[bold]All files together[/]")
+        print("\nAll files together")
         for text in together or ["Every coefficient group is excited."]:
-            console.print(Padding(escape(text), (0, 0, 0, 5)))
+            print_wrapped("     ", text)
     if not every:
-        console.print("\nEvery sentence on every file: --all")
+        print("\nEvery sentence on every file: --all")
 
 
 def _together(reports: list[CheckReport]) -> dict[tuple[str, str], list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,19 +10,23 @@ from typer import Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say
+from mmg_ident.commands.output import print_json, progress, say, working
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from cases.trial import Trial
+    from diagnosis.result import Diagnosis
     from fitting.result import FitResult
     from residual.result import TrainResult
+
+    Sets = tuple[list[Trial], list[Trial]]
+
+STEP = 1.0
+"""Step of the diagnosis [s], twice that of ``mmg diagnose``: half the time, and the same verdict for seeds 1 to 4."""
 
 
 def demo(
     out: Annotated[Path | None, Option(help="Folder to write; default mmg-demo, or the next free name.")] = None,
-    seed: Annotated[int, Option(help="Seed of wind and sensor noise.")] = 1,
+    seed: Annotated[int, Option(help="Seed of wind, sensor noise and networks.")] = 1,
     json: o.Json = False,
 ) -> int:
     """Simulate trials of a ship nobody knows, check, calibrate, score, learn residuals, diagnose a hidden effect.
@@ -30,7 +35,8 @@ def demo(
     """
     from cases.checks import check
     from cases.shipfiles.ship_file import dump_ship
-    from cases.simulation.demo_trials import CURRENT, FOULING, hidden_ship
+    from cases.simulation.demo_trials import CURRENT, FOULING, compare_with_truth, hidden_ship
+    from mmg.progress import LOGGER
 
     names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]
     folder = out or next(Path(name) for name in names if not Path(name).exists())
@@ -40,31 +46,51 @@ def demo(
         folder.mkdir(parents=True)
     except OSError as error:
         raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
-    say(f"1. Simulating trials of a ship with hidden coefficients, wind and sensor noise (seed {seed})")
-    train, held_out = campaign(folder / "trials", seed)
+    LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
+    first = campaign(folder / "trials", seed, every=2)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
-    say("2. Checking the trial files")
-    for item in check([*train, *held_out]):
-        say(f"   {item.name}: {item.verdict}")
-    fit, truth = _calibrate(folder, train, held_out, seed)
-    declined = _residual(folder, "6. Learning a residual on the calibrated ship", "residual", train, held_out)
-    diagnosis = _diagnosis(folder, seed, CURRENT)
-    fouled = campaign(folder / "third", seed + 2000, FOULING)
-    step = f"8. A third campaign, with a hull that nobody knows is fouled ({FOULING}): learning a residual"
-    kept = _residual(folder, step, "third_residual", *fouled)
-    say(f"In a sentence: {moral(declined, kept)}")
+    runs = len(first[0]) + len(first[1])
+    say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
+    verdicts = [report.verdict for report in check([*first[0], *first[1]])]
+    say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
+    with working("calibrating; the first time the equations are compiled"):
+        fit = _calibrated(folder, first, seed)
+    state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
+    trials = f"{len(first[0])} trials by multiple shooting"
+    say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
+    pair, truth = fit.scores["validation"], compare_with_truth(fit.ship)
+    words = f"30 s windows {pair.before.window:.3f} -> {pair.after.window:.3f}, "
+    words += f"100 s restarts {pair.before.paper:.3f} -> {pair.after.paper:.3f}"
+    say(f" 4 score     squared error on {len(first[1])} held-out trials: {words}")
+    say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
+    say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
+    declined = _trained(folder, "trials", "residual", first, seed)
+    say(f" 7 train     a network on these trials is {_decision(declined)}")
+    second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
+    say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
+    with working("diagnosing"):
+        found = _diagnosed(folder, second, seed)
+    causes = [f"{e.name} {', '.join(f'{k}={p.value:.3g}' for k, p in e.parameters.items())}" for e in found.effects]
+    say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
+    gain = f"{found.held_out.reduction:.0%} smaller" if found.held_out else "not known"
+    say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
+    third = campaign(folder / "third", seed + 2000, FOULING, every=2)
+    kept = _trained(folder, "third", "third_residual", third, seed)
+    say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
+    say(f"12 so        {moral(declined, kept)}")
     if json:
-        content = fit.to_dict()
+        content, told = fit.to_dict(), found.to_dict()
         print_json(
             {
                 "folder": str(folder), "converged": fit.converged, "scores": content["scores"], **truth,
-                "diagnosis": diagnosis, "residual": _decided(declined), "third_residual": _decided(kept),
+                "diagnosis": {k: told[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")},
+                "residual": _decided(declined), "third_residual": _decided(kept),
             }
         )  # fmt: skip
     return 0 if fit.converged else 1
 
 
-def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[list[Trial], list[Trial]]:
+def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
     """Training and held-out trials of the hidden ship, written to ``folder`` and read again as a user's would be.
 
     seed, effects, every: as of ``demo_trials``. Returns (train, held out).
@@ -81,92 +107,69 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> tuple[li
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
 
 
-def _calibrate(
-    folder: Path, train: Sequence[Trial], held_out: Sequence[Trial], seed: int
-) -> tuple[FitResult, dict[str, Any]]:
-    """The calibration, in ``folder``/run, and how it compares with the hidden ship."""
-    from cases.shipfiles.ship_file import load_ship
-    from cases.simulation.demo_trials import SHIP, compare_with_truth
+def _calibrated(folder: Path, trials: Sets, seed: int) -> FitResult:
+    """The calibration, in ``folder``/run."""
+    from cases.simulation.demo_trials import SHIP
     from fitting.calibrate import FitOptions
-    from fitting.settings import Settings
     from mmg_ident.api import calibrate
 
-    start = load_ship(SHIP)
-    say(f"3. Calibrating {len(start.free)} coefficients from the captive-test ship (IPOPT, multiple shooting)")
-    command = f"mmg fit {SHIP} {folder / 'trials' / 'train'} --validate {folder / 'trials' / 'held_out'} --seed {seed}"
-    found = calibrate(start, train, held_out, Settings(seed=seed), FitOptions(command=command), progress())
-    found = found.save(folder / "run")
-    truth = compare_with_truth(found.ship)
-    words = "converged" if found.converged else f"NOT converged: {found.advice}"
-    say(f"   {words}, {found.timings_s['total']:.1f} s")
-    before, after = found.scores["validation"].before, found.scores["validation"].after
-    say("4. Scoring on held-out runs (mean squared normalised error, lower is better)")
-    say(f"   30 s windows {before.window:.4f} -> {after.window:.4f}")
-    say(f"   100 s restarts {before.paper:.4f} -> {after.paper:.4f}")
-    say(
-        f"   the hidden value lies inside the 95 % interval for {truth['inside_95']:.0%} of the coefficients "
-        f"({len(truth['moved'])} of them had been moved)"
-    )
-    say(f"5. Report: {folder / 'run' / 'report.html'}")
-    return found, truth
+    data = folder / "trials"
+    command = f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed}"
+    return calibrate(SHIP, *trials, None, FitOptions(command=command), progress(), seed=seed).save(folder / "run")
 
 
-def _residual(
-    folder: Path, step: str, name: str, train: Sequence[Trial], held_out: Sequence[Trial]
-) -> TrainResult | None:
-    """A residual on the ship of ``folder``/run, in ``folder``/name; None, with a line, where nothing was learned.
+def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> TrainResult | None:
+    """A residual on the ship of ``folder``/run, in ``folder``/name; None where nothing was learned.
 
-    A small training of a few seconds; the weak penalty lets the residual grow to what the trials ask for.
+    A small training of two seconds; the weak penalty lets the residual grow to what the trials ask for.
     """
-    from residual.pipeline import train as train_residual
+    from residual.pipeline import train
     from residual.settings import TrainSettings
 
-    say(step)
-    trials = folder / ("trials" if name == "residual" else "third")
-    s = TrainSettings(seeds=2, epochs=40, width=16, penalty=0.01, rate=0.01)
+    s = TrainSettings(seeds=2, seed=seed, epochs=20, width=8, penalty=0.01, rate=0.02)
     command = (
-        f"mmg train {folder / 'run'} {trials / 'train'} --validate {trials / 'held_out'} --seeds {s.seeds} "
-        f"--epochs {s.epochs} --width {s.width} --penalty {s.penalty:g} --rate {s.rate:g} --out {folder / name}"
+        f"mmg train {folder / 'run'} {folder / data / 'train'} --validate {folder / data / 'held_out'} --seeds 2 "
+        f"--seed {seed} --epochs {s.epochs} --width {s.width} --penalty {s.penalty:g} --rate {s.rate:g} --no-report "
+        f"--out {folder / name}"
     )
     try:
-        result = train_residual(folder / "run", train, held_out, s, command=command, progress=progress())
-        result.save(folder / name)
+        with working("learning a residual"):
+            result = train(folder / "run", *trials, s, command=command, progress=progress())
+            result.save(folder / name, report=False)
     except UserError as error:
         say(f"   nothing was learned: {error}")
         return None
-    say(f"   {result.sentence}")
-    say(f"   {result.timings_s['wall']:.1f} s; report: {folder / name / 'report.html'}")
     return result
 
 
-def _diagnosis(folder: Path, seed: int, effect: str) -> dict[str, Any]:
-    """A second campaign with a hidden effect and its diagnosis, in ``folder``/second and ``folder``/diagnosis."""
+def _diagnosed(folder: Path, trials: Sets, seed: int) -> Diagnosis:
+    """The diagnosis of a second campaign, in ``folder``/diagnosis."""
     from cases.shipfiles.ship_file import load_ship
     from diagnosis.diagnose import DiagnosisOptions, diagnose
 
-    say("7. A second campaign, a year later: what is different?")
-    train, test = campaign(folder / "second", seed + 1000, effect, every=2)
-    second = folder / "second"
-    command = f"mmg diagnose {folder / 'run'} {second / 'train'} --test {second / 'held_out'} --workers 2 --seed {seed}"
-    options, ship = DiagnosisOptions(seed=seed, workers=2, command=command), load_ship(folder / "run")
-    found = diagnose(ship, train, test, options=options, calibrated_on=folder / "run", progress=progress())
-    found.save(folder / "diagnosis")
-    say(f"   {found.sentence}")
-    say(f"   (the truth behind it: {effect})")
-    say(f"   Report: {folder / 'diagnosis' / 'report.html'}")
-    content = found.to_dict()
-    return {k: content[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")}
+    run, data = folder / "run", folder / "second"
+    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
+    options = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
+    found = diagnose(load_ship(run), *trials, options=options, calibrated_on=run, progress=progress())
+    found.save(folder / "diagnosis", report=False)
+    return found
+
+
+def _decision(result: TrainResult | None) -> str:
+    """What was decided on a network, in words."""
+    if result is None or "validation" not in result.scores:
+        return "not learned"
+    pair = result.scores["validation"]
+    words = f"30 s windows {pair.before.window:.3f} -> {pair.after.window:.3f} on held-out trials"
+    return f"{'kept' if result.recommended == 'hybrid' else 'declined'}: {words}"
 
 
 def moral(declined: TrainResult | None, kept: TrainResult | None) -> str:
     """What the two residuals of the demo show, in a sentence; declined, kept: those on the calibrated and on the fouled
     ship, None where nothing was learned. Returns it."""
     if not declined or not kept or (declined.recommended, kept.recommended) != ("calibrated", "hybrid"):
-        return "a residual is recommended only where trials that took no part in its training become better predicted."
-    return (
-        "on the trials of the calibration the network found nothing beyond noise, so the calibrated ship stays the "
-        "recommended one; on the fouled ship it found the missing resistance, so the hybrid is recommended."
-    )
+        return "a residual is recommended only where trials that it never saw become better predicted"
+    return "a network is recommended where the model lacks something, and declined where only noise is left"
 
 
 def _decided(result: TrainResult | None) -> dict[str, Any] | None:

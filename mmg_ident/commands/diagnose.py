@@ -16,6 +16,7 @@ from mmg_ident.commands.output import (
     is_model,
     names_of,
     print_json,
+    print_table,
     progress,
     say,
 )
@@ -124,25 +125,17 @@ def _ship(where: str, without: Sequence[str]) -> Ship:
 
 def _summary(found: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
-    from rich.console import Console
-    from rich.table import Table
-
     for line in found.warnings:
         say(f"warning: {line}")
-    console = Console(width=None)
-    table = Table(title=f"verdict: {found.verdict}", title_justify="left")
-    for name in ("effect", "score", "p", "gain in BIC", "absorbed"):
-        table.add_column(name, justify="left" if name == "effect" else "right")
-    for row in found.candidates[:8]:
-        gain = "" if row.delta_bic is None else f"{row.delta_bic:.1f}"
-        if not row.excited:
-            table.add_row(row.name, "not excited", "", "", "")
-        else:
-            table.add_row(row.name, f"{row.score:.1f}", f"{row.p_value:.1g}", gain, f"{row.absorbed_share:.0%}")
-    console.print(table)
+    rows = []
+    for c in found.candidates[:8]:
+        gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
+        numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
+        rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
+    print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
     lines = [found.sentence, found.learned.sentence if found.learned else ""]
     lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
     lines += [found.between.sentence, *found.between.warnings] if found.between else []
     for line in filter(None, lines):
-        console.print(line, highlight=False, soft_wrap=True)
+        print(line)
     say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

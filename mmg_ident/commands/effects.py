@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json
+from mmg_ident.commands.output import print_json, print_table
 
 
 def effects(
@@ -43,12 +43,10 @@ def effects(
         return
     if name:
         print(f"{name} (enters: {rows[0]['enters']})\n\n{rows[0]['physics']}\n")
-    width = max(len(f"{row['name']}:{p['symbol']}") for row in rows for p in row["parameters"])
     print(f"for {model.name}; * held in a fit unless named (--with NAME:PARAMETER)")
-    print(f"{'effect:parameter':<{width}}  {'neutral':>9}  {'typical':>9}  unit")
-    for row in rows:
-        for p in row["parameters"]:
-            label = f"{row['name']}:{p['symbol']}"
-            star = "*" if p["held"] else " "
-            numbers = f"{p['neutral']:>9.4g}  {p['typical']:>9.3g}"
-            print(f"{label:<{width}}  {numbers}  {p['unit'] or '-':<6}{star}{p['description']}")
+    lines = [
+        (f"{row['name']}:{p['symbol']}", f"{p['neutral']:.4g}", f"{p['typical']:.3g}",
+         f"{p['unit'] or '-'}{'*' * p['held']}", p["description"])
+        for row in rows for p in row["parameters"]
+    ]  # fmt: skip
+    print_table(("effect:parameter", "neutral|n", "typical|n", "unit", ""), lines)

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, end_progress, print_json, progress, say
+from mmg_ident.commands.output import command_line, end_progress, print_json, print_table, progress, say
 
 if TYPE_CHECKING:
     from mmg_ident.fleet.run import Fleet
@@ -60,12 +60,7 @@ def fleet(
 
 def _summary(found: Fleet, out: Path) -> None:
     """A few lines for a person."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=f"{found.name}: {len(found.rows)} ships", title_justify="left")
-    for name in ("ship", "status", "held out", "diagnosis", "drifted", "instruments", "moved"):
-        table.add_column(name, justify="right" if name in ("held out", "instruments", "moved") else "left")
+    rows = []
     for row in found.rows:
         score = row["scores"].get("held_out") or row["scores"].get("training")
         pair = score["window"] if score else None
@@ -73,8 +68,9 @@ def _summary(found: Fleet, out: Path) -> None:
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
-        table.add_row(row["name"], row["status"], words, verdict, drifted, *counts)
-    Console(width=None).print(table)
+        rows.append((row["name"], row["status"], words, verdict, drifted, *counts))
+    heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
+    print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
     for row in found.rows:
         if row["status"] != "done":
             say(f"{row['name']}: {row['status']}: {row['reason']}")

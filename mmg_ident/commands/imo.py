@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import is_model, print_json, refuse_target, say, ship_names, working
+from mmg_ident.commands.output import is_model, print_json, print_table, refuse_target, say, ship_names, working
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -187,30 +186,18 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
 
 
 def _print(found: Assessment) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console() if sys.stdout.isatty() else Console(width=120)
-    console.print(found.heading, markup=False, highlight=False, soft_wrap=True)
-    gap = 2 if console.width > 105 else 1  # where the table is too wide its cells fold: nothing is cut
-    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False)
-    known = any(row.reference is not None for row in found.rows)
-    table.add_column("run", overflow="fold")
-    table.add_column("figure", min_width=len("overshoot"))
-    corrected = any(row.measured is not None for row in found.rows)
-    value = ("measured", "corrected") if corrected else ("value",)
-    drawn = any(row.interval_90 is not None for row in found.rows)
-    more = ("90 % interval", "of one trial") if drawn else ()
-    for name in (*value, *more, "limit", *(("reference",) if known else ())):
-        table.add_column(name, justify="right", overflow="fold")
-    if drawn:
-        table.add_column("meets", justify="right")
-    table.add_column("verdict")
+    print(found.heading)
+    known, corrected, drawn = (
+        any(getattr(row, name) is not None for row in found.rows) for name in ("reference", "measured", "interval_90")
+    )
+    heads = ["run", "figure", *(("measured|n", "corrected|n") if corrected else ("value|n",))]
+    heads += ["90 % interval|n", "of one trial|n"] * drawn + ["limit|n"] + ["reference|n"] * known + ["meets|n"] * drawn
     remarks: dict[str, int] = {}
+    rows: list[list[str]] = []
     last = ""
     for row in found.rows:
         if row.run != last:
-            table.add_row()
+            rows.append([""] * (len(heads) + 1))
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
         figure = WORDS.get(row.figure, row.figure.replace("_", " "))
         values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
@@ -218,19 +205,18 @@ def _print(found: Assessment) -> None:
         cells = ["" if row.run == last else row.run, figure, *values, *intervals, _number(row.limit, row.unit)]
         cells += [_number(row.reference, row.unit)] if known else []
         cells += ["" if row.probability is None else f"{100 * row.probability:.0f} %"] * drawn
-        table.add_row(*cells, (row.verdict + mark).replace("[", "\\["), style=STYLE.get(row.verdict))
+        rows.append([*cells, row.verdict + mark])
         last = row.run
-    console.print(table)
-    console.print()
+    print_table([*heads, "verdict"], rows)
+    print()
     for words, k in remarks.items():
-        console.print(f"[{k}] {words}", markup=False, highlight=False, soft_wrap=True)
+        print(f"[{k}] {words}")
     for note in found.notices:
-        console.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    console.print(found.conclusion, markup=False, highlight=False, soft_wrap=True)
+        print(f"note: {note}")
+    print(found.conclusion)
 
 
 WORDS = {"initial_turning_track": "initial turning"}
-STYLE = {"fail": "bold red", "not judged": "yellow"}
 
 
 def _interval(ends: Sequence[float] | None, unit: str) -> str:

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, say, working
+from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, say, working
 
 if TYPE_CHECKING:
     from cases.importing.assembled_run import ImportedRun
@@ -63,7 +63,8 @@ def import_(
         found = import_logs(logs, chosen, lambda files: each(files, "reading"))
     if found.problems:
         if len(found.problems) > 1 and not json:
-            _print_problems(found)
+            for i, problem in enumerate(found.problems):
+                say(f"{i + 1}. {problem}")
             raise UserError(f"{len(found.problems)} problems, listed above; nothing is written")
         raise UserError("; ".join(found.problems))
     with working("writing trials"):
@@ -157,39 +158,13 @@ def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
     }
 
 
-def _print_problems(found: Imported) -> None:
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(box=None, padding=(0, 1), pad_edge=False, show_header=False)
-    for i, problem in enumerate(found.problems):
-        table.add_row(f"{i + 1}.", escape(problem))
-    console = Console(stderr=True, highlight=False)
-    if console.is_terminal:
-        console.print(table)
-        return
-    for i, problem in enumerate(found.problems):  # in a file each stays one line
-        console.print(escape(f"{i + 1}. {problem}"), soft_wrap=True)
-
-
 def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
     """One table of the runs, and below it what was done, once for all runs that share it."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=max(console.width, 100))
-    table = Table(box=None, padding=(0, 1), pad_edge=False)
-    for title in ("trial", "from", "rows", "s", "verdict of check"):
-        table.add_column(title, justify="right" if title in ("rows", "s") else "left")
+    rows = []
     for run, file, report in zip(found.runs, files, checks, strict=True):
-        t = run.columns["t"]
-        sources = ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
-        table.add_row(escape(file.name), escape(sources), str(len(t)), f"{t[-1]:.0f}", report.verdict)
-    console.print(table)
+        t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
+        rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
+    print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     said: dict[str, list[str]] = {}
     for run in found.runs:
         for notice in run.notices:
@@ -206,4 +181,4 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
                 said.setdefault(f"[check] {finding.text}", []).append(run.name)
     for words, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
-        console.print(escape(f"  {whose}{words}"))
+        print_wrapped("  ", f"{whose}{words}")

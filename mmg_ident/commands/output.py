@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import logging
 import shlex
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -30,6 +32,24 @@ def say(text: str) -> None:
     """Print ``text``, a line for a person, on stderr in place of the progress, so that stdout stays clean for data."""
     end_progress()
     print(text, file=sys.stderr)
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
+    """Print the ``rows`` as plain text under a ``title``; columns: their heads, those that end in "|n" to the right."""
+    end_progress()
+    heads = [head.partition("|")[0] for head in columns]
+    cells = [heads, *rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(heads))]
+    print(*filter(None, [title]), sep="", end="\n" * bool(title))
+    for row in cells:
+        parts = zip(row, columns, widths, strict=True)
+        print("  ".join(c.rjust(w) if head.endswith("|n") else c.ljust(w) for c, head, w in parts).rstrip())
+
+
+def print_wrapped(mark: str, text: str) -> None:
+    """Print ``text`` behind a ``mark``, wrapped to the width of the terminal, or of 100 columns without one."""
+    width = max(shutil.get_terminal_size((100, 24)).columns, 60)
+    print(textwrap.fill(text, width, initial_indent=mark, subsequent_indent=" " * len(mark), break_long_words=False))
 
 
 def print_json(data: Any) -> None:

@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from mmg.errors import UserError
+from mmg.states import STATES
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, is_model, numbers_of, print_json, say
-from mmg_ident.commands.score_tables import print_scores, worse_than_first
+from mmg_ident.commands.output import each, is_model, numbers_of, print_json, print_table, say
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
     from cases.trial import Trial
-    from fitting.prediction.score import Score
+    from fitting.prediction.score import Score, TrialScore
+    from fitting.prediction.units import RunErrors
     from mmg.messages import Message
     from mmg.ship import Ship
 
@@ -176,3 +179,94 @@ METRIC = {
     "window": "the same over full 30 s windows every 15 s, first row excluded",
     "units": "rms errors over windows of window_s, in units and as a share of what the states change by over a window",
 }
+
+
+def print_scores(scores: Mapping[str, Score]) -> None:
+    """Print everything about the ``scores`` of models, by name."""
+    from cases.trial import UNITS
+
+    first = next(iter(scores.values()))
+    rows = [
+        (row.name, *(_cell(s.trials[i]) for s in scores.values()), str(row.windows))
+        for i, row in enumerate(first.trials)
+    ]
+    rows.append(("all rows pooled", *map(_cell, scores.values()), ""))
+    heads = ("trial", *(f"{Path(name).name}|n" for name in scores), "windows|n")
+    print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
+    _print_units(scores)
+    words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
+    print(f"sigma from {first.sigma_from}: {words}")
+    print(past_in_words(scores))
+    for note in dict.fromkeys(note for s in scores.values() for note in s.notes):
+        of = [Path(name).name for name, s in scores.items() if note in s.notes]
+        model = f" ({', '.join(of)})" if len(of) < len(scores) else ""
+        print(f"note: {note}{model}")
+    for line in worse_than_first(scores):
+        print(line)
+
+
+def past_in_words(scores: Mapping[str, Score]) -> str:
+    """How much of the past of a window the predictions of the ``scores`` used."""
+    with_past = {Path(name).name: s.past_s for name, s in scores.items() if s.past_s}
+    if not with_past:
+        return "past of a window: none is used"
+    return f"past of a window: up to {max(with_past.values()):g} s by {', '.join(with_past)}; none by the others"
+
+
+def _cell(found: Score | TrialScore) -> str:
+    """Both metrics of one trial or of all."""
+    from fitting.prediction.score_words import in_words
+
+    return f"{in_words(found.paper)} | {in_words(found.window)}"
+
+
+def _print_units(scores: Mapping[str, Score]) -> None:
+    """Errors in units by run, and those of the manoeuvring figures."""
+    units = {Path(name).name: s.units for name, s in scores.items() if s.units}
+    if not units:
+        return
+    first = next(iter(units.values()))
+    times = f", {first.lengths:.1f} L/U" if first.lengths else ""
+    title = f"rms errors over {first.window:g} s windows{times}: position | heading | u | r | share of change"
+    rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
+    rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
+    print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
+    rows = []
+    for i, run in enumerate(first.runs):
+        by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
+        for maneuver in run.maneuvers:
+            for figure in maneuver.figures:
+                found = [figures.get((maneuver.title, figure.figure)) for figures in by_model]
+                cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
+                measured = f"{figure.measured:.3g} {figure.unit}"
+                rows.append((run.name, maneuver.title, figure.figure.replace("_", " "), measured, *cells))
+    if rows:
+        heads = ("trial", "manoeuvre", "figure", "measured|n", *(f"{name}|n" for name in units))
+        print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
+
+
+def _units(run: RunErrors) -> str:
+    if not run.windows:
+        return "-"
+    e = run.errors
+    if not math.isfinite(e["position"]):
+        return "diverges"
+    numbers = (e["position"], e["heading"], e["u"], e["r"], 100 * run.share)
+    return " | ".join(f"{value:.3g}" for value in numbers)
+
+
+def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
+    """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
+    compared with the first of all."""
+    from fitting.prediction.score_pairs import ScorePair
+
+    first, *others = scores
+    lines = []
+    for other in others:
+        found, alike = scores[other], next(n for n, s in scores.items() if s.past_s == scores[other].past_s)
+        name = first if alike == other else alike
+        runs = ScorePair(scores[name], found).worse_runs
+        if runs:
+            words = f"worse than {Path(name).name} on {len(runs)} of {len(found.trials)} runs: {'; '.join(runs)}"
+            lines.append(f"{Path(other).name}: {words}")
+    return lines

@@ -14,6 +14,7 @@ from mmg_ident.commands.output import (
     command_line,
     names_of,
     print_json,
+    print_table,
     progress,
     refuse_target,
     say,
@@ -226,13 +227,13 @@ def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
 def _tell(choice: StructureChoice, out: Path) -> None:
     from fitting.prediction.score_words import in_words
 
-    width = max(len(row.name) for row in choice.table)
-    print(f"{'candidate':<{width}}  unknowns  validation  training  diverged")
+    rows = []
     for row in choice.table:
         diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"
-        numbers = f"{in_words(row.validation):>10}  {in_words(row.training):>8}  {diverged:>8}"
-        star = " *" if row.name == choice.chosen else ""
-        print(f"{row.name:<{width}}  {row.unknowns:>8}  {row.left_out or numbers}{star}")
+        numbers = (in_words(row.validation), in_words(row.training), diverged) if not row.left_out else ("", "", "")
+        note = row.left_out or "*" * (row.name == choice.chosen)
+        rows.append((row.name, str(row.unknowns), *numbers, note))
+    print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
     for runs in choice.runs.values():
         for run in runs:
             print(
@@ -256,8 +257,5 @@ def _row(one: StructureCandidate) -> dict[str, Any]:
 
 
 def _print(found: tuple[StructureCandidate, ...]) -> None:
-    width = max(len(one.name) for one in found)
-    print(f"{'candidate':<{width}}  unknowns     X     Y     N  model")
-    for one in found:
-        x, y, n = one.counts
-        print(f"{one.name:<{width}}  {one.unknowns:>8}  {x:>4}  {y:>4}  {n:>4}  {one.words}")
+    rows = [(one.name, str(one.unknowns), *map(str, one.counts), one.words) for one in found]
+    print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, refuse_target, say, ship_names
+from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names
 
 if TYPE_CHECKING:
     from mmg.ship import Ship
@@ -63,7 +63,7 @@ def ships(
         raise UserError("--out needs a ship to write: name one, or describe it with --new")
     known = {key: load_ship(key) for key in library()}
     if json:
-        rows = [
+        listed = [
             {
                 "name": key,
                 "description": ship.description,
@@ -73,15 +73,13 @@ def ships(
             }
             for key, ship in known.items()
         ]
-        print_json({"ships": rows})
+        print_json({"ships": listed})
         return
-    lines = [("name", "L [m]", "coefficients", "models")]
+    rows = []
     for key, ship in known.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
-        lines.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
-    widths = [max(len(row[i]) for row in lines) for i in range(3)]
-    for a, b, c, models in lines:
-        print(f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:>{widths[2]}}  {models}")
+        rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
+    print_table(("name", "L [m]|n", "coefficients|n", "models"), rows)
 
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning

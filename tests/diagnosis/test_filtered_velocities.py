@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import drawn_ship
 from cases.evidence.kinematics import Kinematics
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from mmg.effects.gyro import low_passed_samples
 from tests.support.diagnosis_cases import FEW, pushed_trials
+from tests.support.disturbed_trials import drawn_ship
 
 TAU = 0.4
 """s; of the true low pass."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, pushed_trials
+from tests.support.disturbed_trials import drawn_ship
 
 HIDDEN = {
     "current": "current:x=-0.02,y=0.02",

@@ -13,10 +13,6 @@ from tests.support.figures import unrendered
 
 PUBLIC_DATA = ("compare",)
 """Verbs that need the public records, which are tested where these are."""
-ELSEWHERE = ("frt-ds-esso",)
-"""Folders of public records."""
-
-
 OWN_TRIALS = ("effects.md",)
 """Pages that make the trials that they use."""
 
@@ -26,7 +22,7 @@ def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.Cap
     make_workspace(folder, path.name not in OWN_TRIALS)
     for command in chosen:
         words = arguments(command)
-        if words[0] in PUBLIC_DATA or any(w.startswith(ELSEWHERE) for w in words):
+        if words[0] in PUBLIC_DATA:
             continue
         refused = any(line.startswith("mmg: ") for line in command.shown)
         capsys.readouterr()

@@ -28,4 +28,4 @@ def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path)
     done = run(["-m", "mmg_ident", "ships"], tmp_path, tmp_path / "site")
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
-    assert line.startswith("mmg: ") and str(other) in line and "virtual environment" in line
+    assert line.startswith("mmg: ") and str(other) in line

@@ -8,7 +8,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.disturbed_trials import Disturbed, disturbed_trials, process
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -25,6 +24,7 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.judgement.on_test_trials import OnTestTrials
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
+from tests.support.disturbed_trials import Disturbed, disturbed_trials, process
 
 Act = Callable[[int, np.ndarray, np.ndarray, np.ndarray], None]
 """What acts on windows: number of the step, states, forces and coefficients, the last two to be changed."""

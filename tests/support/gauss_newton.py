@@ -73,7 +73,7 @@ def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     if problem.prior.constants:
         raise ValueError("single shooting knows no constants of single runs")
     theta = problem.coefficients(p)
-    held = (seg.steps, seg.controls, seg.h, np.zeros(seg.intervals, dtype=int), seg.window)
+    held = (seg.steps, seg.controls, seg.h, np.zeros(seg.intervals, dtype=int))
     blocks, start = Blocks(problem.kernels.functions, *held), z0[seg.window].T
     sweeps = [b.sweep(start[:, s], theta) for b, s in zip(blocks.blocks, blocks.slices, strict=True)]
     unit = np.concatenate([problem.scale, problem.prior.std])

@@ -110,17 +110,17 @@ def sail(
     duration: float,
     speed: float,
     wind: tuple[float, float] = (0.0, 0.0),
-    known: bool = True,
+    wind_known: bool = True,
 ) -> np.ndarray:
     """The ship under the controller, rows t, heading, rudder, u, v, r (N, 6) in SI, from heading north.
 
     heading: wanted [rad] from the first moment; duration [s]; speed: at the start [m/s]; wind: velocity of the air to
-    north and east [m/s]; known: whether the controller knows the wind.
+    north and east [m/s]; wind_known: whether the controller knows the wind.
     """
     state, delta, rows = np.zeros(len(controller.about["states"])), 0.0, []
     state[3] = speed
     for k in range(round(duration / controller.dt) + 1):
-        delta = controller.rudder(state, delta, heading, wind if known else (0.0, 0.0))
+        delta = controller.rudder(state, delta, heading, wind if wind_known else (0.0, 0.0))
         rows.append([k * controller.dt, state[2], delta, *state[3:6]])
         state = np.array(controller.interval(ca.DM(state), delta, ca.DM(wind))).ravel()
     return np.array(rows)

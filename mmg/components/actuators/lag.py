@@ -30,5 +30,5 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
     mmg/motion/flow.py."""
-    flow = flow.moved(RUDDERS, lambda name, order: memory.low_pass(name, order, c.T_delta, 0.3))
-    return flow.moved(PROPELLERS, lambda name, order: memory.low_pass(name, order, c.T_n, 10.0 / time_scale(p.L)))
+    flow = flow.actuated(RUDDERS, lambda name, order: memory.low_pass(name, order, c.T_delta, 0.3))
+    return flow.actuated(PROPELLERS, lambda name, order: memory.low_pass(name, order, c.T_n, 10.0 / time_scale(p.L)))

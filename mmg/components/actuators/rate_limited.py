@@ -39,5 +39,5 @@ def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace
     """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
     mmg/motion/flow.py."""
     size = 10.0 / time_scale(p.L)
-    flow = flow.moved(RUDDERS, lambda name, order: rate_limited(memory, name, order, c.K_delta, c.T_delta, 0.3))
-    return flow.moved(PROPELLERS, lambda name, order: rate_limited(memory, name, order, c.K_n, c.T_n, size))
+    flow = flow.actuated(RUDDERS, lambda name, order: rate_limited(memory, name, order, c.K_delta, c.T_delta, 0.3))
+    return flow.actuated(PROPELLERS, lambda name, order: rate_limited(memory, name, order, c.K_n, c.T_n, size))

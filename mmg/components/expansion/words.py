@@ -107,7 +107,7 @@ def parse_word(text: str) -> Word:
     """The word that ``text`` spells, such as "cos(delta)". Raises ValueError for anything else."""
     match = re.fullmatch(r"([A-Za-z]\w*)(?:\((.*)\))?", text)
     if match is None:
-        raise ValueError(f"'{text}' is no variable; known are {_known()}")
+        raise ValueError(f"'{text}' is no variable; known are {_choices()}")
     inside = match[2]
     if inside is None:
         return Word(match[1])
@@ -122,7 +122,7 @@ def parse_word(text: str) -> Word:
     return Word(match[1], tuple(parts))
 
 
-def _known() -> str:
+def _choices() -> str:
     return f"{', '.join((*MOTION, *INPUTS))} and {', '.join((*_ARGUMENTS, 'times'))} of these"
 
 
@@ -137,11 +137,11 @@ def _check_condition(word: Word, bars: bool) -> None:
 def _check_variable(word: Word) -> None:
     if not word.parts:
         if word.name not in (*MOTION, *INPUTS):
-            raise ValueError(f"'{word}' is no variable; known are {_known()}")
+            raise ValueError(f"'{word}' is no variable; known are {_choices()}")
         return
     wanted = ("any",) * len(word.parts) if word.name == "times" and len(word.parts) > 1 else _ARGUMENTS.get(word.name)
     if wanted is None or len(wanted) != len(word.parts):
-        raise ValueError(f"'{word}' is no variable; known are {_known()}")
+        raise ValueError(f"'{word}' is no variable; known are {_choices()}")
     for unit, part in zip(wanted, word.parts, strict=True):
         if unit == "any":
             _check_variable(part)

@@ -38,4 +38,4 @@ def test_one_wrong_file_of_a_folder_is_corrected_alone(mild: list[Trial]) -> Non
     reports = check([mild[0], FAULTS["velocities earth-fixed"][0](mild[1])])
     assert reports[0].verdict == "ok"
     text = next(f.text for f in reports[1].findings if f.level == "contradictory")
-    assert f'[files."{mild[1].name}"]: velocity_frame = "earth"' in text
+    assert mild[1].name in text

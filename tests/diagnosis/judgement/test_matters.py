@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import Disturbed
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.left_findings import Pattern
@@ -23,6 +22,7 @@ from mmg.messages import Message
 from tests.diagnosis.judgement.test_verdict import ready
 from tests.support.diagnosis_answers import held
 from tests.support.diagnosis_cases import WHITE, candidate, full_steps, problem_of, pushed_trials, quiet
+from tests.support.disturbed_trials import Disturbed
 
 LONG = (("zigzag:20/20", 80.0), ("turning:-20", 80.0), ("random:11", 80.0))
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import Disturbed, disturbed_trials
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -20,6 +19,7 @@ from fitting.prediction.stretches import Stretch, WindowBatch
 from mmg.rollout import Simulator
 from mmg.states import STATES
 from tests.support.calibrated import small_result
+from tests.support.disturbed_trials import Disturbed, disturbed_trials
 from tests.support.figures import unrendered
 
 RUNS = (("zigzag:20/20", 100.0), ("turning:35", 120.0), ("random:11", 120.0), ("random:12", 120.0), ("berthing", 120.0))

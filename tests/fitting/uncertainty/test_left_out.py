@@ -38,10 +38,9 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
         assert row.std is not None and abs(moves[symbol] - (other.value - row.value) / row.std) < 3.0, symbol
     assert worth["estimates"]["rms"] > 0.1
     (message,) = [m for m in result.warnings if m.code == "left_out_worth"]
-    assert "30 s windows" in message and "standard errors" in message and broken.name not in message
+    assert "30 s" in message and broken.name not in message
     assert read_fit(result.save(tmp_path / "run").folder).left_out == worth
-    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert "were left out" in page and "the heading jumps" in page
+    assert broken.name in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_calibration_of_whole_trials_has_nothing_to_say() -> None:

@@ -191,7 +191,7 @@ def test_one_point_gets_the_same_bits_as_many() -> None:
 def test_a_number_of_points_that_fills_no_vector_is_refused(points: int) -> None:
     (add,), reason = batch_functions([one("add")])
     assert reason == ""
-    with pytest.raises(ValueError, match=f"{points} points is not a multiple of {LANES}"):
+    with pytest.raises(ValueError, match=f"{points} .*{LANES}"):
         add(np.zeros((1, points)), np.zeros((1, points)))
 
 

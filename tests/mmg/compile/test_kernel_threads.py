@@ -14,7 +14,7 @@ from mmg.errors import UserError
 @pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5"])
 def test_threads_that_are_no_number_are_refused(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MMG_THREADS", asked)
-    with pytest.raises(UserError, match=f"MMG_THREADS={asked}: not a number of threads"):
+    with pytest.raises(UserError, match=f"MMG_THREADS={asked}"):
         kernel_threads()
 
 

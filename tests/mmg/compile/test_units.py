@@ -98,13 +98,13 @@ def test_one_line_says_what_is_compiled(
     for said, new in ((1, True), (0, True), (0, False)):  # the first, a second one, and one from the cache
         caplog.clear()
         if said or not new:
-            monkeypatch.setattr(cache, "_announced", [])
+            monkeypatch.setattr(cache, "announced", [])
         with caplog.at_level(logging.INFO):
             batch_functions(
                 functions if said or not new else derivatives(load_ship("mariner"))[1:2], True, "the mariner"
             )
         lines = [r.message for r in caplog.records if "compiling" in r.message]
-        assert len(lines) == said and all("the mariner" in line and str(tmp_path) in line for line in lines)
+        assert len(lines) == said and all(str(tmp_path) in line for line in lines)
 
 
 @pytest.mark.slow

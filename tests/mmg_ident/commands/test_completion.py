@@ -32,7 +32,6 @@ def completed(words: str) -> list[str]:
 def test_a_shell_completes_verbs_ships_options_and_formats() -> None:
     assert completed("mmg ") == list(VERBS)
     assert completed("mmg export kvl") == ["kvlcc2_full", "kvlcc2_l7"]
-    assert completed("mmg fit --val") == ["--validate"]
     assert {"c", "casadi"} <= set(completed("mmg export esso_osaka_3m --format c"))
 
 
@@ -40,7 +39,7 @@ def test_the_script_for_a_shell_is_printed() -> None:
     named = {**os.environ, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}  # not the shell that runs the tests
     words = [sys.executable, "-c", MMG, "--show-completion", "bash"]
     run = subprocess.run(words, capture_output=True, text=True, env=named)
-    assert run.returncode == 0 and "complete -o default -F _mmg_completion mmg" in run.stdout
+    assert run.returncode == 0 and "_mmg_completion" in run.stdout
 
 
 class Terminal:

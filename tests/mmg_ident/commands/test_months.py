@@ -103,4 +103,3 @@ def test_a_log_of_other_units_is_refused(tmp_path: Path, capsys: pytest.CaptureF
     columns = sailed(0.5)
     write_log(tmp_path / "log", {**columns, "delta": 57.3 * columns["delta"]}, 1)
     assert main(["months", str(tmp_path / "log"), "--ship", "esso_osaka_3m", "--out", str(tmp_path / "run")]) == 2
-    assert "labelled rad" in capsys.readouterr().err

@@ -100,8 +100,8 @@ def test_inputs_that_the_model_does_not_have_are_said_to_be_ignored(tmp_path: Pa
         (["--maneuver", "pirouette"], "unknown manoeuvre"),
         (["--maneuver", "zigzag:20"], "rudder/heading"),
         (["--maneuver", "straight", "--wind", "gale"], "speed:direction"),
-        (["--maneuver", "straight", "--wind", "500:10"], "500 m/s is more than any wind"),
-        (["--maneuver", "turning:35", "--rudder-rate", "-1"], "rudder rate = -1 deg/s must be positive"),
+        (["--maneuver", "straight", "--wind", "500:10"], "500 m/s"),
+        (["--maneuver", "turning:35", "--rudder-rate", "-1"], "= -1 deg/s"),
         (["--maneuver", "straight", "--effect", "current:x=0.01,x=0.02"], "x is given twice"),
         (["--maneuver", "straight", "--dt", "0"], "dt"),
         (["--maneuver", "straight", "--duration", "-5"], "duration"),
@@ -112,7 +112,7 @@ def test_inputs_that_the_model_does_not_have_are_said_to_be_ignored(tmp_path: Pa
         (["--controls", "words.csv"], "not a number"),
         (["--controls", "nothing.csv"], "missing column"),
         (["--controls", "backwards.csv"], "time must increase"),
-        (["--controls", "inputs.csv", "--speed", "1"], "--speed belongs"),
+        (["--controls", "inputs.csv", "--speed", "1"], "--speed"),
         (["--maneuver", "straight", "--out", "inputs.csv"], "exists"),
     ],
 )
@@ -177,5 +177,5 @@ def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path) -> N
         tried = np.arange(0.0, 1.5, 0.05)
         off = [np.std((trial["r"] - np.interp(trial.t - T, trial.t, rate))[20:]) for T in tried]
         assert tried[int(np.argmin(off))] == pytest.approx(lag, abs=0.06)
-    with pytest.raises(UserError, match=r"--campaign summer: unknown; .* knows spring, autumn"):
+    with pytest.raises(UserError, match=r"--campaign summer.*spring, autumn"):
         CliRunner().invoke(APP, [*map(str, words[:4]), "--campaign", "summer"], catch_exceptions=False)

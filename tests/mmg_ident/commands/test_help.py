@@ -1,0 +1,98 @@
+"""Help of the verbs, and settings by name: panels, sizes, files and options that went; no prose."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+import mmg_ident
+from fitting.settings import Settings
+from mmg.errors import UserError
+from mmg_ident.commands.main import PANELS, VERBS, main
+from mmg_ident.gone import GONE
+from mmg_ident.settings import checked_settings, given_settings, settings_of
+from residual.settings import BlackBoxSettings
+
+MOST = 8
+
+
+def page(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+    """Lines of a help page."""
+    capsys.readouterr()
+    assert main([*words, "--help"]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def panels(lines: list[str]) -> dict[str, list[str]]:
+    """Title of each panel of a page -> its options, arguments or verbs."""
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        if title := re.match(r"(\w+):$", line):
+            found[title[1]] = []
+        elif found and (row := re.match(r"  (\S+)", line)):
+            found[list(found)[-1]].append(row[1])
+    return found
+
+
+def test_the_first_page_has_every_verb_in_its_panel(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = page(capsys)
+    found = panels(lines)
+    assert {title: found[title] for title in PANELS} == {title: list(verbs) for title, verbs in PANELS.items()}
+    assert len(lines) <= 50
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_options_stand_in_panels_that_read_at_a_glance(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = page(capsys, verb)
+    found = panels(lines)
+    assert all(len(rows) <= MOST for rows in found.values()) and len(lines) <= 60
+    assert all(len(line) <= 80 for line in lines) and any("Example:" in line for line in lines)
+    options = [row for title, rows in found.items() if title != "Arguments" for row in rows]
+    assert len(options) == len(set(options)) and all(row.startswith("--") for row in options)
+
+
+def test_the_help_of_fit_fits_on_two_screens(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = page(capsys, "fit")
+    assert len(lines) <= 50 and list(panels(lines)) == ["Arguments", "Options", "Model", "Estimate", "Solver"]
+
+
+@pytest.mark.parametrize("kind", [Settings, BlackBoxSettings])
+def test_every_default_lies_within_its_limits(kind: type) -> None:
+    values = {name: field.default for name, field in settings_of(kind).items()}
+    assert checked_settings(kind, values) == values
+
+
+def test_an_option_wins_over_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("tolerance = 1e-5\nwindow = 20\nsigma = [1, 1, 0.1, 1, 1, 1]\n")
+    found = given_settings(Settings, {"window": 30.0}, file)
+    assert found == {"tolerance": 1e-5, "window": 30.0, "sigma": (1, 1, 0.1, 1, 1, 1)}
+
+
+@pytest.mark.parametrize("text", ["windw = 3", "window = '3'", "starts = 1.5", "loss = 'auto'", "interval = 0", "a ="])
+def test_a_settings_file_with_a_fault_is_one_line(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "settings.toml").write_text(text)
+    out = tmp_path / "run"
+    assert main(["fit", "esso_osaka_3m", ".", "--settings", str(tmp_path / "settings.toml"), "--out", str(out)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1 and not out.exists()
+
+
+@pytest.mark.parametrize("gone", GONE, ids=str)
+def test_what_went_says_so_on_the_line_and_in_python(
+    gone: str | tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, value = (gone, "1") if isinstance(gone, str) else gone
+    assert main(["fit", "ship", "trials", f"--{name.replace('_', '-')}", value, "--out", "run"]) == 2
+    assert capsys.readouterr().err.strip() == f"mmg: {GONE[gone]}"
+    with pytest.raises(UserError):
+        mmg_ident.calibrate("esso_osaka_3m", [], **{name: value})
+
+
+def test_an_option_that_is_a_key_now_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["fit", "ship", "trials", "--tolerance", "1e-5", "--out", "run"]) == 2
+    line = capsys.readouterr().err
+    assert "--settings" in line and "tolerance" in line
