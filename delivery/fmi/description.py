@@ -100,7 +100,8 @@ def description(ship: CoSimulatedShip, table: VariableTable, version: int, token
         "fmiModelDescription", {**head(ship, f"{version}.0"), "guid" if two else "instantiationToken": token}
     )
     able = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
-    cosimulation = Xml.SubElement(root, "CoSimulation", modelIdentifier=ship.identifier, **dict.fromkeys(able, "true"))
+    attributes = {"modelIdentifier": ship.identifier, **dict.fromkeys(able, "true")}
+    cosimulation = Xml.SubElement(root, "CoSimulation", attributes)
     if two:
         sources = Xml.SubElement(cosimulation, "SourceFiles")
         for name in files:
