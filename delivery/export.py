@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from cases.shipfiles.ship_file import dump_whole_ship
+from cases.shipfiles.ship_json import dump_ship_json
 from delivery.product import Product, product_of
 from fitting.report.run_folder import write_json, write_whole
 from mmg.errors import BadValue, Conflict, NotWritable, TargetExists, UnknownName
@@ -22,17 +24,18 @@ ABOUT = "product.json"
 
 @dataclass(frozen=True)
 class Format:
-    """A format: the module and the function in it that write, what comes of it, and a line for the help.
+    """A format: the module and the function in it that write, and what comes of it.
 
-    writer: "module:function" of ``function(product, target, **options)``; it writes to ``target``, a folder that exists
-    and is empty, or a file that does not exist yet, and returns messages on what it wrote, or None. suffix: of a file,
-    "" for a folder. options: names of further options that the function takes. writes_second: whether it writes a
-    second file next to its target; ``replace`` then says whether that may take the place of another.
+    writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
+    to ``target``, a folder that exists and is empty, or a file that does not exist yet, and returns messages on what it
+    wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
+    further options that the function takes. writes_second: whether it writes a second file
+    next to its target; ``replace`` then says whether that may take the place of another.
     """
 
     writer: str
-    summary: str
     suffix: str = ""
+    given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
     writes_second: bool = False
 
@@ -40,25 +43,23 @@ class Format:
     def function(self) -> Callable[..., Sequence[Message] | None]:
         """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
         module, name = self.writer.split(":")
-        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(module), name)
+        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(f"delivery.{module}"), name)
         return writer
 
 
 FORMATS: dict[str, Format] = {
-    "c": Format("delivery.c.package:write_c", "C99 and C++11 source, header and example (a folder)"),
-    "matlab": Format("delivery.matlab.package:write_matlab", "M file and MEX source for MATLAB and Octave (a folder)"),
-    "toml": Format("delivery.ship_document:write_toml", "ship file, the network of a hybrid inside", ".toml"),
-    "json": Format("delivery.ship_document:write_json_ship", "the ship file as JSON, with units", ".json"),
-    "casadi": Format("delivery.graphs.casadi_functions:write_casadi", "serialised CasADi functions (a folder)"),
-    "onnx": Format("delivery.graphs.onnx_network:write_onnx", "the residual network of a hybrid", ".onnx"),
-    "shipmmg": Format("delivery.dictionaries.shipmmg:write_shipmmg", "parameter sets of shipmmg", ".json"),
-    "pvs": Format(
-        "delivery.dictionaries.vehicle_simulator:write_vehicle", "class for the Python Vehicle Simulator", ".py"
-    ),
-    "gazebo": Format("delivery.dictionaries.gazebo:write_gazebo", "hull for Gazebo Sim's hydrodynamics", ".sdf"),
-    "vrx": Format("delivery.dictionaries.gazebo:write_vrx", "hull for the simple hydrodynamics of VRX", ".sdf"),
-    "fmu": Format("delivery.fmi.write:write_fmu2", "FMI 2.0 for co-simulation", ".fmu", ("platforms",), True),
-    "fmu3": Format("delivery.fmi.write:write_fmu3", "FMI 3.0 for co-simulation", ".fmu", ("platforms",), True),
+    "c": Format("c.source:write_c"),
+    "matlab": Format("matlab.package:write_matlab"),
+    "toml": Format("export:write_toml", ".toml"),
+    "json": Format("export:write_json_ship", ".json"),
+    "casadi": Format("graphs.casadi_functions:write_casadi"),
+    "onnx": Format("graphs.onnx_network:write_onnx", ".onnx"),
+    "shipmmg": Format("dictionaries.shipmmg:write_shipmmg", ".json"),
+    "pvs": Format("dictionaries.vehicle_simulator:write_vehicle", ".py"),
+    "gazebo": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "gazebo"}),
+    "vrx": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "vrx"}),
+    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms",), writes_second=True),
+    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms",), writes_second=True),
 }
 """The formats of ``mmg export`` by name."""
 
@@ -67,8 +68,8 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     """Write ``product`` in the format ``form``, one of FORMATS, to ``out``: a file or a folder that appears whole.
 
     force: replace a file, or a folder that an export wrote. options: of the format. Returns what is to be said of what
-    was written, besides the caveats of the product. Raises UserError for an unknown
-    format or option, for a target that exists or cannot be written, and for what the format cannot hold.
+    was written, besides the caveats of the product. Raises UserError for an unknown format or option, for a target that
+    exists or cannot be written, and for what the format cannot hold.
     """
     if form not in FORMATS:
         raise UnknownName(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
@@ -81,7 +82,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         options["replace"] = force
 
     def fill(place: Path) -> None:
-        messages.extend(chosen.function(product, place, **options) or ())
+        messages.extend(chosen.function(product, place, **chosen.given, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
@@ -111,10 +112,9 @@ def check_target(target: Path, chosen: Format, force: bool) -> None:
     if chosen.suffix and target.suffix.lower() != chosen.suffix:
         raise BadValue(f"--out {target}: the file must end in {chosen.suffix}")
     if target.exists() or target.is_symlink():
-        if chosen.suffix and not target.is_file():
-            raise TargetExists(f"--out {target}: exists and is no ordinary file; choose another name")
-        if not chosen.suffix and not target.is_dir():
-            raise TargetExists(f"--out {target}: exists and is no folder; choose another name")
+        if not (target.is_file() if chosen.suffix else target.is_dir()):
+            kind = "ordinary file" if chosen.suffix else "folder"
+            raise TargetExists(f"--out {target}: exists and is no {kind}; choose another name")
         if not force:
             raise TargetExists(f"--out {target}: exists already; choose another name or add --force")
         if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
@@ -134,9 +134,27 @@ def _write_file(target: Path, write: Callable[[Path], None]) -> None:
         write(scratch)
         os.replace(scratch, target)
     except OSError as error:
-        raise NotWritable(
-            f"--out {target}: cannot be written ({error.strerror or error}); choose another place"
-        ) from None
+        why = error.strerror or error
+        raise NotWritable(f"--out {target}: cannot be written ({why}); choose another place") from None
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink(missing_ok=True)
+
+
+def write_toml(product: Product, target: Path) -> None:
+    """Write ``product`` to the ship file ``target``: values, standard errors, verdicts; provenance as comments."""
+    source = product.provenance
+    origin = f"{product.ship.title}, exported by mmg export from {source['source']}"
+    lines = [f"{origin}; std is the standard error of each estimate."]
+    if source.get("created"):
+        lines.append(f"Calibrated {source['created']} by {source.get('command') or 'mmg'}.")
+    for name, (low, high) in product.ranges.items():
+        lines.append(f"The trials held {name} from {low:.4g} to {high:.4g} (SI).")
+    lines += [f"Mind: {words}." for words in product.caveats]
+    target.write_text(dump_whole_ship(product.ship, "\n".join(lines)), encoding="utf-8")
+
+
+def write_json_ship(product: Product, target: Path) -> None:
+    """Write ``product`` as JSON to the file ``target``: every number with its unit, and where the ship comes from."""
+    about = {key: value for key, value in product.about().items() if key != "coefficients"}
+    target.write_text(dump_ship_json(product.ship, {"product": about}), encoding="utf-8")

@@ -7,106 +7,39 @@ import re
 import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import longest_step
-from fitting.prediction.envelope import trial_envelope
 from fitting.report.run_folder import RESULT, SHIP, read_result, versions
 from mmg.effects import effect
-from mmg.errors import NotCalibrated, UnknownName, UserError
+from mmg.errors import NotCalibrated, UnknownName
 from mmg.messages import Message
 from mmg.model import Model, assemble
+from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 
-RESERVED = frozenset(
-    [
-        "alignas",
-        "alignof",
-        "and",
-        "asm",
-        "auto",
-        "bool",
-        "break",
-        "case",
-        "catch",
-        "char",
-        "class",
-        "compl",
-        "const",
-        "constexpr",
-        "continue",
-        "decltype",
-        "default",
-        "delete",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "explicit",
-        "export",
-        "extern",
-        "false",
-        "float",
-        "for",
-        "friend",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "main",
-        "mutable",
-        "namespace",
-        "new",
-        "noexcept",
-        "not",
-        "nullptr",
-        "operator",
-        "or",
-        "private",
-        "protected",
-        "public",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "template",
-        "this",
-        "throw",
-        "true",
-        "try",
-        "typedef",
-        "typeid",
-        "typename",
-        "union",
-        "unsigned",
-        "using",
-        "virtual",
-        "void",
-        "volatile",
-        "wchar_t",
-        "while",
-        "xor",
-    ]
-)
+RESERVED = frozenset([
+    "alignas", "alignof", "and", "asm", "auto", "bool", "break", "case", "catch", "char", "class", "compl", "const",
+    "constexpr", "continue", "decltype", "default", "delete", "do", "double", "else", "enum", "explicit", "export",
+    "extern", "false", "float", "for", "friend", "goto", "if", "inline", "int", "long", "main", "mutable",
+    "namespace", "new", "noexcept", "not", "nullptr", "operator", "or", "private", "protected", "public",
+    "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template", "this",
+    "throw", "true", "try", "typedef", "typeid", "typename", "union", "unsigned", "using", "virtual", "void",
+    "volatile", "wchar_t", "while", "xor",
+])  # fmt: skip
 """Words of C99 and C++11 that no name can be."""
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
 """Codes of what is said of a product."""
 SHOWN = 12
 """Digits of a hash that a sentence shows."""
-BLOCKING = (UNCALIBRATED, NOT_CONVERGED)
-"""Codes of caveats with which a ship leaves only by force."""
+UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s",
+         "wind_north": "m/s", "wind_east": "m/s", "time": "s", "a_x": "m/s", "a_y": "m/s", "beta": "rad"}  # fmt: skip
+"""Units of states, inputs and ranges; those of the actuators are in mmg.motion.flow, others are not stated."""
 
 
 @dataclass(frozen=True)
@@ -159,23 +92,15 @@ class Product:
     @property
     def coefficients(self) -> tuple[ProductCoefficient, ...]:
         """Its coefficients in the order of the model's argument."""
-        coefficients_in_order = self.ship.coefficients.values()
-        names = identifiers([c.symbol for c in coefficients_in_order])
+        coefficients = self.ship.coefficients.values()
+        same = [f.name for f in fields(ProductCoefficient) if f.name not in ("identifier", "std")]
         return tuple(
             ProductCoefficient(
-                symbol=c.symbol,
+                **{key: getattr(c, key) for key in same},
                 identifier=name,
-                value=c.value,
                 std=c.std if c.std > 0 and not c.fixed else None,
-                unit=c.unit,
-                lower=c.lower,
-                upper=c.upper,
-                fixed=c.fixed,
-                verdict=c.verdict,
-                description=c.description,
-                source=c.source,
             )
-            for c, name in zip(coefficients_in_order, names, strict=True)
+            for c, name in zip(coefficients, identifiers([c.symbol for c in coefficients]), strict=True)
         )
 
     @property
@@ -228,12 +153,19 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if identifier != ship.name:
         words = f"the ship's name '{ship.name}' is no lower-case identifier: names in the code begin with {identifier}"
         caveats.append(Message(words, NAME_CHANGED))
-    ranges = _ranges(content) or _ranges_again(ship, content)
+    envelope = content.get("envelope") or {}
+    ranges = {quantity: (float(low), float(high)) for quantity, (low, high) in envelope.items()}
     if not ranges:
         words = "no record of the range of the trials, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
     caveats += _unexcited(content)
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
+
+
+def unit_of(name: str) -> str:
+    """SI unit of the state, input or range ``name``, "" where none is stated."""
+    unit = INPUTS[name][1] if name in INPUTS else UNITS.get(name, "")
+    return "1/s" if unit == "rps" else unit
 
 
 def identifiers(names: Sequence[str]) -> list[str]:
@@ -272,27 +204,6 @@ def _unexcited(content: Mapping[str, Any]) -> list[Message]:
     silent = [symbol for symbol, row in rows.items() if row["kind"] == "silent"]
     words = f"{len(silent)} of {len(rows)} free coefficients are not excited by the trials and stand at their prior"
     return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)] if silent else []
-
-
-def _ranges(content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """The range of each quantity that a run folder's record holds."""
-    envelope = content.get("envelope")
-    rows = envelope.items() if isinstance(envelope, dict) else ()
-    return {name: (float(low), float(high)) for name, (low, high) in rows}
-
-
-def _ranges_again(ship: Ship, content: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """The same from the trials themselves, for a run folder of an older version: where all are there, unchanged."""
-    rows = content.get("data")
-    if not isinstance(rows, list) or not rows or not all(row.get("path") and row.get("sha256") for row in rows):
-        return {}
-    try:
-        trials = read_trials([row["path"] for row in rows])
-        hashes = {row["sha256"] for row in rows}
-        envelope = trial_envelope(ship, trials) if all(trial.sha256 in hashes for trial in trials) else {}
-    except UserError:
-        return {}
-    return {name: (low, high) for name, (low, high) in envelope.items()}
 
 
 def _provenance(where: Path, place: Path | None, content: Mapping[str, Any]) -> dict[str, Any]:

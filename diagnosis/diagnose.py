@@ -36,9 +36,9 @@ from diagnosis.findings import (
     RandomSizes,
     Unnamed,
 )
-from diagnosis.hypotheses.between import compare_groups
+from diagnosis.groups.between import compare_groups
+from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
-from diagnosis.hypotheses.group_findings import Between
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.pattern import pattern
@@ -61,12 +61,12 @@ from diagnosis.judgement.left_over import left_over
 from diagnosis.judgement.no_answer import no_answer
 from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import limits
-from diagnosis.learned_rest import with_learned
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.where_words import likeness
 from diagnosis.report.words import sentence_of
 from diagnosis.result import Diagnosis
+from diagnosis.validation.learned_rest import with_learned
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from mmg.errors import UserError

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.group_findings import Between
+from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.left_findings import Chance, Pattern, UnexplainedForce
 from fitting.report.run_folder import Real, plain
 from mmg.messages import message_rows

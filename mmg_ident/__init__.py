@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cases.shipfiles.ship_file import load_ship
     from cases.trial import Trial
     from delivery.export import export_ship
-    from delivery.full_scale.scale import scale
+    from delivery.full_scale.result import scale
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -55,7 +55,7 @@ _HOMES = {
     "load_ship": "cases.shipfiles.ship_file",
     "new_ship": "cases.shipfiles.new_ship",
     "read_trials": "cases.io.read",
-    "scale": "delivery.full_scale.scale",
+    "scale": "delivery.full_scale.result",
 }
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 

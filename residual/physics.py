@@ -159,8 +159,6 @@ class Physics:
         return torch.from_numpy(states_behind(self.model, six, inputs, self.ship.values[:0])).to(logged)
 
 
-_SCRATCH = ("Z", "X", "T1", "T2", "G1", "G2", "GA")
-"""Arrays that a rollout and its gradients may share with the next one."""
 FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 _ARRAYS = (
     "start", "controls", "W1", "b1", "W2", "b2", "W3", "b3", "seeds",
@@ -299,16 +297,6 @@ class FusedRollout:
         self.physics = physics
         self.S, self.C = len(physics.model.states), len(physics.model.controls)
         self.F, self.H = len(physics.ship.features), width
-        self._spare: dict[tuple[str, tuple[int, ...]], Tensor] = {}
-
-    def scratch(self, name: str, *shape: int) -> Tensor:
-        """The array of that name and shape of the last gradient step, if it is free: fresh memory takes 9 % longer."""
-        spare = self._spare.pop((name, shape), None)
-        return torch.empty(shape, dtype=torch.float64) if spare is None else spare
-
-    def release(self, arrays: dict[str, Tensor]) -> None:
-        """Let ``scratch`` hand out these ``arrays`` by name again."""
-        self._spare |= {(name, tuple(a.shape)): a for name, a in arrays.items() if name in _SCRATCH}
 
     @cached_property
     def library(self) -> ctypes.CDLL | None:
@@ -353,7 +341,7 @@ class _Rollout(torch.autograd.Function):
         names = ("controls", "start", "W1", "b1", "W2", "b2", "W3", "b3")
         arrays = {name: a.detach().contiguous() for name, a in zip(names, (controls, *given), strict=True)}
         arrays["out"] = torch.empty((N + 1, fused.S, M), dtype=torch.float64)
-        arrays |= {name: fused.scratch(name, *size, M) for name, size in sizes.items()}
+        arrays |= {name: torch.empty((*size, M), dtype=torch.float64) for name, size in sizes.items()}
         ctx.fused, ctx.settings = fused, (M, N, euler, h)
         _run(fused, "forward", ctx.settings, arrays)
         out = arrays.pop("out")
@@ -371,12 +359,11 @@ class _Rollout(torch.autograd.Function):
         arrays |= {name: kept[name].T.contiguous() for name in ("W1", "W2", "W3")}
         arrays["first"] = torch.empty((fused.S, M), dtype=torch.float64)
         sizes = ("G1", fused.H), ("G2", fused.H), ("GA", 3)
-        arrays |= {name: fused.scratch(name, T, rows, M) for name, rows in sizes}
+        arrays |= {name: torch.empty((T, rows, M), dtype=torch.float64) for name, rows in sizes}
         _run(fused, "backward", ctx.settings, arrays)
         gradients: list[Tensor] = []
         for at, given in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
             gradients += [(arrays[at] @ kept[given].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
-        fused.release({**arrays, **kept})
         kept.clear()
         return None, None, None, None, arrays["first"], *gradients
 

@@ -194,9 +194,6 @@ class TrainResult(TrainRecord):
         report are made. Raises UserError where it
         exists or cannot be written.
         """
-        from fitting.report.plot_style import FigureFolder
-        from residual.figures import write_figures
-
         folder = Path(folder)
         if not replace:
             check_target(folder)
@@ -211,6 +208,9 @@ class TrainResult(TrainRecord):
         write_whole(folder, fill, replace)
         if not report:
             return
+        from fitting.report.plot_style import FigureFolder
+        from residual.figures import write_figures
+
         written = FigureFolder(folder / FIGURES)
         with written.making("figures"):
             write_figures(written, content, self.models(), self.trials or ())

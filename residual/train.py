@@ -52,8 +52,10 @@ class Adam:
         """One step at a ``rate`` of learning of the parameters that have a gradient."""
         some = [(p, p.grad, *rest) for p, *rest in self.moments if p.grad is not None]
         values, gradients, means, squares, steps = (list(column) for column in zip(*some, strict=True))
-        constants = {"beta1": 0.9, "beta2": 0.999, "eps": 1e-8, "weight_decay": 0.0}
-        adam(values, gradients, means, squares, [], steps, amsgrad=False, maximize=False, lr=rate, **constants)
+        adam(
+            values, gradients, means, squares, [], steps,
+            amsgrad=False, maximize=False, lr=rate, beta1=0.9, beta2=0.999, eps=1e-8, weight_decay=0.0,
+        )  # fmt: skip
 
 
 RESTARTS, LOWER = 2, 0.2

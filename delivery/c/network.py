@@ -1,7 +1,7 @@
 """The residual network of a hybrid ship in C: loops over arrays of weights, and its derivatives.
 
 Rows are filled up with zeros to whole blocks, whose loops have a fixed length: compilers make vector instructions of
-them, and other code stays in registers.
+them, and other code stays in registers. ``step_many`` has the network of LANES ships: weights once, lanes inside.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from math import factorial
 
 import numpy as np
 
+from delivery.c.header import TEMPLATES, inserted
 from mmg.compile.portable_c import literal
+from mmg.compile.portable_lanes import LANES
 from mmg.network import Layers, Network
 
 BLOCK = 8
@@ -43,34 +45,12 @@ def tanh_statements(x: str) -> str:
 
 def layer_c(rows: int, columns: int) -> str:
     """C function ``network_ROWSxCOLUMNS``: one layer of ``rows`` (whole blocks) and ``columns``."""
-    sums = [f"s{i}" for i in range(BLOCK)]
-    return f"""
-/* y = tanh(weight x + bias) - offset. tanh is p / (p + 2) with p = exp(2 x) - 1, by the series of exp(y) - 1 at
- * y = x / {2 ** (DOUBLINGS - 1)}, doubled {DOUBLINGS} times. */
-static void network_{rows}x{columns}(const real *weight, const real *bias, const real *offset, const real *x,
-  real *y) {{
-  int b, i, j;
-  for (b = 0; b < {rows}; b += {BLOCK}) {{
-    const real *w = weight + b * {columns};
-    real {", ".join(f"{s} = bias[b + {i}]" for i, s in enumerate(sums))};
-    for (j = 0; j < {columns}; j++) {{
-      const real a = x[j];
-      {" ".join(f"{s} += w[{i}] * a;" for i, s in enumerate(sums))}
-      w += {BLOCK};
-    }}
-    {" ".join(f"y[b + {i}] = {s};" for i, s in enumerate(sums))}
-  }}
-  for (i = 0; i < {rows}; i++) {{
-    if (y[i] > R(20.0)) y[i] = R(20.0);
-    if (y[i] < R(-20.0)) y[i] = R(-20.0);
-  }}
-  for (i = 0; i < {rows}; i++) {{
-    {tanh_statements("y[i]")}
-    y[i] = p / (p + R(2.0));
-  }}
-  for (i = 0; i < {rows}; i++) y[i] -= offset[i];
-}}
-"""
+    template, sums = (TEMPLATES / "network_layer.c").read_text(encoding="utf-8"), range(BLOCK)
+    return inserted(
+        template, ROWS=rows, COLUMNS=columns, BLOCK=BLOCK, SHARE=2 ** (DOUBLINGS - 1), DOUBLINGS=DOUBLINGS,
+        STARTS=", ".join(f"s{i} = bias[b + {i}]" for i in sums), SUMS=" ".join(f"s{i} += w[{i}] * a;" for i in sums),
+        STORES=" ".join(f"y[b + {i}] = s{i};" for i in sums), TANH=tanh_statements("y[i]"),
+    )  # fmt: skip
 
 
 def _filled(rows: int) -> int:
@@ -88,12 +68,6 @@ def _blocks(W: np.ndarray, columns: int) -> np.ndarray:
 def _vector(values: np.ndarray) -> np.ndarray:
     """Values (rows,) filled up with zeros."""
     return np.concatenate([values, np.zeros(_filled(len(values)) - len(values))])
-
-
-def layer_shapes(network: Network) -> list[list[tuple[int, int]]]:
-    """(rows, columns) of the layers of each member of ``network``, filled up to whole blocks."""
-    share = network.output_scales
-    return [_Member(k, m, network.feature_scales, share).shapes for k, m in enumerate(network.members)]
 
 
 class _Member:
@@ -184,3 +158,31 @@ def network_c(network: Network, places: list[int]) -> str:
             "static void network_jacobian(const real *features, real *by) {\n  " + "\n  ".join(by) + "\n}\n",
         ]
     )
+
+
+def lanes_network_c(network: Network) -> str:
+    """C function ``lanes_network(x, rates)``, which adds the accelerations of ``network`` to rates[3..5] of LANES ships
+    at once, and the layer that it calls."""
+    members = [_Member(k, m, network.feature_scales, network.output_scales) for k, m in enumerate(network.members)]
+    widest = max(max(shape) for member in members for shape in member.shapes)
+    lines = [f"real a[3][{LANES}], y[2][{widest}][{LANES}];", "int i, j, l;"]
+    lines.append(f"for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++) a[i][l] = R(0.0);")
+    for k, member in enumerate(members):
+        source = "x"
+        for i, (rows, columns) in enumerate(member.shapes):
+            arrays = ", ".join(f"network_{k}_{name}_{i}" for name in ("weight", "bias", "offset"))
+            target = f"y[{i % 2}]"
+            lines.append(f"lanes_layer({arrays}, {rows}, {columns}, {source}, {target});")
+            source = target
+        lines += [
+            f"for (j = 0; j < {member.shapes[-1][0]}; j++) for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++)",
+            f"  a[i][l] += network_{k}_last[4 * j + i] * {source}[j][l];",
+        ]
+    lines.append(f"for (i = 0; i < 3; i++) for (l = 0; l < {LANES}; l++) rates[3 + i][l] += a[i][l];")
+    layer = inserted(
+        (TEMPLATES / "lanes_layer.c").read_text(encoding="utf-8"), BLOCK=BLOCK, LANES=LANES,
+        TANH=tanh_statements("s[l]"),
+        GROUP_TANH=tanh_statements("(*(const lane_group *)s)").replace("real ", "lane_group "),
+    )  # fmt: skip
+    body = "\n  ".join(lines)
+    return f"{layer}\nstatic void lanes_network(real x[][{LANES}], real rates[][{LANES}]) {{\n  {body}\n}}\n\n"

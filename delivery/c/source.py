@@ -1,35 +1,47 @@
-"""The C source of a ship: stages of its equations, Runge-Kutta steps, derivatives, extrapolation."""
+"""The C product: its equations as one staged program, Runge-Kutta steps, derivatives, extrapolation, and an example."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from delivery.c.equations import (
-    COEFFICIENTS,
-    COLUMNS,
-    FEATURES,
-    FEATURES_C,
-    FEATURES_Z,
-    FORCES,
-    INPUTS,
-    RATES,
-    RATES_C,
-    RATES_Z,
-    SETTLED,
-    Equations,
-)  # fmt: skip
-from delivery.c.header import about, definitions, header_c
-from delivery.c.many import Many, many_c
-from delivery.c.network import layer_shapes, network_c
-from delivery.c.text import comment
+import casadi as ca
+
+from cases.maneuvers import self_propulsion
+from delivery.c.header import TEMPLATES, about, comment, definitions, filled, header_c
+from delivery.c.network import lanes_network_c, network_c, tanh_statements
 from delivery.product import Product
 from mmg.compile.portable_c import Emitter, functions_used, prelude
+from mmg.compile.portable_lanes import LANES, LaneEmitter, lane_functions
+from mmg.compile.stages import Program
 from mmg.effects import effect
-from mmg.errors import Unsupported
-from mmg.model import INVERSIONS
+from mmg.errors import Unsupported, UserError
+from mmg.model import INVERSIONS, Model
 
-EVERY = (RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C)
-FAILING = "the equations of this ship cannot be written as portable C"
+COEFFICIENTS, INPUTS, STATE = 1, 2, 3
+"""Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
+EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C = tuple(range(9))
+"""Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the
+first six, features (F,); derivatives of rates and features by state (S) and inputs (C)."""
+RUDDER = 0.3
+"""Rudder angle [rad] of the turn in an example."""
+MOST_VALUES = 1500
+"""Ships with more values than this are stepped one by one: their arrays would not fit into a small stack."""
+
+
+def equations(product: Product) -> Program:
+    """The equations of a ``product`` without its network, whose accelerations other code adds, as one staged program.
+
+    Arguments: state (S,), inputs (C,), coefficients (P,); outputs: EVERY.
+    """
+    model: Model = product.model_of(product.ship.without_network())
+    z, c = ca.SX.sym("state", len(model.states)), ca.SX.sym("inputs", len(model.controls))
+    theta = ca.SX.sym("coefficients", len(model.symbols))
+    rates, features = model.rates(z, c, theta), model.features(z, c, theta)
+    outputs = [rates, model.forces(z, c, theta), model.columns(z, theta), model.initial(z[:6], c, theta), features]
+    outputs += [ca.jacobian(of, by) for of in (rates, features) for by in (z, c)]
+    function = ca.Function("ship", [z, c, theta], outputs, {"cse": True})
+    return Program.of(function, (STATE, INPUTS, COEFFICIENTS))
 
 
 class Source:
@@ -37,8 +49,7 @@ class Source:
 
     def __init__(self, product: Product) -> None:
         self.product, self.p, self.model = product, product.identifier, product.model
-        self.equations = Equations.of(product.model_of(product.ship.without_network()))
-        self.program = self.equations.program
+        self.program = equations(product)
         self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.model.symbols)
         self.features = product.ship.features
         self.network = product.ship.network
@@ -48,19 +59,20 @@ class Source:
         self.shown = (RATES, FEATURES) if self.network else (RATES,)
         """What a Runge-Kutta stage needs."""
         self.held = {place: f"held[{i}]" for i, place in enumerate(self.program.handed_on(self.shown, INPUTS))}
+        self.places = [self.features.index(name) for name in self.network.features] if self.network else []
+        """Where the inputs of the network stand among the features of the ship."""
 
     def text(self) -> str:
         """The whole source file. Raises UserError for equations that cannot be written."""
+        size = max(len(self.held), 1)
         try:
-            parts = [self._init(), self._stages(), self._entries(), self._jacobians(), self._steps()]
-            shapes = layer_shapes(self.network) if self.network else []
-            sizes, network = (self.S, self.C), self.network
-            parts.append(many_c(Many(self.p, self.program, self.kept, sizes, network, self._places(), shapes)))
-            parts.append(self._range())
+            parts = [self._init(), self._stages(), self._entries(), self._jacobians()]
+            parts += [filled(TEMPLATES / "steps.c", self.product, HELD=size), self._many(), self._range()]
         except NotImplementedError as error:
-            raise Unsupported(f"{FAILING} ({error}); leave the effect that needs it out with --without") from None
+            words = f"the equations of this ship cannot be written as portable C ({error})"
+            raise Unsupported(f"{words}; leave the effect that needs it out with --without") from None
         used = sorted({*functions_used(self.program, EVERY), "fabs"})
-        networks = network_c(self.network, self._places()) if self.network else ""
+        networks = network_c(self.network, self.places) if self.network else ""
         head = f'#include "{self.p}.h"\n\n' + "".join(
             f"#include <{name}.h>\n" for name in ("float", "math", "stddef", "string")
         )
@@ -69,10 +81,6 @@ class Source:
         return (
             comment(about(self.product)) + head + macros + definitions(self.product) + networks + "".join(parts) + undo
         )
-
-    def _places(self) -> list[int]:
-        """Where the inputs of the network stand among the features of the ship."""
-        return [self.features.index(name) for name in self.network.features] if self.network else []
 
     def _body(self, outputs: Sequence[int], after: int, emitter: Emitter | None = None) -> list[str]:
         """Statements of all stages later than ``after`` that lead to ``outputs``."""
@@ -162,7 +170,7 @@ class Source:
         lines = [*self._body(outputs, COEFFICIENTS)]
         lines += [*self._store(RATES_Z, "by_state", width=S), *self._store(RATES_C, "by_inputs", width=C)]
         if self.network:
-            places = self._places()
+            places = self.places
             arrays = f"real features[{F}], by[{3 * len(places)}], feature_z[{F * S}], feature_c[{F * C}];"
             where = f"static const int at[{len(places)}] = {{{', '.join(map(str, places))}}};"
             lines = [arrays, where, "int i, j, k;", *lines]
@@ -176,60 +184,39 @@ class Source:
         head = f"void {self.p}_jacobians(const {self.p}_model *model, const real *state, const real *inputs,\n"
         return self._function(f"{head}  real *by_state, real *by_inputs)", lines, ("model", "state", "inputs"))
 
-    def _steps(self) -> str:
-        p, S, size = self.p, self.S, max(len(self.held), 1)
-        return f"""
-/* whether a state is finite, also under -ffast-math: by the bits of its exponents */
-static int finite_state(const real *state) {{
-  int i, good = 1;
-  for (i = 0; i < {S}; i++) {{
-    const double x = (double)state[i];
-    unsigned char bytes[sizeof(double)];
-    unsigned high, low;
-    memcpy(bytes, &x, sizeof x);
-    high = bytes[sizeof(double) - 1];
-    low = bytes[sizeof(double) - 2];
-    if (bytes_reversed()) {{
-      high = bytes[0];
-      low = bytes[1];
-    }}
-    good &= !((high & 0x7fu) == 0x7fu && (low & 0xf0u) == 0xf0u);
-  }}
-  return good;
-}}
-
-static int steps_of(double h) {{
-  if (!(h >= 0.0) || h > 1e6 * {p.upper()}_LONGEST_STEP) return -1;
-  if (h <= 0.0) return 0;
-  return h <= {p.upper()}_LONGEST_STEP ? 1 : (int)ceil(h / {p.upper()}_LONGEST_STEP - 1e-9);
-}}
-
-static int advance(const {p}_model *model, real *state, const real *inputs, double h, int steps) {{
-  real held[{size}], z[{S}], at[{S}], k[{S}], sum[{S}];
-  const real step = (real)(h / steps), half = R(0.5) * step;
-  int i, n;
-  input_stage(model, inputs, held);
-  for (i = 0; i < {S}; i++) z[i] = state[i];
-  for (n = 0; n < steps; n++) {{
-    state_stage(model, held, z, inputs, k);
-    for (i = 0; i < {S}; i++) {{ sum[i] = k[i]; at[i] = z[i] + half * k[i]; }}
-    state_stage(model, held, at, inputs, k);
-    for (i = 0; i < {S}; i++) {{ sum[i] += R(2.0) * k[i]; at[i] = z[i] + half * k[i]; }}
-    state_stage(model, held, at, inputs, k);
-    for (i = 0; i < {S}; i++) {{ sum[i] += R(2.0) * k[i]; at[i] = z[i] + step * k[i]; }}
-    state_stage(model, held, at, inputs, k);
-    for (i = 0; i < {S}; i++) z[i] += step / R(6.0) * (sum[i] + k[i]);
-  }}
-  if (!finite_state(z)) return 1;
-  for (i = 0; i < {S}; i++) state[i] = z[i];
-  return 0;
-}}
-
-int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) {{
-  const int steps = steps_of(h);
-  return steps < 0 ? 1 : (steps == 0 ? 0 : advance(model, state, inputs, h, steps));
-}}
-""".replace("static int finite_state", f"{_ORDER}static int finite_state")
+    def _many(self) -> str:
+        """``step_many``: LANES ships at once in loops of fixed length, where their values fit into a small stack."""
+        program, loop = self.program, f"for (l = 0; l < {LANES}; l++)"
+        if len(program.needed(self.shown, COEFFICIENTS)) > MOST_VALUES:
+            return filled(TEMPLATES / "one_by_one.c", self.product)
+        arguments = {0: "state[{0}][l]", 1: "inputs[{0}][l]", 2: "model->coefficients[{0}]"}
+        held = {place: f"{text}[l]" for place, text in self.held.items()}
+        first, later = (
+            LaneEmitter(program, arguments, self.kept),
+            LaneEmitter(program, arguments, {**self.kept, **held}),
+        )
+        places = [i for i in program.needed(self.shown, COEFFICIENTS) if program.values[i].stage == INPUTS]
+        scratch = [f"real a0[{LANES}], a1[{LANES}];", "int l, odd = 0;"]
+        unused = "(void)model; (void)held; (void)inputs; (void)a0; (void)a1; (void)"
+        into = [f"{loop} {target} = {first.name(place)};" for place, target in held.items()]
+        state = [*scratch, *later.lines(program.needed(self.shown, INPUTS))]
+        state += [f"{loop} rates[{i}][l] = {later.name(place)};" for i, place in enumerate(program.results[RATES])]
+        if self.network:
+            state.insert(0, f"real x[{len(self.places)}][{LANES}];")
+            features = program.results[FEATURES]
+            state += [f"{loop} x[{i}][l] = {later.name(features[place])};" for i, place in enumerate(self.places)]
+            state.append("lanes_network(x, rates);")
+        row, model = f"real {{}}[][{LANES}]", f"const {self.p}_model *model"
+        head = f"static int lanes_input({model}, {row.format('inputs')}, {row.format('held')})"
+        lines = [*scratch, *first.lines(places), *into, f"{unused}l;", "return odd;"]
+        text = lane_functions(program, list(self.shown), tanh_statements("x[l]"))
+        text += self._function(head, lines)[1:] + "\n"
+        text += lanes_network_c(self.network) if self.network else ""
+        head = f"static int lanes_rates({model}, {row.format('held')}, {row.format('state')},\n"
+        head += f"  {row.format('inputs')}, {row.format('rates')})"
+        text += self._function(head, [*state, f"{unused}state;", "return odd;"])[1:]
+        size = max(len(self.held), 1)
+        return text + filled(TEMPLATES / "lanes_steps.c", self.product, LANES=LANES, HELD=size)
 
     def _range(self) -> str:
         """Distance to what the trials held."""
@@ -265,17 +252,6 @@ int {p}_step(const {p}_model *model, real *state, const real *inputs, double h) 
         return self._function(head, ["(void)model; (void)inputs;", "if (!finite_state(state)) return DBL_MAX;", *lines])
 
 
-_ORDER = """/* whether the last byte of a number comes first in memory */
-static int bytes_reversed(void) {
-  const double one = 1.0;
-  unsigned char bytes[sizeof(double)];
-  memcpy(bytes, &one, sizeof one);
-  return bytes[0] != 0;
-}
-
-"""
-
-
 def c_files(product: Product) -> dict[str, str]:
     """Text of the header and of the source of a ``product``, by file name; the same product gives the same bytes.
 
@@ -288,3 +264,43 @@ def c_files(product: Product) -> dict[str, str]:
     source = Source(product)
     text, p = source.text(), product.identifier
     return {f"{p}.h": header_c(product, len(source.kept)), f"{p}.c": text}
+
+
+def write_c(product: Product, target: Path) -> None:
+    """Write the C product of ``product`` into the folder ``target``. Raises UserError where C cannot hold it."""
+    files = c_files(product) | {
+        "example.c": example_c(product),
+        "README.md": filled(TEMPLATES / "README.md", product),
+    }
+    for name, text in files.items():
+        (target / name).write_text(text, encoding="utf-8", newline="\n")
+
+
+def example_c(product: Product) -> str:
+    """A program that steers ``product`` through 600 s with the rudder held, and prints its motion as CSV."""
+    p, (speed, inputs) = product.identifier, approach(product)
+    build = f"Compile: cc -std=c99 -O2 {p}.c example.c -lm -o example"
+    timed = "time" in product.model.controls
+    return filled(
+        TEMPLATES / "example.c", product, SPEED=speed,
+        ABOUT=comment(["How to use the ship: a turn of 600 s in steps of 0.1 s.", build]),
+        SETTINGS="".join(f"  inputs[{p}_input_{name}] = ({p}_real){value!r};\n" for name, value in inputs.items()),
+        CLOCK=f"    inputs[{p}_input_time] = ({p}_real)(0.1 * k);\n" if timed else "",
+    )  # fmt: skip
+
+
+def approach(product: Product) -> tuple[float, dict[str, float]]:
+    """Speed [m/s] and inputs by name of the turn in an example of ``product``.
+
+    It begins at the highest revolutions that the trials held and the speed that they give, else as ``mmg simulate``
+    begins: at the ship's own speed.
+    """
+    ship, highest = product.ship, product.ranges.get("n", (0.0, 0.0))[1]
+    try:
+        speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
+    except UserError:  # a ship before its calibration may hold no speed
+        speed = self_propulsion.own_speed(ship)
+        n = speed / (0.6 * ship.particulars.get("D_P", 0.03 * ship.particulars["L"]))
+    inputs = self_propulsion.actuator_positions(ship, n, RUDDER)
+    named = {name: round(float(value), 3) for name, value in inputs.items() if name in product.model.controls}
+    return round(speed, 3), {name: value for name, value in named.items() if value}

@@ -17,19 +17,20 @@ from typing import Any
 
 import numpy as np
 
-from delivery.dictionaries.motions import Motions, masses, motions
 from delivery.dictionaries.projection import (
     ChannelError,
+    Motions,
     channel_errors,
-    check_errors,
     error_messages,
     linear_parameters,
+    masses,
+    motions,
+    written,
 )
 from delivery.product import Product
 from mmg.errors import Unsupported
 from mmg.messages import Message
 
-TEMPLATES = Path(__file__).parent / "templates"
 GYRATION = 0.25
 """Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -42,31 +43,20 @@ TERMS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """Factors that each plugin has, by channel."""
 PLUGINS = {
-    "gazebo": ("Gazebo Sim", "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics"),
-    "vrx": ("the Virtual RobotX", "libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics"),
-}
+    "gazebo": ("Gazebo Sim", "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics",
+               "export the ship as fmu or c, which hold it exactly"),
+    "vrx": ("the Virtual RobotX", "libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics",
+            "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead"),
+}  # fmt: skip
+"""Simulator, library, plugin, and what to do where it cannot hold a ship."""
 
 
-def write_gazebo(product: Product, target: Path) -> list[Message]:
-    """Write the hull of ``product`` as SDF for Gazebo Sim to the file ``target``; returns what is to be said.
+def write_hull(product: Product, target: Path, form: str) -> list[Message]:
+    """Write the hull of ``product`` as SDF to the file ``target``; returns what is to be said.
 
-    Raises UserError where it cannot be held.
+    form: "gazebo" or "vrx". Raises UserError where it cannot be held.
     """
-    return _write(product, target, "gazebo", "export the ship as fmu or c, which hold it exactly")
-
-
-def write_vrx(product: Product, target: Path) -> list[Message]:
-    """Write the hull of ``product`` as SDF for VRX to the file ``target``; returns what is to be said.
-
-    Raises UserError where it cannot be held.
-    """
-    return _write(product, target, "vrx", "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead")
-
-
-def _write(product: Product, target: Path, form: str, instead: str) -> list[Message]:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    simulator, filename, plugin = PLUGINS[form]
+    simulator, filename, plugin, instead = PLUGINS[form]
     if "propeller" not in product.ship.components:
         raise Unsupported(
             f"{simulator} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
@@ -74,8 +64,8 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
         )
     samples = motions(product, simulator)
     factors, errors = project(samples, form)
-    check_errors(errors, f"the hydrodynamics plugin of {simulator}", instead)
-    messages = error_messages(errors, samples, f"the hull in the hydrodynamics plugin of {simulator}")
+    words = f"the hydrodynamics plugin of {simulator}", f"the hull in the hydrodynamics plugin of {simulator}"
+    messages = error_messages(errors, samples, words, instead)
     P, mass = samples.ship.particulars, masses(samples.ship)
     coefficient, error = thrust_coefficient(samples)
     hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
@@ -84,36 +74,27 @@ def _write(product: Product, target: Path, form: str, instead: str) -> list[Mess
     parameters: dict[str, Any] = {name: repr(sign * value) for name, value in added.items()}
     parameters |= {name: repr(value) for name, value in factors.items()}
     if form == "gazebo":
-        parameters["disable_coriolis"] = "true"
-        parameters["water_density"] = P["rho"]
+        parameters |= {"disable_coriolis": "true", "water_density": P["rho"]}
     else:
         parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
-    words: dict[str, Any] = {
-        "title": product.ship.title.replace("--", "- -"),
-        "simulator": simulator, "said": [*messages, *map(str, product.caveats)],
+    content: dict[str, Any] = {
+        "title": product.ship.title.replace("--", "- -"), "simulator": simulator,
+        "said": [str(line).replace("--", "- -") for line in (*messages, *product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
         "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
         "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
-    words["said"] = [line.replace("--", "- -") for line in words["said"]]
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, autoescape=True, keep_trailing_newline=True
-    )
-    target.write_text(environment.get_template("hull.sdf.j2").render(words), encoding="utf-8")
+    written(target, "hull.sdf.j2", content, markup=True)
     return messages
 
 
-def hull_force(samples: Motions) -> np.ndarray:
-    """X, Y [N], N [N m] (3, M) of the ship of ``samples`` without propeller and rudder."""
-    driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
-    return samples.needed_force(masses(samples.ship)) - sum(driving, np.zeros((3, len(samples.u))))
-
-
 def wanted_force(samples: Motions, form: str) -> np.ndarray:
-    """What a plugin's velocity terms must give (3, M): the hull's force with what its added masses leave of the
-    equations of motion. samples: motions; form: "gazebo" or "vrx"."""
-    mass, force = masses(samples.ship), hull_force(samples).copy()
+    """What a plugin's velocity terms must give (3, M): the force on the hull, without propeller and rudder, with what
+    its added masses leave of the equations of motion. samples: motions; form: "gazebo" or "vrx"."""
+    mass = masses(samples.ship)
+    driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
+    force = samples.needed_force(mass) - sum(driving, np.zeros((3, len(samples.u))))
     if form == "gazebo":
         force[0] += mass.m_y * samples.v * samples.r
         force[1] -= mass.m_x * samples.u * samples.r

@@ -1,23 +1,223 @@
-"""Least-squares projection of a ship's forces on the form of another model, and the sentence on its error."""
+"""The projection of a ship on the form of another simulator: motions, least squares, and how good it is.
+
+The ship is simulated in calm air and water under rudder steps at several revolutions ahead; samples outside the range
+of its trials are left out. What a projection must reproduce is the force that the target's own equations of motion
+need to move as the ship does. Its error is said by channel, and in a turning circle of both.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from delivery.dictionaries.motions import Motions
+from cases.maneuvers.self_propulsion import revolutions_for, speed_for
+from cases.simulation.simulate import longest_step
+from delivery.product import Product
+from mmg.components.coefficients import names
+from mmg.components.rigid_body import Inertia, inertia
+from mmg.effects import effect
 from mmg.errors import Unsupported
 from mmg.messages import Message
+from mmg.model import Model, assemble
+from mmg.motion.froude import reference_speed, time_scale
+from mmg.rollout import Simulator
+from mmg.runge_kutta import rk4_step
+from mmg.ship import Ship
 
-CHANNELS = (("surge", "X", "N"), ("sway", "Y", "N"), ("yaw", "N", "N m"))
+RUDDER, RATE = math.radians(35.0), math.radians(20.0)
+"""Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
+``mmg simulate``."""
+SPEEDS = (0.5, 0.75, 1.0)
+"""Approach speeds [-, by the design speed] where no range is known."""
+RUNS, SAMPLES, KEPT = 8, 500, 1500
+"""Runs per approach speed, samples of each, and motions kept at most."""
+LIMITED = ("u", "v", "r", "n", "delta", "beta")
+"""Quantities of the trials' range by which motions are left out."""
+MARGIN = 0.02
+"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside."""
 WORST = 0.5
 """Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement."""
 PULL = 0.1
 """Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
 little enough to leave what the motions determine."""
+EXACT = "export the ship as c, casadi or fmu, which hold it exactly"
+"""What to do instead of a projection."""
+Rates = Callable[[np.ndarray, float, float], np.ndarray]
+"""(u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)."""
+
+
+@dataclass(frozen=True)
+class Motions:
+    """M motions of a ship and the accelerations that they bring.
+
+    u, v, r, n, delta: (M,) SI. rates: (3, M) of u, v, r. forces: role -> X, Y, N of it (3, M). limits: quantity ->
+    range of these motions. left_out: sentences on what of the ship takes no part.
+    """
+
+    ship: Ship
+    u: np.ndarray
+    v: np.ndarray
+    r: np.ndarray
+    n: np.ndarray
+    delta: np.ndarray
+    rates: np.ndarray
+    forces: Mapping[str, np.ndarray]
+    limits: Mapping[str, tuple[float, float]]
+    left_out: tuple[str, ...]
+
+    def at(self, nu: np.ndarray, n: float, delta: float) -> Motions:
+        """One motion in place of these: nu: u, v, r (3,); n [1/s]; delta [rad]. Its rates and forces are none's."""
+        u, v, r = (np.array([float(x)]) for x in nu)
+        return replace(self, u=u, v=v, r=r, n=np.array([n]), delta=np.array([delta]))
+
+    def needed_force(self, mass: Inertia) -> np.ndarray:
+        """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship moves as the ship does."""
+        u, v, r = self.u, self.v, self.r
+        du, dv, dr = self.rates
+        X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r * r
+        Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
+        N = mass.I_z * dr + mass.moment * (dv + u * r)
+        return np.array([X, Y, N])
+
+
+def masses(ship: Ship) -> Inertia:
+    """Masses about midship of ``ship``, as numbers."""
+    values = {s: c.value for s, c in ship.coefficients.items() if "." not in s}
+    return inertia(ship.namespace, names(values))
+
+
+def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...]]:
+    """The ship of ``product`` as a model of forces in calm air and water, and sentences on what is left out.
+
+    Raises UserError for what the ``target`` cannot hold: an effect of the surroundings or one that remembers, and any
+    actuators but one propeller and one rudder.
+    """
+    ship, left_out = product.ship, []
+    for name in product.ship.effects:
+        if effect(name).measures:
+            ship = ship.without_effect(name)
+            left_out.append(f"the effect {name} belongs to the instruments and is left out")
+        elif effect(name).surroundings or len(assemble(ship).states) > len(assemble(ship.without_effect(name)).states):
+            why = "belongs to the surroundings" if effect(name).surroundings else "remembers"
+            raise Unsupported(
+                f"{target} cannot hold the effect {name}, which {why}; leave it out with --without {name}, or export "
+                "the ship as c, casadi or fmu"
+            )
+    left_out += [f"the effect {name} is a part of the forces" for name in ship.effects]
+    for role in ("actuators", "roll"):
+        if role in ship.components:
+            ship = replace(ship, components={k: v for k, v in ship.components.items() if k != role})
+            left_out.append(f"the model of {role} is left out")
+    thrusters = [name for name in ship.actuators if name in ("n_bow", "n_stern")]
+    if thrusters:
+        left_out.append(f"thrusters ({', '.join(thrusters)}) are at rest")
+    others = set(ship.actuators) - {"n", "delta", *thrusters}
+    if others or "waves" in ship.components:
+        what = ", ".join(sorted(others)) or "waves"
+        raise Unsupported(
+            f"{target} holds one fixed-pitch propeller and one rudder, and calm water; {ship.name} has {what}: export "
+            "it as c, casadi or fmu"
+        )
+    if "wind" in ship.components:
+        left_out.append("wind is left out, but for the air that the ship's own motion meets")
+    return ship, tuple(left_out)
+
+
+def motions(product: Product, target: str, seed: int = 0) -> Motions:
+    """Motions of the ship of ``product`` within the range of its trials, for a projection on the model ``target``.
+
+    Raises UserError for what the target cannot hold, and where the range leaves no motion ahead. seed: of the rudder.
+    """
+    ship, left_out = horizontal_ship(product, target)
+    model, rng = assemble(ship, symbols=()), np.random.default_rng(seed)
+    step = longest_step(ship)
+    revolutions, speeds = _approaches(ship, product.ranges)
+    widest = max(map(abs, product.ranges.get("delta", (0.0, RUDDER))))
+    n, M = np.repeat(revolutions, RUNS), RUNS * len(revolutions)
+    delta = _rudder(rng, M, widest, RATE / time_scale(ship.particulars["L"]) * step)
+    controls = np.zeros((SAMPLES, len(model.controls), M))
+    for name, values in (("n", np.broadcast_to(n, (SAMPLES, M))), ("delta", delta)):
+        if name in model.controls:
+            controls[:, model.controls.index(name)] = values
+    start = np.zeros((6, M))
+    start[3] = np.repeat(speeds, RUNS)
+    states = Simulator(ship, compiled=False).run(start, controls, step)[:-1]
+    flat = states[:, 3:6].transpose(1, 0, 2).reshape(3, -1)
+    inputs = controls.transpose(1, 0, 2).reshape(len(model.controls), -1)
+    n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
+    inside = _inside(product.ranges, *flat, n, delta)
+    if inside.sum() < 100:
+        raise Unsupported(
+            f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
+            f"{len(inside)}: export the ship as c, casadi or fmu"
+        )
+    rows = np.flatnonzero(inside)
+    rows = rows if len(rows) <= KEPT else np.sort(rng.choice(rows, KEPT, replace=False))
+    return _evaluated(model, flat[:, rows], inputs[:, rows], n[rows], delta[rows], left_out)
+
+
+def _evaluated(
+    model: Model, nu: np.ndarray, inputs: np.ndarray, n: np.ndarray, delta: np.ndarray, left_out: tuple[str, ...]
+) -> Motions:
+    """Motions with the accelerations and forces of the model; nu (3, M), inputs (C, M), n, delta (M,)."""
+    states = np.vstack([np.zeros((3, nu.shape[1])), nu])
+    rates = np.array(model.rates(states, inputs, np.zeros((0, 1))))[3:6]
+    forces = np.array(model.forces.map(nu.shape[1])(states, inputs, np.zeros((0, nu.shape[1]))))
+    by_role = forces.reshape(len(model.roles), nu.shape[1], 3).transpose(0, 2, 1)
+    values = dict(zip(LIMITED, (*nu, n, delta, np.arctan2(-nu[1], nu[0])), strict=True))
+    limits = {name: (float(a.min()), float(a.max())) for name, a in values.items()}
+    return Motions(
+        model.ship, nu[0], nu[1], nu[2], n, delta, rates, dict(zip(model.roles, by_role, strict=True)), limits, left_out
+    )
+
+
+def _approaches(ship: Ship, ranges: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Revolutions [1/s] and steady speeds [m/s] of the approaches: three each."""
+    L = ship.particulars["L"]
+    if "n" not in ship.actuators:
+        return np.zeros(3), np.array([0.9, 1.0, 1.1]) * ship.particulars["U_0"]
+    low, high = ranges.get("n", (0.0, 0.0))
+    if high > 0:
+        revolutions = np.linspace(max(low, 0.4 * high), high, 3)
+        return revolutions, np.array([speed_for(ship, n) for n in revolutions])
+    design = ship.particulars.get("U_0", 0.07 * reference_speed(L))
+    speeds = np.array(SPEEDS) * design
+    return np.array([revolutions_for(ship, u) for u in speeds]), speeds
+
+
+def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> np.ndarray:
+    """Rudder angles (SAMPLES, M) [rad]: steps held for 20 to 160 samples, first to one side, then to the other, moved
+    by at most ``change`` per sample."""
+    delta, row = np.zeros((SAMPLES, M)), np.zeros(M)
+    orders = np.zeros((SAMPLES, M))
+    for m in range(M):
+        k, side = 5, 1.0 if m % 2 else -1.0
+        while k < SAMPLES:
+            hold = int(rng.integers(20, 160))
+            orders[k : k + hold, m] = side * widest * (1.0 if rng.random() < 0.3 else rng.random())
+            k, side = k + hold, -side
+    for k in range(SAMPLES):
+        row = row + np.clip(orders[k] - row, -change, change)
+        delta[k] = row
+    return delta
+
+
+def _inside(ranges: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
+    """Whether each motion lies in the range of the trials and goes ahead; values: u, v, r, n, delta (M,)."""
+    u, v = values[:2]
+    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))
+    good = (u > 0.05 * np.max(u)) & np.isfinite(v)
+    for name, (low, high) in ranges.items():
+        if name in named:
+            margin = MARGIN * (high - low)
+            good &= (named[name] >= low - margin) & (named[name] <= high + margin)
+    return good
 
 
 @dataclass(frozen=True)
@@ -28,7 +228,6 @@ class ChannelError:
     """
 
     channel: str
-    symbol: str
     unit: str
     force: float
     error: float
@@ -42,38 +241,30 @@ class ChannelError:
 def channel_errors(needed: np.ndarray, projected: np.ndarray) -> tuple[ChannelError, ...]:
     """Errors in surge, sway and yaw. needed, projected: X, Y, N (3, M): needed by the target, and given by its form."""
     force, error = (np.sqrt(np.mean(a**2, axis=1)) for a in (needed, projected - needed))
-    return tuple(ChannelError(*words, float(f), float(e)) for words, f, e in zip(CHANNELS, force, error, strict=True))
+    rows = zip(("surge", "sway", "yaw"), ("N", "N", "N m"), force, error, strict=True)
+    return tuple(ChannelError(channel, unit, float(f), float(e)) for channel, unit, f, e in rows)
 
 
-def check_errors(errors: tuple[ChannelError, ...], target: str, instead: str) -> None:
-    """Raises UserError where a channel's error is too large a share. errors: by channel; target: words;
-    instead: what to do."""
+def error_messages(
+    errors: Sequence[ChannelError], samples: Motions, words: tuple[str, str], instead: str = EXACT
+) -> list[Message]:
+    """What is to be said of a projection: error per channel, range, what is left out.
+
+    errors: by channel; samples: motions of the ship; words: on the target, and on its form; instead: what to do.
+    Raises UserError where a channel's error is too large a share.
+    """
+    target, form = words
     worst = max(errors, key=lambda e: e.share)
     if worst.share > WORST:
         raise Unsupported(
             f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the force "
             f"(RMS), more than {100 * WORST:.0f} %; {instead}"
         )
-
-
-def error_messages(errors: tuple[ChannelError, ...], samples: Motions, target: str) -> list[Message]:
-    """What is to be said of a projection: error per channel, range, what is left out.
-
-    errors: by channel; samples: motions of the ship; target: words.
-    """
     shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
     limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in samples.limits.items())
-    words = f"projected on {target}: error by net force (RMS) {shares}, over {len(samples.u)} motions"
-    messages = [Message(words, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
+    line = f"projected on {form}: error by net force (RMS) {shares}, over {len(samples.u)} motions"
+    messages = [Message(line, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
     return messages + [Message(line, "left_out") for line in samples.left_out]
-
-
-def error_rows(errors: tuple[ChannelError, ...]) -> list[dict[str, float | str]]:
-    """``errors`` as plain rows."""
-    return [
-        {"channel": e.channel, "force_rms": e.force, "error_rms": e.error, "unit": e.unit, "share": e.share}
-        for e in errors
-    ]
 
 
 def fit_parameters(
@@ -103,3 +294,74 @@ def linear_parameters(terms: Mapping[str, np.ndarray], force: np.ndarray) -> dic
     size[size == 0] = 1.0
     factors = np.linalg.lstsq(columns / size, force, rcond=1e-6)[0] / size
     return dict(zip(terms, factors.tolist(), strict=True))
+
+
+def ship_rates(samples: Motions) -> Rates:
+    """The rates of the ship of ``samples`` in calm air and water."""
+    model = assemble(samples.ship, symbols=())
+    columns = {name: model.controls.index(name) for name in ("n", "delta") if name in model.controls}
+    controls, state = np.zeros(len(model.controls)), np.zeros(6)
+
+    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
+        for name, value in (("n", n), ("delta", delta)):
+            if name in columns:
+                controls[columns[name]] = value
+        state[3:] = nu
+        return np.array(model.rates(state, controls, [])).ravel()[3:6]
+
+    return rates
+
+
+def turning_path(samples: Motions, rates: Rates) -> np.ndarray:
+    """Rows x, y, psi, u, v, r (N, 6) of a turning circle to starboard, 40 in the time of a ship length.
+
+    samples: motions of the ship, with the largest revolutions, rudder angle and speed of the approach; rates: of the
+    model. Ends when the heading has changed by 200 deg, or after 60 ship lengths.
+    """
+    L, n, largest = samples.ship.particulars["L"], float(samples.n.max()), float(np.abs(samples.delta).max())
+    straight = np.argmax(np.where(np.abs(samples.r) < 0.02 * np.abs(samples.r).max(), samples.u, 0.0))
+    speed = float(samples.u[straight])
+    dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
+    rows = []
+
+    def derivative(state: np.ndarray, _: float) -> np.ndarray:
+        psi, u, v, r = state[2:]
+        moving = [u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi), r]
+        return np.concatenate([moving, rates(state[3:], n, delta)])
+
+    for _ in range(round(60 * L / speed / dt)):
+        rows.append(z)
+        if not np.isfinite(z).all() or z[2] > math.radians(200):
+            break
+        delta = min(largest, delta + rate * dt)
+        z = rk4_step(derivative, z, dt)
+    return np.array(rows)
+
+
+def compared(samples: Motions, rates: Rates) -> tuple[dict[str, Any], Message]:
+    """The turning circle of the ship and of its projection, in ship lengths: as plain values, and in words.
+
+    samples: motions of the ship; rates: of the projection.
+    """
+    L, largest = samples.ship.particulars["L"], math.degrees(float(np.abs(samples.delta).max()))
+    circles = []
+    for one in (ship_rates(samples), rates):
+        x, y, psi = turning_path(samples, one)[:, :3].T
+        advance, diameter = float(np.interp(0.5 * math.pi, psi, x)), float(np.interp(math.pi, psi, y))
+        circles.append({"advance_L": advance / L, "tactical_diameter_L": diameter / L} if psi[-1] >= math.pi else None)
+    ship, projection = circles
+    words = "a turning circle does not come round with one of the two"
+    if ship and projection:
+        figures = [f"{name[:-2].replace('_', ' ')} {ship[name]:.2f} -> {projection[name]:.2f} L" for name in ship]
+        words = f"turning {largest:.0f} deg, ship -> projection: {', '.join(figures)}"
+    content = {"rudder_deg": largest, "n_rps": float(samples.n.max()), "ship": ship, "projection": projection}
+    return content, Message(words, "projection_turning")
+
+
+def written(target: Path, template: str, words: Mapping[str, Any], markup: bool = False) -> None:
+    """Write the ``template`` of this room, filled with ``words``, to the file ``target``. markup: whether it is XML."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    loader = FileSystemLoader(Path(__file__).parent / "templates")
+    environment = Environment(loader=loader, undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True)
+    target.write_text(environment.get_template(template).render(words), encoding="utf-8")

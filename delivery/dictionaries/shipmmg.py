@@ -18,17 +18,20 @@ from unicodedata import normalize
 
 import numpy as np
 
-from delivery.dictionaries.motions import Motions, masses, motions
 from delivery.dictionaries.projection import (
+    EXACT,
     ChannelError,
+    Motions,
+    Rates,
     channel_errors,
-    check_errors,
+    compared,
     error_messages,
-    error_rows,
     fit_parameters,
     linear_parameters,
+    masses,
+    motions,
+    ship_rates,
 )
-from delivery.dictionaries.turning import Rates, compared, in_words, ship_rates
 from delivery.product import Product
 from mmg.components.rigid_body import accelerations
 from mmg.errors import Missing, Unsupported
@@ -54,7 +57,6 @@ OTHER_NAMES = {"l_R": "ell_R", "gamma_R_plus": "gamma_N", "gamma_R_minus": "gamm
 """Their symbols in the ship, where these differ."""
 BASIC = {"epsilon": "ϵ", "kappa": "κ", "f_alpha": "f_α", "gamma_R_plus": "γ_R_plus", "gamma_R_minus": "γ_R_minus"}
 """Their names in shipmmg, where these differ."""
-INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
 
 
 def write_shipmmg(product: Product, target: Path) -> list[Message]:
@@ -64,10 +66,9 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
     """
     samples = shipmmg_motions(product)
     p, errors = project(samples)
-    check_errors(errors, "shipmmg", INSTEAD)
-    messages = error_messages(errors, samples, "shipmmg's 3-DOF MMG model")
-    circles = compared(samples, shipmmg_rates(samples, p))
-    messages.append(Message(in_words(circles), "projection_turning"))
+    messages = error_messages(errors, samples, ("shipmmg", "shipmmg's 3-DOF MMG model"))
+    circles, words = compared(samples, shipmmg_rates(samples, p))
+    messages.append(words)
     K, T, why = nomoto(samples)
     basic, maneuvering = dictionaries(samples, p)
     content = {
@@ -80,7 +81,10 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
         "kt_params": {"K": K, "T": T} if not why else None,
         "kt_remark": why or "linear, about straight running; K [1/s], T [s]",
         "approach": {"u0": float(samples.u.max()), "nps": float(samples.n.max())},
-        "projection": error_rows(errors),
+        "projection": [
+            {"channel": e.channel, "force_rms": e.force, "error_rms": e.error, "unit": e.unit, "share": e.share}
+            for e in errors
+        ],
         "turning": circles,
         "range": {name: list(pair) for name, pair in samples.limits.items()},
         "remarks": [*messages, *(str(words) for words in product.caveats)],
@@ -94,7 +98,7 @@ def shipmmg_motions(product: Product) -> Motions:
     for role in ("propeller", "rudder"):
         if role not in product.ship.components:
             raise Unsupported(
-                f"shipmmg needs a {role} of its own; {product.ship.name} has none beside its hull model: {INSTEAD}"
+                f"shipmmg needs a {role} of its own; {product.ship.name} has none beside its hull model: {EXACT}"
             )
     missing = [name for name in ("D_P", "A_R", "aspect_ratio", "x_R", "B") if name not in product.ship.particulars]
     if missing:

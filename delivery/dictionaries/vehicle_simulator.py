@@ -16,23 +16,27 @@ from pathlib import Path
 
 import numpy as np
 
-from delivery.dictionaries.motions import RATE, Motions, masses, motions
 from delivery.dictionaries.projection import (
+    EXACT,
+    RATE,
     ChannelError,
+    Motions,
+    Rates,
     channel_errors,
-    check_errors,
+    compared,
     error_messages,
     fit_parameters,
     linear_parameters,
+    masses,
+    motions,
+    written,
 )
-from delivery.dictionaries.turning import Rates, compared, in_words
 from delivery.product import Product
 from mmg.errors import Unsupported
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 
-TEMPLATES = Path(__file__).parent / "templates"
-INSTEAD = "export the ship as c, casadi or fmu, which hold it exactly"
+SIMULATOR = "the Python Vehicle Simulator"
 
 
 def write_vehicle(product: Product, target: Path) -> list[Message]:
@@ -40,37 +44,25 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
 
     Raises UserError for what the form cannot hold.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     if "n" not in product.ship.actuators or "propeller" not in product.ship.components:
-        raise Unsupported(
-            f"the Python Vehicle Simulator needs a propeller of its own; {product.ship.name} has none beside its hull "
-            f"model: {INSTEAD}"
-        )
-    samples = motions(product, "the Python Vehicle Simulator")
+        name = product.ship.name
+        raise Unsupported(f"{SIMULATOR} needs a propeller of its own; {name} has none beside its hull model: {EXACT}")
+    samples = motions(product, SIMULATOR)
     p, errors = project(samples)
-    check_errors(errors, "the Python Vehicle Simulator", INSTEAD)
-    messages = error_messages(errors, samples, "the tanker of the Python Vehicle Simulator")
-    messages.append(Message(in_words(compared(samples, vehicle_rates(samples, p))), "projection_turning"))
+    messages = error_messages(errors, samples, (SIMULATOR, f"the tanker of {SIMULATOR}"))
+    messages.append(compared(samples, vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
     words = {
-        "called": repr(f"{product.ship.title}, projected by mmg-ident"),
-        "title": _in_docstring(product.ship.title),
-        "name": product.identifier,
-        "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
+        "called": repr(f"{product.ship.title}, projected by mmg-ident"), "title": _in_docstring(product.ship.title),
+        "name": product.identifier, "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
-        "rpm": round(60 * float(samples.n.max()), 3),
-        "speed": speed,
-        "length": L,
+        "rpm": round(60 * float(samples.n.max()), 3), "speed": speed, "length": L,
         "delta_max": round(math.degrees(float(np.abs(samples.delta).max())), 3),
-        "delta_rate": round(math.degrees(RATE) / scale, 3),
-        "gain": 1.5,
-        "time": round(L / speed, 3),
+        "delta_rate": round(math.degrees(RATE) / scale, 3), "gain": 1.5, "time": round(L / speed, 3),
         "lead": round(10 * scale, 1),
-    }
-    environment = Environment(loader=FileSystemLoader(TEMPLATES), undefined=StrictUndefined, keep_trailing_newline=True)
-    target.write_text(environment.get_template("vehicle.py.j2").render(words), encoding="utf-8")
+    }  # fmt: skip
+    written(target, "vehicle.py.j2", words)
     return messages
 
 

@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from delivery.fmi.sources import MAIN
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, ProgramFailed, UnknownName, UserError
 
-FLAGS = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
+MAIN = "fmu-main.c"
+"""The one file to compile: it includes the others. File names with a hyphen cannot be those of a ship."""
+FLAGS: tuple[str, ...] = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
 LINKED = ("-lm",)
 
 

@@ -1,14 +1,21 @@
-"""modelDescription.xml of FMI 2.0 and 3.0, and the build description of FMI 3.0."""
+"""What is written about an FMU: modelDescription.xml of FMI 2.0 and 3.0, the build description of FMI 3.0, the page
+inside, and the description that the Open Simulation Platform reads beside it.
+
+OSP interface specification 1.0: libcosim looks for its description by the name of the model, in the folder of the FMU
+or of the system structure, never inside the FMU. Two groups of variables can be connected where their kinds and numbers
+of variables agree.
+"""
 
 from __future__ import annotations
 
 import math
+from html import escape
+from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from delivery.c.header import about
+from delivery.c.header import about, inserted
 from delivery.fmi.ship import CoSimulatedShip
-from delivery.fmi.units import SHOWN, exponents
-from delivery.fmi.variables import FmuVariable, VariableTable
+from delivery.fmi.variables import SHOWN, FmuVariable, VariableTable, exponents
 from fitting.report.run_folder import versions
 
 CATEGORIES = {
@@ -17,6 +24,11 @@ CATEGORIES = {
     "logStatusDiscard": "values that were refused",
     "logAll": "everything else",
 }
+PAGE = Path(__file__).parent / "c" / "page.html"
+NAMESPACE = "https://open-simulation-platform.com/OspModelDescription/1.0.0"
+ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
+         "AngularDisplacement")  # fmt: skip
+"""Kinds of groups in the order in which the schema wants them."""
 
 
 def text_of(root: Xml.Element) -> str:
@@ -77,82 +89,52 @@ def real_attributes(row: FmuVariable) -> dict[str, str]:
     return attributes
 
 
-def description_2(ship: CoSimulatedShip, table: VariableTable, token: str, files: list[str]) -> str:
-    """modelDescription.xml of FMI 2.0 of a ``ship`` and its variables ``table``. token: the GUID; files: sources."""
-    root = Xml.Element("fmiModelDescription", {**head(ship, "2.0"), "guid": token})
-    cosimulation = Xml.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=ship.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true",
-        canSerializeFMUstate="true",
+def description(ship: CoSimulatedShip, table: VariableTable, version: int, token: str, files: list[str]) -> str:
+    """modelDescription.xml of a ``ship`` and its variables ``table``.
+
+    version: of FMI, 2 or 3; token: the GUID or instantiation token; files: sources, which FMI 2.0 lists here.
+    """
+    two = version == 2
+    state = "FMUstate" if two else "FMUState"
+    root = Xml.Element(
+        "fmiModelDescription", {**head(ship, f"{version}.0"), "guid" if two else "instantiationToken": token}
     )
-    sources = Xml.SubElement(cosimulation, "SourceFiles")
-    for name in files:
-        Xml.SubElement(sources, "File", name=name)
+    able = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
+    attributes = {"modelIdentifier": ship.identifier, **dict.fromkeys(able, "true")}
+    cosimulation = Xml.SubElement(root, "CoSimulation", attributes)
+    if two:
+        sources = Xml.SubElement(cosimulation, "SourceFiles")
+        for name in files:
+            Xml.SubElement(sources, "File", name=name)
     units(root, table)
     categories = Xml.SubElement(root, "LogCategories")
     for name, words in CATEGORIES.items():
         Xml.SubElement(categories, "Category", name=name, description=words)
     Xml.SubElement(root, "DefaultExperiment", experiment(ship))
     variables = Xml.SubElement(root, "ModelVariables")
-    for row in table.rows[1:]:  # the time is not needed in FMI 2.0, and some importers want it to have a start
+    for row in table.rows[
+        1 if two else 0 :
+    ]:  # the time is not needed in FMI 2.0, and some importers want it to have a start
         attributes = {
-            "name": row.name,
-            "valueReference": str(row.reference),
-            "description": printable_words(row.words),
-            "causality": row.causality,
-            "variability": row.variability,
-        }
+            "name": row.name, "valueReference": str(row.reference), "description": printable_words(row.words),
+            "causality": row.causality, "variability": row.variability,
+        }  # fmt: skip
         if row.causality == "parameter":
             attributes["initial"] = "exact"
         elif row.causality in ("output", "local"):
             attributes["initial"] = "calculated"
-        kind = "Boolean" if row.unit is None else "Real"
-        Xml.SubElement(Xml.SubElement(variables, "ScalarVariable", attributes), kind, real_attributes(row))
-    structure = Xml.SubElement(root, "ModelStructure")
-    for name in ("Outputs", "InitialUnknowns"):
-        unknowns = Xml.SubElement(structure, name)
-        for row in table.of("output"):
-            Xml.SubElement(unknowns, "Unknown", index=str(row.reference))
-    return text_of(root)
-
-
-def description_3(ship: CoSimulatedShip, table: VariableTable, token: str) -> str:
-    """modelDescription.xml of FMI 3.0 of a ``ship`` with the variables of ``table``. token: instantiation token."""
-    root = Xml.Element("fmiModelDescription", {**head(ship, "3.0"), "instantiationToken": token})
-    Xml.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=ship.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-    )
-    units(root, table)
-    categories = Xml.SubElement(root, "LogCategories")
-    for name, words in CATEGORIES.items():
-        Xml.SubElement(categories, "Category", name=name, description=words)
-    Xml.SubElement(root, "DefaultExperiment", experiment(ship))
-    variables = Xml.SubElement(root, "ModelVariables")
-    for row in table.rows:
-        attributes = {
-            "name": row.name,
-            "valueReference": str(row.reference),
-            "description": printable_words(row.words),
-            "causality": row.causality,
-            "variability": row.variability,
-        }
-        if row.causality == "parameter":
-            attributes["initial"] = "exact"
-        elif row.causality in ("output", "local"):
-            attributes["initial"] = "calculated"
-        Xml.SubElement(variables, "Boolean" if row.unit is None else "Float64", {**attributes, **real_attributes(row)})
+        if two:
+            kind = "Boolean" if row.unit is None else "Real"
+            Xml.SubElement(Xml.SubElement(variables, "ScalarVariable", attributes), kind, real_attributes(row))
+        else:
+            kind = "Boolean" if row.unit is None else "Float64"
+            Xml.SubElement(variables, kind, {**attributes, **real_attributes(row)})
     structure = Xml.SubElement(root, "ModelStructure")
     for name in ("Output", "InitialUnknown"):
+        parent = Xml.SubElement(structure, f"{name}s") if two else structure
         for row in table.of("output"):
-            Xml.SubElement(structure, name, valueReference=str(row.reference))
+            reference = {"index" if two else "valueReference": str(row.reference)}
+            Xml.SubElement(parent, "Unknown" if two else name, reference)
     return text_of(root)
 
 
@@ -166,3 +148,78 @@ def build_description(ship: CoSimulatedShip, files: list[str]) -> str:
     words = "the mathematical functions of the C library, where they are a library of their own"
     Xml.SubElement(build, "Library", name="m", external="true", description=words)
     return text_of(root)
+
+
+def osp_groups(table: VariableTable) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Groups of the variables of ``table``: kind, name, names of the variables."""
+
+    def names(prefix: str, *axes: str) -> tuple[str, ...]:
+        return tuple(f"{prefix}.{axis}" for axis in axes)
+
+    groups = [
+        ("LinearVelocity", "wind_velocity", names("wind_velocity", "north", "east")),
+        ("LinearVelocity", "current_velocity", names("current_velocity", "north", "east")),
+        ("LinearDisplacement", "position", names("ned_position", "north", "east")),
+        ("LinearDisplacement", "ned_position", names("ned_position", "north", "east", "down")),
+        ("AngularDisplacement", "heading", names("ned_position", "yaw")),
+        ("AngularDisplacement", "attitude", names("ned_position", "roll", "pitch", "yaw")),
+        ("LinearVelocity", "velocity", names("body_velocity", "surge", "sway")),
+        ("LinearVelocity", "body_velocity", names("body_velocity", "surge", "sway", "heave")),
+        ("AngularVelocity", "rate_of_turn", names("body_velocity", "yaw")),
+        ("AngularVelocity", "angular_velocity", names("body_velocity", "roll", "pitch", "yaw")),
+        ("Generic", "extrapolation", ("extrapolation",)),
+    ]
+    for row in table.of("input"):
+        # a ShaftSpeed is in rad/s, and libcosim converts no units, so revolutions must not look like one
+        kind = {"1/s": "Generic", "rad": "AngularDisplacement"}.get(row.unit or "")
+        if kind:
+            groups.append((kind, row.name, (row.name,)))
+    parts = dict.fromkeys(row.name.split(".")[1] for row in table.rows if row.name.startswith("force."))
+    for part in parts:
+        groups.append(("Force", f"force.{part}", names(f"force.{part}", "X", "Y")))
+        groups.append(("Torque", f"moment.{part}", names(f"force.{part}", "N")))
+    return sorted(groups, key=lambda group: ORDER.index(group[0]))
+
+
+def osp_description(table: VariableTable) -> str:
+    """The description of an FMU with the variables of ``table``."""
+    rows, groups = {row.name: row for row in table.rows}, osp_groups(table)
+    root = Xml.Element("OspModelDescription", xmlns=NAMESPACE, version="1.0")
+    definitions = Xml.SubElement(root, "UnitDefinitions")
+    for unit in sorted({rows[name].unit or "" for _, _, members in groups for name in members} - {""}):
+        powers = {base: str(n) for base, n in sorted((exponents(unit) or {}).items())}
+        Xml.SubElement(Xml.SubElement(definitions, "Unit", name=unit), "BaseUnit", powers)
+    parent = Xml.SubElement(root, "VariableGroups")
+    for kind, name, members in groups:
+        group = Xml.SubElement(parent, kind, name=name)
+        for member in members:
+            named = {"unit": rows[member].unit or ""}
+            Xml.SubElement(group, "Variable", {"ref": member, **(named if named["unit"] else {})})
+    return text_of(root)
+
+
+def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
+    """The HTML page of ``ship`` with the variables of ``table``."""
+    ranges = [
+        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>"
+        for k, (a, b) in ship.ranges.items()
+    ]
+    limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
+    groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
+    return inserted(
+        PAGE.read_text(encoding="utf-8"), NAME=escape(ship.identifier), STEP=f"{ship.longest_step:g}",
+        TITLE=escape(ship.ship.title or ship.identifier),
+        WORDS="".join(f"<li>{escape(line)}</li>" for line in about(ship.plain)),
+        LIMITS=limits if ranges else "<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>",
+        TABLES="".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups),
+    )  # fmt: skip
+
+
+def _rows(variables: tuple[FmuVariable, ...]) -> str:
+    """A table of ``variables``."""
+    cells = "".join(
+        f"<tr><td><code>{escape(v.name)}</code></td><td>{escape(v.unit or '')}</td>"
+        f"<td>{'' if v.start is None else f'{v.start:.6g}'}</td><td>{escape(v.words)}</td></tr>\n"
+        for v in variables
+    )
+    return f"<table><tr><th>name</th><th>unit</th><th>start</th><th>what it is</th></tr>\n{cells}</table>"

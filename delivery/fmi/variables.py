@@ -1,18 +1,28 @@
-"""The variables of an FMU: one table, from which both model descriptions and the tables of the C code are written."""
+"""The variables of an FMU and their units: one table, from which both model descriptions and the tables of the C code
+are written."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
-from delivery.fmi.units import plain_unit
-from delivery.product import ProductCoefficient
+from delivery.product import ProductCoefficient, unit_of
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.ship import AIR
 from mmg.states import STATES
 
-STATE_UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s"}
+BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}
+"""Exponents of the units that a ship file may name, alone or as products."""
+SHOWN = {
+    "rad": ("deg", 180 / math.pi),
+    "rad/s": ("deg/s", 180 / math.pi),
+    "m/s": ("kn", 3600 / 1852),
+    "1/s": ("rpm", 60.0),
+}
+"""Unit -> unit for people, and its value for one of the unit."""
+_PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
 STATE_WORDS = {
     "x": "position of midship, north",
     "y": "position of midship, east",
@@ -21,10 +31,30 @@ STATE_WORDS = {
     "v": "velocity to starboard over ground, of midship",
     "r": "rate of turn, positive to starboard",
 }
-_LINEAR, _ANGULAR = ("m", "m", "m"), ("rad", "rad", "rad")
 POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
 VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FORCE = {"X": ("N", "force ahead"), "Y": ("N", "force to starboard"), "N": ("N.m", "moment about midship")}
+
+
+def plain_unit(unit: str) -> str:
+    """Name of the ``unit`` of a ship file in FMI: "rps" becomes "1/s", "m²" "m2"; "" stays."""
+    return "1/s" if unit == "rps" else unit.translate(_PLAIN)
+
+
+def exponents(unit: str) -> dict[str, int] | None:
+    """Exponents of a plain ``unit`` in kg, m, s and rad, zeros left out; None for one that is not made of BASES."""
+    powers: dict[str, int] = {}
+    for place, part in enumerate(unit.split("/")):
+        for word in re.split(r"[. ]+", part):
+            match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
+            if word == "1":
+                continue
+            if match is None or match[1] not in BASES:
+                return None
+            power = int(match[2] or 1) * (1 if place == 0 else -1)
+            for base, n in BASES[match[1]].items():
+                powers[base] = powers.get(base, 0) + n * power
+    return {base: n for base, n in powers.items() if n}
 
 
 @dataclass(frozen=True)
@@ -86,7 +116,7 @@ def variable_table(ship: CoSimulatedShip) -> VariableTable:
         rows.append((f"current_velocity.{axis}", "input", "continuous", start, "m/s", words))
     for state in STATES:
         rows.append(
-            (f"initial.{state}", "parameter", "fixed", 0.0, STATE_UNITS[state], f"{STATE_WORDS[state]}, at the start")
+            (f"initial.{state}", "parameter", "fixed", 0.0, unit_of(state), f"{STATE_WORDS[state]}, at the start")
         )
     settable = [FmuVariable(row[0], i, *row[1:]) for i, row in enumerate(rows)]
     tunable = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
@@ -117,7 +147,7 @@ def _parameter(c: ProductCoefficient, reference: int) -> FmuVariable:
 def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
     """Name, causality, unit and words of what is calculated, in the order of enum FmuOutput of fmu-instance.h."""
     rows = []
-    for axis, unit in zip(POSITION, _LINEAR + _ANGULAR, strict=True):
+    for axis, unit in zip(POSITION, ("m",) * 3 + ("rad",) * 3, strict=True):
         turned = {"yaw": "heading, clockwise from north, not wrapped", "roll": "roll angle, positive to starboard"}
         text = turned.get(axis, f"position of midship, {axis}" if unit == "m" else f"{axis} angle")
         rows.append((f"ned_position.{axis}", "output", unit, text + _absent(axis, ship)))
@@ -127,12 +157,12 @@ def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
     near = "; its lateness is approximated" if ship.late_columns else ""
     for state in STATES:
         words = f"{STATE_WORDS[state]}, as the ship's instruments log it{near}"
-        rows.append((f"logged.{state}", "output", STATE_UNITS[state], words))
+        rows.append((f"logged.{state}", "output", unit_of(state), words))
     for role in ship.model.roles:
         for axis, (unit, words) in FORCE.items():
             rows.append((f"force.{role}.{axis}", "output", unit, f"{words} of the part {role}, body axes"))
     for state in ship.model.states[6:]:
-        rows.append((f"memory.{state}", "local", STATE_UNITS.get(state, ""), f"what the ship remembers: {state}"))
+        rows.append((f"memory.{state}", "local", unit_of(state), f"what the ship remembers: {state}"))
     words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
     ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.ranges.items())
     words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"

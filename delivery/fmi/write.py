@@ -1,63 +1,78 @@
-"""``mmg export --format fmu`` and ``fmu3``: the ship as a functional mock-up unit for co-simulation."""
+"""``mmg export --format fmu`` and ``fmu3``: the ship as a functional mock-up unit for co-simulation.
+
+Its sources are the ship's C code, the tables of its variables, a wrapper, and the headers of the standard.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import sys
 import uuid
-from collections.abc import Sequence
+import zipfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cases.shipfiles.ship_file import dump_ship
-from delivery.fmi.archive import write_archive
-from delivery.fmi.binaries import PLATFORMS, build, build_here, platforms_of
-from delivery.fmi.description import build_description, description_2, description_3
-from delivery.fmi.osp import osp_description, osp_name
-from delivery.fmi.page import fmu_page
-from delivery.fmi.ship import CoSimulatedShip
-from delivery.fmi.sources import HEADERS, MAIN, MODEL, STANDARD, fmu_sources, model_header
+from delivery.c.source import c_files
+from delivery.fmi.binaries import MAIN, PLATFORMS, build, build_here, platforms_of
+from delivery.fmi.description import build_description, description, fmu_page, osp_description
+from delivery.fmi.ship import TIME, CoSimulatedShip
 from delivery.fmi.variables import VariableTable, variable_table
 from delivery.product import Product
 from fitting.report.run_folder import plain
 from mmg.errors import TargetExists
 from mmg.messages import Message
 
+OWN, STANDARD = Path(__file__).parent / "c", Path(__file__).parent / "headers"
+INSTANCE, MODEL = ("fmu-instance.h", "fmu-instance.c"), "fmu-model.h"
+WRAPPER = {2: "fmi2-functions.c", 3: "fmi3-functions.c"}
+HEADERS = {
+    2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+"""Headers of the standard, under the 2-clause BSD licence that each of them holds."""
 SOURCES_ONLY, LATE_COLUMNS, OSP_DESCRIPTION = "no_binary", "columns_approximate", "osp_description"
 """Codes of what is said of an FMU."""
 LICENCE = "fmi-standard-headers.txt"
 """File with the licence of the headers of the standard."""
 
 
-def write_fmu2(product: Product, target: Path, platforms: Sequence[str] = (), replace: bool = False) -> list[Message]:
-    """Write ``product`` as an FMU of FMI 2.0 to the file ``target``, and its OSP description beside it.
+def write_fmu(
+    product: Product, target: Path, version: int, platforms: Sequence[str] = (), replace: bool = False
+) -> list[Message]:
+    """Write ``product`` as an FMU to the file ``target``, and its OSP description beside it.
 
-    platforms: for which libraries are made, names of PLATFORMS or "none"; default this platform where there is a
-    compiler. replace: whether a different OSP description may be replaced. Returns what is to be said of the FMU.
-    Raises UserError for a ship that C cannot hold, for a platform without compiler, and where another OSP description
-    lies that may not be replaced.
+    version: of FMI, 2 or 3. platforms: for which libraries are made, names of PLATFORMS or "none"; default this
+    platform where there is a compiler. replace: whether a different OSP description may be replaced. Returns what is to
+    be said of the FMU. Raises UserError for a ship that C cannot hold, for a platform without compiler, and where
+    another OSP description lies that may not be replaced.
     """
-    return _write(product, target, 2, platforms, replace)
-
-
-def write_fmu3(product: Product, target: Path, platforms: Sequence[str] = (), replace: bool = False) -> list[Message]:
-    """As ``write_fmu2``, of FMI 3.0. product, target, platforms, replace: as there."""
-    return _write(product, target, 3, platforms, replace)
+    ship = CoSimulatedShip.of(product)
+    # libcosim builds the name of the description from that of the model
+    osp_file = target.parent / f"{ship.identifier}_OspModelDescription.xml"
+    text = osp_description(variable_table(ship))
+    if osp_file.exists() and not replace and osp_file.read_text(encoding="utf-8", errors="replace") != text:
+        raise TargetExists(f"{osp_file}: describes another FMU; export to another folder, or add --force")
+    files, messages = fmu_files(ship, version, platforms)
+    write_archive(target, files)
+    osp_file.write_text(text, encoding="utf-8", newline="\n")
+    words = f"{osp_file.name}: groups of its variables for the Open Simulation Platform (docs/how-to/fmu.md)"
+    return [*messages, Message(words, OSP_DESCRIPTION)]
 
 
 def fmu_files(
     ship: CoSimulatedShip, version: int, platforms: Sequence[str] = ()
 ) -> tuple[dict[str, bytes], list[Message]]:
     """Content of the archive of ``ship`` by name, and what is to be said of it. version: of FMI, 2 or 3; platforms: as
-    for ``write_fmu2``. Raises UserError as that does."""
+    for ``write_fmu``. Raises UserError as that does."""
     table = variable_table(ship)
     sources = fmu_sources(ship, version)
     token = _token(ship, table, version, sources)
     sources |= {MODEL: model_header(ship, table, token)}
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
-    if version == 2:
-        files["modelDescription.xml"] = description_2(ship, table, token, [MAIN]).encode()
-    else:
-        files["modelDescription.xml"] = description_3(ship, table, token).encode()
+    files["modelDescription.xml"] = description(ship, table, version, token, [MAIN]).encode()
+    if version == 3:
         files["sources/buildDescription.xml"] = build_description(ship, [MAIN]).encode()
     files |= _papers(ship, table)
     messages: list[Message] = []
@@ -76,22 +91,81 @@ def fmu_files(
     return files, messages
 
 
-def _write(product: Product, target: Path, version: int, platforms: Sequence[str], replace: bool) -> list[Message]:
-    ship = CoSimulatedShip.of(product)
-    osp_file, text = target.parent / osp_name(ship), osp_description(variable_table(ship))
-    if osp_file.exists() and not replace and osp_file.read_text(encoding="utf-8", errors="replace") != text:
-        raise TargetExists(f"{osp_file}: describes another FMU; export to another folder, or add --force")
-    files, messages = fmu_files(ship, version, platforms)
-    write_archive(target, files)
-    osp_file.write_text(text, encoding="utf-8", newline="\n")
-    words = f"{osp_file.name}: groups of its variables for the Open Simulation Platform (docs/how-to/fmu.md)"
-    return [*messages, Message(words, OSP_DESCRIPTION)]
+def fmu_sources(ship: CoSimulatedShip, version: int) -> dict[str, str]:
+    """Text of the files in the folder sources, by name, but for MODEL. ship: of the FMU; version: of FMI, 2 or 3.
+
+    Raises UserError for equations that cannot be written in C.
+    """
+    file_names = (*INSTANCE, WRAPPER[version])
+    files = {name: (OWN / name).read_text(encoding="utf-8") for name in file_names}
+    files |= {name: (STANDARD / name).read_text(encoding="utf-8") for name in HEADERS[version]}
+    files |= c_files(ship)
+    includes = (f"{ship.identifier}.c", INSTANCE[1], WRAPPER[version])
+    note = "/* The one file to compile, with this folder among the include directories; link with libm. */\n"
+    files[MAIN] = note + "".join(f'#include "{name}"\n' for name in includes)
+    return files
+
+
+def model_header(ship: CoSimulatedShip, table: VariableTable, token: str) -> str:
+    """The file MODEL: sizes, start values and bounds. ship, table: of the FMU; token: GUID or instantiation token."""
+    states, start = ship.model.states, [row.start for row in table.rows[1:] if row.start is not None]
+    bounds = table.rows[1 + table.inputs + 6 :][: len(table.parameters)]
+    sizes = {
+        "FMU_STATES": len(states),
+        "FMU_ACTUATORS": table.actuators,
+        "FMU_INPUTS": table.inputs,
+        "FMU_PARAMETERS": len(table.parameters),
+        "FMU_ROLES": len(ship.model.roles),
+        "FMU_TIMED": int(TIME in ship.model.controls),
+        "FMU_DELAYED": int(ship.late is not None),
+        "FMU_LOGS_LATE": int(ship.late_log is not None),
+        "FMU_DELAY": table.inputs + 6 + len(ship.coefficients),
+        "FMU_LOG_DELAY": table.inputs + 6 + len(table.parameters) - 1,
+        "FMU_ROLL": states.index("phi") if "phi" in states else -1,
+        "FMU_ROLL_RATE": states.index("p") if "p" in states else -1,
+    }
+    p = ship.identifier
+    return "\n".join(
+        [
+            "/* Names and numbers of this FMU: the same as in modelDescription.xml. */",
+            "#ifndef FMU_MODEL_H",
+            "#define FMU_MODEL_H",
+            "#include <float.h>",
+            f'#include "{p}.h"',
+            f'#define FMU_TOKEN "{token}"',
+            f"#define SHIP(name) {p}_##name",
+            "/* settles the memory of a state whose first six are given: of the ship's source, included before */",
+            "#define FMU_SETTLE settle",
+            *(f"#define {name} {value if value >= 0 else f'({value})'}" for name, value in sizes.items()),
+            _array("fmu_start", start),
+            _array("fmu_lower", [max(row.lower, -sys.float_info.max) for row in bounds]),
+            _array("fmu_upper", [min(row.upper, sys.float_info.max) for row in bounds]),
+            "#endif\n",
+        ]
+    )
+
+
+def _array(name: str, values: list[float]) -> str:
+    """C text of a constant array of doubles."""
+    rows = ",\n  ".join(repr(float(x)) for x in values)
+    return f"static const double {name}[{len(values)}] = {{\n  {rows}}};"
+
+
+def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write ``files``, by their names in it, to the archive ``path``; the same files give the same bytes."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in sorted(files):
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))  # the first date that a zip file can hold
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, whose permissions follow, on every system
+            entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(entry, files[name], compresslevel=9)
 
 
 def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:
     """A token that two FMUs share only where they are the same: made of all that it stands for."""
     parts = [*sources.items(), (MODEL, model_header(ship, table, ""))]
-    parts.append(("", description_2(ship, table, "", []) if version == 2 else description_3(ship, table, "")))
+    parts.append(("", description(ship, table, version, "", [])))
     digest = hashlib.sha256("\0".join(f"{name}\0{text}" for name, text in parts).encode()).hexdigest()
     return f"{{{uuid.UUID(digest[:32])}}}"
 

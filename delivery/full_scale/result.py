@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,17 @@ from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
 from delivery.full_scale.similarity import dropped_effects, similar_adaptation, similar_bands, similar_envelope
-from fitting.record import CoefficientRow, Correlation, FitRecord, MessageRow
+from fitting.record import CoefficientRow, Correlation, MessageRow
 from fitting.report.run_folder import content_on, of_predictions, versions
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
+from mmg.components.friction import ROUGHNESS
 from mmg.errors import UserError
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from residual.result import TrainResult
 
 NOT_CALIBRATED = "not calibrated"
 """Status of a result that holds the priors of a ship."""
@@ -46,22 +50,27 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     )
 
 
+def _without_trials(ship: Ship, start: Ship) -> FitResult:
+    """A result on ``ship`` that no trial belongs to, without coefficients."""
+    return FitResult(
+        created=datetime.now(timezone.utc).isoformat(timespec="seconds"), command="", ship_name=ship.name,
+        converged=True, status=NOT_CALIBRATED, advice="", objective=None, constraint_violation=None,
+        condition_number=None, iterations=0, passes=(), starts=(), settings=Settings(), versions=versions(),
+        compiled=False, timings_s={}, data=(), validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={},
+        noise={}, coefficients={}, fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed),
+        correlation=Correlation((), ()), scores={}, identifiability={}, messages=(), ship=ship, start=start,
+    )  # fmt: skip
+
+
 def _of_ship(ship: Ship) -> FitResult:
     free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
-    eye = tuple(tuple(float(a == b) for b in free) for a in free)
     rows = {}
     for s in free:
         c = ship.coefficients[s]
         rows[s] = CoefficientRow(c.value, c.std, c.value, c.std, _finite(c.lower), _finite(c.upper), None, 1.0,
                                  c.verdict or "prior", c.description, c.unit, c.prime)  # fmt: skip
-    return FitResult(
-        created=_now(), command="", ship_name=ship.name, converged=True, status=NOT_CALIBRATED, advice="",
-        objective=None, constraint_violation=None, condition_number=None, iterations=0, passes=(), starts=(),
-        settings=Settings(), versions=versions(), compiled=False, timings_s={}, data=(), validation_data=(), windows=0,
-        intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=rows,
-        fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed), correlation=Correlation(tuple(free), eye),
-        scores={}, identifiability={}, messages=(), ship=ship, start=ship,
-    )  # fmt: skip
+    independent = Correlation(tuple(free), tuple(tuple(float(a == b) for b in free) for a in free))
+    return replace(_without_trials(ship, ship), coefficients=rows, correlation=independent)
 
 
 def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, command: str = "") -> FitResult:
@@ -85,25 +94,36 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     at = [scaled.symbols.index(s) for s in symbols]
     matrix = scaled.correlation[np.ix_(at, at)]
     start = scaled_ship(model.start, scaling, fastest=fastest).ship
-    absent = {f.name: f.default for f in fields(FitRecord) if f.default is not MISSING}  # what belongs to trials
-    contents = {
-        "bands": similar_bands(model.bands, scaled.law),
-        "adaptation": similar_adaptation(model.adaptation, scaled.law),
-        "envelope": similar_envelope(model.envelope, scaled.law),
-        "scaling": _account(model, scaled, scaling),
-    }
     return replace(
-        model, created=_now(), command=command, ship_name=scaled.ship.name, ship=scaled.ship.with_coefficients(named),
-        start=start, model=model, iterate=None, objects=None, folder=None, objective=None, constraint_violation=None,
-        condition_number=None, iterations=0, passes=(), starts=(), versions=versions(), timings_s={}, data=(),
-        validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={}, noise={}, coefficients=coefficients,
-        correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)), scores={},
-        identifiability={}, messages=_messages(model, scaled), **{**absent, **contents},
+        _without_trials(scaled.ship.with_coefficients(named), start), command=command, model=model,
+        converged=model.converged, status=model.status, advice=model.advice, settings=model.settings,
+        compiled=model.compiled, fixed=model.fixed, coefficients=coefficients, messages=_messages(model, scaled),
+        correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)),
+        bands=similar_bands(model.bands, scaled.law), adaptation=similar_adaptation(model.adaptation, scaled.law),
+        envelope=similar_envelope(model.envelope, scaled.law), scaling=_account(model, scaled, scaling),
     )  # fmt: skip
 
 
-def _now() -> str:
-    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+def scale(
+    model: Ship | str | Path | FitResult | TrainResult,
+    length: float,
+    speed: float | None = None,
+    density: float | None = None,
+    form_factor: float | None = None,
+    roughness: float = ROUGHNESS,
+    froude_only: bool = False,
+    name: str = "",
+) -> FitResult:
+    """Carry ``model`` to another length, as ``mmg scale`` does: similarity, and friction, wake, rudder inflow by ITTC.
+
+    length: of the ship [m]; speed: of the ship [m/s] at which friction and wake are taken, default that of the model by
+    Froude's law; density: of the ship's water [kg/m^3], default sea water; form_factor: k [-] where it was measured;
+    roughness: of the hull [m]; froude_only: similarity alone; name: of the ship. Returns a result with the ship's
+    coefficients, covariance, ranges and bands, whose ``scaling`` holds what was assumed. Raises UserError for
+    particulars that are lacking.
+    """
+    scaling = Scaling(length, speed, density, form_factor, roughness, froude_only, name)
+    return scaled_result(model if isinstance(model, (str, Path, Ship, FitResult)) else model.ship, scaling)
 
 
 def _finite(value: float) -> float | None:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from delivery.product import unit_of
 from fitting.prediction.bands import SIZES
-from fitting.prediction.envelope import DRIFT
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UnknownName
@@ -29,8 +29,6 @@ BASE = {
     "kW": (3.5, 1), "kN": (3.0, 1), "rpm": (-0.5, 0), "rev": (0.0, 0),
 }  # fmt: skip
 """Unit -> power of the scale, power of the ratio of densities."""
-FEATURES = {"u": "m/s", "v": "m/s", "r": "rad/s", "a_x": "m/s", "a_y": "m/s", DRIFT: "rad"}
-"""Units of what an envelope or a network knows beside the actuators."""
 KEPT = ("rho_a",)
 """Particulars with a unit that do not scale: the air is the same."""
 
@@ -59,8 +57,7 @@ class Similarity:
 
     def feature(self, name: str) -> float:
         """By what a quantity of an envelope or an input of a network grows, by its ``name``."""
-        unit = FEATURES.get(name) or (INPUTS[name][1] if name in INPUTS else "")
-        return self.factor(unit, name)
+        return self.factor(unit_of(name), name)
 
 
 def similar_particulars(given: Mapping[str, float], law: Similarity) -> dict[str, float]:

@@ -1,29 +1,50 @@
-"""The page: one HTML file that holds its data, its style and its script, and may load and send nothing."""
+"""The page: one HTML file that holds its data, its style and its script, and may load and send nothing.
+
+Of a trial it holds the measured columns, predictions of each model over windows, and forces along the motion. Columns
+of numbers become short texts, 16 bits a value, exact enough for a screen.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from cases.inputs import model_inputs
 from cases.io.files import replace_text
-from delivery.view.encode import safe_json
-from delivery.view.motions import predictions, rows_per_run, run_content
-from delivery.view.sources import Campaign
-from fitting.report.run_folder import versions
+from cases.trial import Trial
+from delivery.view.sources import Campaign, ViewModel
+from diagnosis.report.missing_force import MissingForce
+from fitting.prediction.predict import Window, predict_all, record_of
+from fitting.report.run_folder import plain, versions
+from mmg.components.rigid_body import inertia
 from mmg.errors import BadValue, NotWritable
+from mmg.model import states_behind
 from mmg.motion.flow import INPUTS
+from mmg.rollout import Simulator
 
 LENGTHS = (30.0, 100.0, 0.0)
 """Windows of a page [s]; 0 is the whole run."""
 SCRIPTS = ("uplot/uPlot.iife.min.js", "data.js", "charts.js", "track.js", "forces.js", "main.js")
 STYLES = ("uplot/uPlot.min.css", "view.css")
 WIND = {"wind_north": ("velocity of the air towards north", "m/s"), "wind_east": ("and towards east", "m/s")}
+MISSING = -32768
+"""The 16-bit number that stands for a value that is not finite."""
+LARGEST = 32767
+NETWORK = "learned residual"
+"""Role under which the accelerations of a network, times the masses, are shown."""
+BUDGET = 10e6
+"""Bytes of all runs of a page together, about."""
+FEWEST, MOST = 120, 1000
+"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
 
 
 def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
@@ -135,3 +156,151 @@ def write_view(campaign: Campaign, out: Path, lengths: Sequence[float] = LENGTHS
     except OSError as error:
         raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
     return len(text.encode())
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Windows of all trials by one model: [window length][trial] -> windows; forces: [trial] -> role -> (N, 3)."""
+
+    windows: list[list[list[Window]]]
+    forces: list[dict[str, np.ndarray]]
+
+
+def predictions(model: ViewModel, trials: Sequence[Trial], lengths: Sequence[float]) -> Predictions:
+    """What ``model`` predicts of ``trials``, in windows of each of ``lengths`` [s] (0: the whole run) end to end.
+
+    Raises UserError for a trial that lacks an input of the model.
+    """
+    simulator = model.predictor
+    longest = max(trial.duration for trial in trials) + 1.0
+    windows = []
+    for length in lengths:
+        stride = length or longest
+        bands = model.bands if isinstance(simulator, Simulator) else None
+        results = predict_all(simulator, trials, length, stride, short_last=True, bands=bands)
+        windows.append([window for window, _ in results])
+    forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
+    return Predictions(windows, forces)
+
+
+def forces_along(simulator: Simulator, trial: Trial) -> dict[str, np.ndarray]:
+    """Force of each component along the measured motion of ``trial``, role -> (N, 3): X, Y [N], N [N m], body axes.
+
+    simulator: of the ship; what its effects remember is taken as settled at each sample. NaN where a state or an input
+    is missing. The accelerations of a network are shown as the force that they stand for.
+    """
+    ship, model = simulator.ship, simulator.model
+    record = record_of(trial, ship.inputs)
+    good = record.good
+    logged, controls, values = record.states[good].T, record.controls[good].T, ship.values
+    if not good.any():
+        return {}
+    states = states_behind(model, logged, controls, values)
+    rows = np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3)
+
+    def at_all_rows(part: np.ndarray) -> np.ndarray:
+        result = np.full((len(good), 3), np.nan)
+        result[good] = part
+        return result
+
+    forces = {role: at_all_rows(rows[i]) for i, role in enumerate(model.roles)}
+    if ship.network is not None:
+        without = Simulator(ship.without_network(), compiled=simulator.compiled)
+        added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
+        mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
+        X, Y = (mass.m + mass.m_x) * added[0], (mass.m + mass.m_y) * added[1] + mass.moment * added[2]
+        forces[NETWORK] = at_all_rows(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
+    return forces
+
+
+def rows_per_run(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> int:
+    """Rows of each run for which the page stays within its budget.
+
+    campaign: what is shown; lengths: of windows; roles: of each model.
+    """
+    columns = 10.0 + sum(len(lengths) * (12 if m.bands else 6) for m in campaign.models) + 3 * sum(map(len, roles))
+    return int(np.clip(BUDGET / (len(campaign.trials) * columns * 2 * 4 / 3), FEWEST, MOST))
+
+
+def shown_rows(count: int, starts: Sequence[int], most: int) -> np.ndarray:
+    """Rows (K,) of a trial of ``count`` samples that the page shows: evenly spaced, with the ``starts`` of windows and
+    the last one; K is about ``most``."""
+    even = np.arange(0, count, max(1, -(-count // most)))
+    return np.unique(np.concatenate([even, np.asarray(starts, dtype=int), [count - 1]]))
+
+
+def run_content(
+    trial: Trial,
+    inputs: Sequence[str],
+    predicted: Sequence[tuple[list[list[Window]], Mapping[str, np.ndarray]]],
+    most: int,
+    missing: MissingForce | None = None,
+) -> dict[str, Any]:
+    """The columns of one ``trial``, as the script of the page reads them.
+
+    inputs: names of the inputs of the models; predicted: for each model the windows by window length, and the forces
+    (N, 3) by role; most: rows, about; missing: force that a diagnosis found missing.
+    """
+    starts = [w.first for windows, _ in predicted for same_length in windows for w in same_length]
+    rows = shown_rows(len(trial), starts, most)
+    columns = dict(zip(inputs, model_inputs(trial, inputs).array.T, strict=True))
+    shown = [name for name in inputs if name != "time"]
+    content: dict[str, Any] = {
+        "t": packed_times(trial.t[rows] - trial.t[0]),
+        "measured": [packed(column) for column in trial.states[rows].T],
+        "inputs": [packed(columns[name][rows]) for name in shown],
+        "models": [
+            {
+                "windows": [_window_columns(same_length, rows) for same_length in windows],
+                "forces": [[packed(column) for column in force[rows].T] for force in forces.values()],
+            }
+            for windows, forces in predicted
+        ],
+    }
+    if missing is not None:
+        content["missing"] = {"t": packed_times(missing.t), "force": [packed(column) for column in missing.force.T]}
+    return content
+
+
+def _window_columns(windows: Sequence[Window], rows: np.ndarray) -> dict[str, Any]:
+    """The windows joined at the shown ``rows``: where they start, the six states, their deviations if known."""
+    states = np.full((len(rows), 6), np.nan)
+    deviations = np.full((len(rows), 6), np.nan)
+    starts = []
+    for window in windows:
+        inside = np.flatnonzero((rows >= window.first) & (rows <= window.last))
+        if not len(inside):
+            continue
+        starts.append(int(inside[0]))
+        states[inside] = window.states[rows[inside] - window.first]
+        if window.std is not None:
+            deviations[inside] = window.std[rows[inside] - window.first]
+    content: dict[str, Any] = {"starts": starts, "states": [packed(column) for column in states.T]}
+    if any(window.std is not None for window in windows):
+        content["std"] = [packed(column) for column in deviations.T]
+    return content
+
+
+def packed(values: np.ndarray) -> list[Any]:
+    """A column (N,) as [offset, scale, text]: value = offset + scale k, with k the 16-bit integers in base64.
+
+    values: numbers that are not finite become MISSING. The error is at most half a scale, 1/65534 of the range.
+    """
+    column = np.asarray(values, dtype=float)
+    good = np.isfinite(column)
+    low, high = (float(column[good].min()), float(column[good].max())) if good.any() else (0.0, 0.0)
+    offset, scale = 0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low) / LARGEST
+    steps = np.full(len(column), MISSING, dtype="<i2")
+    steps[good] = np.clip(np.rint((column[good] - offset) / (scale or 1.0)), -LARGEST, LARGEST).astype("<i2")
+    return [offset, scale, base64.b64encode(steps.tobytes()).decode()]
+
+
+def packed_times(t: np.ndarray) -> str:
+    """Times ``t`` (N,) [s] since the start, as 32-bit floats in base64."""
+    return base64.b64encode(np.asarray(t, dtype="<f4").tobytes()).decode()
+
+
+def safe_json(data: Any) -> str:
+    """``data`` as JSON that may stand in a script element: no text in it ends the element or begins a comment."""
+    text = json.dumps(plain(data), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -94,10 +94,10 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     rows: list[tuple[str, Mapping[str, Any]]] = []
     for folder in [folder for folder, kind in kinds.items() if kind != "diagnosis"]:
         models += _models(folder, kinds[folder])
-        rows += _rows(folder)
+        rows += trial_rows(read_result(folder))
     diagnosis_folder = diagnoses[0] if diagnoses else None
     if diagnosis_folder is not None:
-        rows += _rows(diagnosis_folder)
+        rows += trial_rows(read_result(diagnosis_folder))
         models += _named(diagnosis_folder)
     shown, notes = _trials(rows, trials)
     if diagnosis_folder is None:
@@ -107,7 +107,11 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
-    return Campaign(ship, distinct, tuple(shown), _marked(diagnosis_folder) if diagnosis_folder else None, tuple(notes))
+    marked = None
+    if diagnosis_folder is not None:
+        d, missing = read_diagnosis(diagnosis_folder), read_missing_force(diagnosis_folder)
+        marked = MarkedDiagnosis(label_of(diagnosis_folder), d.verdict, d.sentence, missing)
+    return Campaign(ship, distinct, tuple(shown), marked, tuple(notes))
 
 
 def _models(folder: Path, kind: str) -> list[ViewModel]:
@@ -146,11 +150,6 @@ def _named(folder: Path) -> list[ViewModel]:
     return [ViewModel("named", words, label_of(folder), Simulator(d.ship), bands)]
 
 
-def _rows(folder: Path) -> list[tuple[str, Mapping[str, Any]]]:
-    """(role, row of result.json) of every trial that the run ``folder`` used."""
-    return trial_rows(read_result(folder))
-
-
 def _trials(
     rows: Iterable[tuple[str, Mapping[str, Any]]], given: Sequence[str | Path]
 ) -> tuple[list[ViewTrial], list[str]]:
@@ -170,16 +169,15 @@ def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Pat
     """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
     hashes = {view.trial.sha256 for view in shown}
     around = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
-    good = [p for p in around if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in _rows(p)}]
+    good = [
+        p
+        for p in around
+        if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in trial_rows(read_result(p))}
+    ]
     if len(good) > 1:
         names = ", ".join(sorted(p.name for p in good))
         return None, [f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
     return (good[0] if good else None), []
-
-
-def _marked(folder: Path) -> MarkedDiagnosis:
-    d = read_diagnosis(folder)
-    return MarkedDiagnosis(label_of(folder), d.verdict, d.sentence, read_missing_force(folder))
 
 
 def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
@@ -197,16 +195,13 @@ def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
 
 def same_ship(a: Ship, b: Ship) -> bool:
     """Whether the ships ``a`` and ``b`` move alike: equal particulars, force models, effects, values and networks."""
-    first, second = ((s.particulars, s.components, s.effects, s.symbols) for s in (a, b))
-    if first != second or not np.array_equal(a.values, b.values) or (a.network is None) != (b.network is None):
+    first, second = ((s.particulars, s.components, s.effects, s.symbols, s.values.tolist()) for s in (a, b))
+    if first != second or (a.network and a.network.features) != (b.network and b.network.features):
         return False
-    if a.network is None or b.network is None:
-        return True
-    states = np.linspace(-1.0, 1.0, 5 * len(a.network.features)).reshape(len(a.network.features), 5)
-    if a.network.features != b.network.features:
-        return False
-    first_net, second_net = (np.array(net.accelerations(states)) for net in (a.network, b.network))
-    return bool(np.array_equal(first_net, second_net))
+    states = np.linspace(-1.0, 1.0, 5 * len(a.features)).reshape(-1, 5)
+    nets = [s.network for s in (a, b) if s.network is not None]
+    accelerations = [np.array(net.accelerations(states[: len(net.features)])).tolist() for net in nets]
+    return accelerations[:1] == accelerations[1:]
 
 
 def _start_of(folders: Sequence[Path]) -> Ship:

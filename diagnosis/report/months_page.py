@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 
@@ -10,47 +9,49 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.hypotheses.over_time.changes import CandidateChange
-from diagnosis.hypotheses.over_time.month_study import MonthStudy
+from diagnosis.groups.months import MonthStudy, parameter_of
+from diagnosis.groups.over_time import CandidateChange
 from fitting.report.page import environment, write_page
 from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figures_of, new_figure
-from fitting.report.run_folder import SHIP, plain, versions, write_whole
+from fitting.report.run_folder import SHIP, plain, versions, write_json, write_whole
 from fitting.result import FitResult
 
-PAGE, NUMBERS, WINDOWS = "months.html", "months.json", "windows.parquet"
 SHOWN = 4
 """Candidates in the figure where fewer changed."""
+CAPTION = "Estimates of each candidate in spells of six hours, one by one, and the best change."
 
 
 def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> None:
     """Write the run ``folder`` of ``study``, with the calibration ``result`` where there is one; it must not exist."""
+    import pandas as pd
+
+    def numbers(scratch: Path) -> None:
+        write_json(scratch / "months.json", study.to_dict())
+        rows = pd.DataFrame(dict(study.by_window))
+        rows.to_parquet(scratch / "windows.parquet", engine="pyarrow", write_page_checksum=True)
+
+    def fill(scratch: Path) -> None:
+        (scratch / SHIP).write_text(dump_ship(study.ship, f"{study.ship.title}, as it was given."), encoding="utf-8")
+        numbers(scratch)
+
     if result:
-        result.save(folder, attach=partial(_numbers, study))
+        result.save(folder, attach=numbers)
     else:
-        write_whole(folder, partial(_fill, study))
+        write_whole(folder, fill)
     figures = FigureFolder(folder / "figures")
-    rows = shown(study)
-    if rows:
+    if shown(study):
         figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
     figures.write("days", partial(days_figure, study), "What became of each day", "Hours of windows by day.")
     with figures.making("the page"):
-        write_page(_page(study, folder, figures), folder / PAGE)
-
-
-CAPTION = "Estimates of each candidate in spells of six hours, one by one, and the best change."
-
-
-def _fill(study: MonthStudy, scratch: Path) -> None:
-    (scratch / SHIP).write_text(dump_ship(study.ship, f"{study.ship.title}, as it was given."), encoding="utf-8")
-    _numbers(study, scratch)
-
-
-def _numbers(study: MonthStudy, scratch: Path) -> None:
-    import pandas as pd
-
-    text = json.dumps(plain(study.to_dict()), indent=2)
-    (scratch / NUMBERS).write_text(text + "\n", encoding="utf-8")
-    pd.DataFrame(dict(study.by_window)).to_parquet(scratch / WINDOWS, engine="pyarrow", write_page_checksum=True)
+        page = environment("diagnosis.report").get_template("months.html.j2")
+        content = {
+            "s": study,
+            "content": plain(study.to_dict()),
+            "sentences": [study.words(row) for row in study.changes.named],
+            "figures": figures_of(folder, figures.rows),
+            "version": versions()["mmg-ident"],
+        }
+        write_page(page.render(content), folder / "months.html")
 
 
 def shown(study: MonthStudy) -> list[CandidateChange]:
@@ -74,7 +75,7 @@ def changes_figure(study: MonthStudy) -> Figure:
             ax.axvspan(*row.change.begin_90, color=AFTER, alpha=0.15, linewidth=0)
         low, high = np.quantile(row.estimate, (0.02, 0.98))
         ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
-        unit = study.unit(row.name)
+        unit = parameter_of(study.ship, row.name).unit
         company = any(row.name in names for names in study.changes.company)
         what = "changed" if changed else "changes with what is named" if company else "no change found"
         dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
@@ -96,17 +97,3 @@ def days_figure(study: MonthStudy) -> Figure:
         base = base + height
     ax.legend(fontsize=8, frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return dress(ax, "days since the log began", "hours under way").figure  # type: ignore[return-value]
-
-
-def _page(study: MonthStudy, folder: Path, figures: FigureFolder) -> str:
-    return (
-        environment("diagnosis.report")
-        .get_template("months.html.j2")
-        .render(
-            s=study,
-            content=plain(study.to_dict()),
-            sentences=[study.words(row) for row in study.changes.named],
-            figures=figures_of(folder, figures.rows),
-            version=versions()["mmg-ident"],
-        )
-    )

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis.findings import Findings, RandomSizes
+from diagnosis.groups.between import table_rows
 from diagnosis.location.regions import CHANNELS
-from diagnosis.report import between_words, words
 from diagnosis.report import where_words as report_where
+from diagnosis.report import words
 from diagnosis.report.figures import figures_for
 from diagnosis.report.where_words import likeness
 from fitting.report.page import environment, write_page
@@ -50,7 +51,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
             figures=figures,
             version=versions()["mmg-ident"],
             what_words=_what(d),
-            between=between_words.rows(d.between) if d.between else [],
+            between=table_rows(d.between) if d.between else [],
             held=held_rows(d),
             likelihood=_likelihood(d),
             **_candidates(d),

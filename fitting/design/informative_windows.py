@@ -7,10 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.nlp.group_sums import group_sums
-from fitting.prediction.innovations import Innovations, scatter
-
-UNEXPLAINED = 8.0
-"""A window whose squared error is so many times the usual one was moved by something that the log does not hold."""
+from fitting.prediction.innovations import UNEXPLAINED, Innovations, information_of
 
 LEAST = 0.02
 """The choice ends where a further window adds less than this to the mean log information of a coefficient."""
@@ -30,15 +27,12 @@ class ChosenWindows:
 def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the windows (W,) and their information (W, P, P) on the candidates of ``found``, in units of their
     typical sizes. Windows with a stretch that was moved by something else are left out."""
-    cov, distance = scatter(found.errors)
-    size = np.sqrt(np.diag(cov))
-    inverse = np.linalg.inv(cov / np.outer(size, size) + 1e-9 * np.eye(len(cov)))
-    g = found.gains / size[None, :, None] * found.typical
-    each = np.swapaxes(g, 1, 2) @ inverse @ g
+    information, _, distance = information_of(found)
     windows, position = np.unique(found.window, return_inverse=True)
-    total, worst = group_sums(position, each, len(windows)), np.zeros(len(windows))
+    information *= np.outer(found.typical, found.typical)
+    total, worst = group_sums(position, information, len(windows)), np.zeros(len(windows))
     np.maximum.at(worst, position, distance)
-    sound = worst < UNEXPLAINED * np.median(distance)
+    sound = worst < UNEXPLAINED
     return windows[sound], total[sound]
 
 

@@ -43,6 +43,9 @@ FREEDOM, PASSES = 4.0, 20
 SIZE = 0.5
 """Share of its typical size at which the sensitivity to a candidate is taken."""
 
+UNEXPLAINED = 8.0
+"""A stretch whose squared distance is so many times the usual one was moved by something that the log does not hold."""
+
 BATCH = 300
 """Windows that are predicted at a time."""
 
@@ -220,3 +223,19 @@ def scatter(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         weight = (FREEDOM + F) / (FREEDOM + distance)
         cov = (z * weight[:, None]).T @ z / len(z)
     return cov * np.outer(size, size), distance
+
+
+def information_of(
+    found: Innovations, explained: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information (S, J, J) and score (S, J) of each stretch on the candidates, and its squared distance over the usual
+    one (S,), under the robust covariance of the errors.
+
+    found: innovations; explained: errors (S, F) that are known, and count neither for the covariance nor the distance.
+    """
+    cov, distance = scatter(found.errors if explained is None else found.errors - explained)
+    size = np.sqrt(np.diag(cov))
+    inverse = np.linalg.inv(cov / np.outer(size, size) + 1e-9 * np.eye(len(cov)))
+    g = found.gains / size[None, :, None]
+    pulled = np.swapaxes(g, 1, 2) @ inverse
+    return pulled @ g, np.einsum("sjf,sf->sj", pulled, found.errors / size), distance / np.median(distance)

@@ -13,7 +13,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, ship_names
 
 if TYPE_CHECKING:
-    from diagnosis.hypotheses.over_time.month_study import MonthStudy
+    from diagnosis.groups.months import MonthStudy
 
 
 @o.options(Settings, Solver="time_limit seed")
@@ -31,19 +31,18 @@ def months(
     Example: mmg months logs/2026-05 --ship esso_osaka_3m --out runs/may
     """
     from cases.shipfiles.ship_file import load_ship
+    from diagnosis.groups.months import study_months
     from diagnosis.report.months_page import write_study
+    from fitting.calibrate import FitOptions
     from fitting.report.page import label_of
     from fitting.report.run_folder import check_target, reserved
-    from mmg_ident.months import MonthOptions, study_months
 
     check_target(out)
     start = load_ship(ship)
-    chosen = Settings(**{"loss": "huber", **settings})
+    chosen, name = Settings(**{"loss": "huber", **settings}), label_of(out)
+    options = FitOptions(command=command_line(), name="" if name_fault(name) else name)
     with reserved(out):
-        options = MonthOptions(
-            fit, windows, chosen.seed, chosen, command_line(), "" if name_fault(label_of(out)) else label_of(out)
-        )
-        study, result = study_months(folder, start, options, progress())
+        study, result = study_months(folder, start, chosen, options, windows if fit else 0, progress())
         write_study(study, result, out)
     if json:
         print_json(study)

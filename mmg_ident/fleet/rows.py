@@ -6,13 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from diagnosis.hypotheses.between import nature
-from diagnosis.report.between_words import difference
+from diagnosis.groups.between import difference, nature
 from fitting.report.run_folder import plain
 from mmg.effects import EFFECTS
 
 if TYPE_CHECKING:
-    from diagnosis.hypotheses.group_findings import Between
+    from diagnosis.groups.findings import Between
     from diagnosis.result import Diagnosis
     from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult

@@ -97,7 +97,12 @@ def contents(target: Path) -> dict[str, bytes]:
     return found
 
 
-@pytest.mark.parametrize("form", sorted(FORMATS))
+PROJECTED = ("shipmmg", "pvs", "vrx")  # slow, and gazebo stands for them
+
+
+@pytest.mark.parametrize(
+    "form", [pytest.param(form, marks=[pytest.mark.slow] * (form in PROJECTED)) for form in sorted(FORMATS)]
+)
 def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_path: Path) -> None:
     """A product holds hashes of its run and of the data, and no path of either."""
     first, other = tmp_path / "a" / "run", tmp_path / "a longer name" / "copy"

@@ -11,7 +11,7 @@ import pytest
 
 from cases.shipfiles.ship_file import dump_ship
 from diagnosis.findings import LearnedResidual
-from diagnosis.hypotheses.group_findings import Between, GroupDifference, GroupParameter, GroupValue
+from diagnosis.groups.findings import Between, GroupDifference, GroupParameter, GroupValue
 from diagnosis.report.figures import figures_for
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis, read_diagnosis

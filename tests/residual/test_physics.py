@@ -192,7 +192,7 @@ def test_one_input_may_be_shared_by_all_points():
         torch.testing.assert_close(given.grad, 0.6 * given.detach())
 
 
-FUSED = {"esso": ESSO, "vectwin": load_ship("vectwin_3m"), **OTHERS}
+FUSED = {"esso": ESSO, "vectwin": load_ship("vectwin_3m"), "memory": OTHERS["memory"], "hybrid": OTHERS["hybrid"]}
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -22,7 +22,7 @@ def main() -> None:
     speed = about["service_speed_m_s"] or 0.07 * math.sqrt(9.81 * about["length_m"])
     controls = np.zeros(len(names))
     if "n" in names:
-        controls[names.index("n")] = steady_revolutions(functions["rates"], about, speed)
+        controls[names.index("n")] = steady_revolutions(FOLDER, speed)
     state = functions["initial"]([0, 0, 0, speed, 0, 0], controls)
     h = about["longest_step_s"]
     for k in range(121):
@@ -35,16 +35,16 @@ def main() -> None:
         state = functions["step"](state, controls, h)
 
 
-def steady_revolutions(rates: ca.Function, about: dict, speed: float) -> float:
-    """Revolutions [1/s] that hold ``speed`` [m/s] straight ahead in calm air. rates, about: of the exported ship."""
-    names = [row["name"] for row in about["controls"]]
-    low, high = 0.0, 1000.0
+def steady_revolutions(folder: Path, speed: float) -> float:
+    """Revolutions [1/s] that hold ``speed`` [m/s] straight ahead in calm air. folder: with the functions."""
+    about = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    rates = ca.Function.load(str(folder / "rates.casadi"))
+    names, low, high = [row["name"] for row in about["controls"]], 0.0, 1000.0
+    state = np.zeros(len(about["states"]))
+    state[3] = speed
     for _ in range(60):
         middle = 0.5 * (low + high)
-        controls = np.zeros(len(names))
-        controls[names.index("n")] = middle
-        state = np.zeros(len(about["states"]))
-        state[3] = speed
+        controls = [middle if name == "n" else 0.0 for name in names]
         low, high = (middle, high) if float(rates(state, controls)[3]) < 0 else (low, middle)
     return high
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from example import steady_revolutions
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,6 @@ class HeadingController:
         self.solver, self.bounds = self._solver()
         self.guess: np.ndarray | None = None
         self.plan = np.zeros(self.tuning.intervals)
-
-    def advance(self, state: Any, delta: Any, wind: Any) -> Any:
-        """State one interval later. state (S,); delta: rudder angle [rad]; wind: air to north and east [m/s], (2,)."""
-        return self.interval(state, delta, wind)
 
     def _interval(self) -> ca.Function:
         """Function (state (S,), rudder angle, wind (2,)) -> state one interval later."""
@@ -125,22 +122,8 @@ def sail(
     for k in range(round(duration / controller.dt) + 1):
         delta = controller.rudder(state, delta, heading, wind if wind_known else (0.0, 0.0))
         rows.append([k * controller.dt, state[2], delta, *state[3:6]])
-        state = np.array(controller.advance(ca.DM(state), delta, ca.DM(wind))).ravel()
+        state = np.array(controller.interval(ca.DM(state), delta, ca.DM(wind))).ravel()
     return np.array(rows)
-
-
-def steady_revolutions(folder: Path, speed: float) -> float:
-    """Revolutions [1/s] that hold ``speed`` [m/s] straight ahead in calm air. folder: with the functions."""
-    about = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-    rates = ca.Function.load(str(folder / "rates.casadi"))
-    names, low, high = [row["name"] for row in about["controls"]], 0.0, 1000.0
-    state = np.zeros(len(about["states"]))
-    state[3] = speed
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        controls = [middle if name == "n" else 0.0 for name in names]
-        low, high = (middle, high) if float(rates(state, controls)[3]) < 0 else (low, middle)
-    return high
 
 
 def main() -> None:

@@ -10,14 +10,14 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
-from delivery.dictionaries.motions import Motions, motions
-from delivery.dictionaries.turning import turning_path
+from delivery.dictionaries.projection import ChannelError, Motions, masses, motions, ship_rates, turning_path
 from delivery.export import FORMATS, export
 from fitting.selection.candidates import candidate
 from mmg.errors import Unsupported, UserError
@@ -33,6 +33,19 @@ SHIPS = ("esso_osaka_3m", "kvlcc2_l7")
 @cache
 def moved(name: str) -> Motions:
     return motions(product(load_ship(name), {}), "a simulator")
+
+
+@cache
+def exported(name: str, form: str) -> Path:
+    """The ship of the library ``name`` in a ``form``, written once."""
+    path = Path(mkdtemp(prefix="projection")) / f"ship{FORMATS[form].suffix}"
+    export(product(load_ship(name), {}), form, path)
+    return path
+
+
+@cache
+def parameters(name: str) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    return shipmmg.project(moved(name))
 
 
 def of_shipmmg() -> Ship:
@@ -52,25 +65,23 @@ def test_a_ship_of_the_form_of_shipmmg_is_recovered() -> None:
 
 
 @pytest.mark.parametrize("name", SHIPS)
-def test_projections_are_as_good_as_they_say(name: str, tmp_path: Path) -> None:
+def test_projections_are_as_good_as_they_say(name: str) -> None:
     """The errors in the file are those of forces evaluated afresh on other motions of the same range."""
-    export(product(load_ship(name), {}), "shipmmg", tmp_path / "a.json")
-    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    content = json.loads(exported(name, "shipmmg").read_text(encoding="utf-8"))
     assert all(row["share"] < 0.08 for row in content["projection"])
     for figure in ("advance_L", "tactical_diameter_L"):
         assert abs(content["turning"]["projection"][figure] / content["turning"]["ship"][figure] - 1) < 0.05
     other = motions(product(load_ship(name), {}), "shipmmg", seed=5)
-    p, errors = shipmmg.project(moved(name))
-    off = shipmmg.force(other, p) - other.needed_force(shipmmg.masses(other.ship))
+    p, errors = parameters(name)
+    off = shipmmg.force(other, p) - other.needed_force(masses(other.ship))
     for e, row in zip(errors, off, strict=True):
         assert np.sqrt(np.mean(row**2)) < 1.5 * e.error, e.channel
 
 
-def test_shipmmg_itself_moves_as_the_projection_says(tmp_path: Path) -> None:
+def test_shipmmg_itself_moves_as_the_projection_says() -> None:
     package = pytest.importorskip("shipmmg.mmg_3dof", reason="needs shipmmg (pip install shipmmg, Python 3.11)")
-    export(product(load_ship("kvlcc2_l7"), {}), "shipmmg", tmp_path / "a.json")
-    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
-    p, _ = shipmmg.project(moved("kvlcc2_l7"))
+    content = json.loads(exported("kvlcc2_l7", "shipmmg").read_text(encoding="utf-8"))
+    p, _ = parameters("kvlcc2_l7")
     rates, n, u, delta = shipmmg.shipmmg_rates(moved("kvlcc2_l7"), p), 10.0, 1.0, math.radians(35)
     t, z, dt = np.linspace(0, 60.0, 601), np.array([0.0, 0.0, 0.0, u, 0.0, 0.0]), 0.1
 
@@ -89,9 +100,8 @@ def test_shipmmg_itself_moves_as_the_projection_says(tmp_path: Path) -> None:
     assert np.allclose(found.y[[3, 4, 5, 0, 1, 2], -1], z, rtol=1e-5, atol=1e-6)
 
 
-def test_the_first_order_model_answers_small_rudders(tmp_path: Path) -> None:
-    export(product(load_ship("esso_osaka_3m"), {}), "shipmmg", tmp_path / "a.json")
-    content = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+def test_the_first_order_model_answers_small_rudders() -> None:
+    content = json.loads(exported("esso_osaka_3m", "shipmmg").read_text(encoding="utf-8"))
     ship = load_ship("esso_osaka_3m")
     model, delta = assemble(ship, symbols=()), math.radians(0.01)
     z, inputs = np.array([0, 0, 0, content["approach"]["u0"], 0, 0]), [content["approach"]["nps"], delta, 0, 0]
@@ -114,10 +124,8 @@ def test_no_name_of_a_ship_ends_the_words_about_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", SHIPS)
-def test_the_vehicle_class_has_the_rates_of_the_projection(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "vehicle.py"
-    export(product(load_ship(name), {}), "pvs", path)
-    spec = importlib.util.spec_from_file_location("vehicle", path)
+def test_the_vehicle_class_has_the_rates_of_the_projection(name: str) -> None:
+    spec = importlib.util.spec_from_file_location("vehicle", exported(name, "pvs"))
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -180,11 +188,10 @@ def test_a_ship_of_generated_terms_is_refused_in_a_line(form: str, tmp_path: Pat
 @pytest.mark.parametrize(
     ("name", "form"), [("esso_osaka_3m", "gazebo"), ("kvlcc2_l7", "gazebo"), ("esso_osaka_3m", "vrx")]
 )
-def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str, tmp_path: Path) -> None:
-    export(product(load_ship(name), {}), form, tmp_path / "hull.sdf")
+def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> None:
     m = moved(name)
-    mass = gazebo.masses(m.ship)
-    off = in_simulator(tmp_path / "hull.sdf", form, m) - m.rates
+    mass = masses(m.ship)
+    off = in_simulator(exported(name, form), form, m) - m.rates
     _, errors = gazebo.project(m, form)
     X = (mass.m + mass.m_x) * off[0]
     Y = (mass.m + mass.m_y) * off[1] + mass.moment * off[2]
@@ -243,8 +250,6 @@ def test_motions_stay_in_the_range_of_the_trials() -> None:
 
 
 def test_a_circle_of_the_ship_is_that_of_the_simulation() -> None:
-    from delivery.dictionaries.turning import ship_rates
-
     m = moved("esso_osaka_3m")
-    path = turning_path(m, ship_rates(m), dt=0.2)
-    assert path[0, 3] > 0.3 and path[-1, 2] > math.pi and np.ptp(path[:, 6]) == 0
+    path = turning_path(m, ship_rates(m))
+    assert path[0, 3] > 0.3 and path[-1, 2] > math.pi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -13,14 +14,15 @@ from tests.support.fmus import needs_compiler
 PAGE = ROOT / "docs" / "how-to" / "fmu.md"
 
 
-@pytest.fixture
-def exported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Path:
-    """A folder with the FMU of the page's first command, in which the test works."""
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with the FMU of the page's first command, in which the tests work."""
     (command,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("mmg export"))
-    assert main(command.split()[1:]) == 0
-    assert "is not calibrated" in capsys.readouterr().err
-    return tmp_path
+    folder = tmp_path_factory.mktemp("example")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(command.split()[1:]) == 0
+        yield folder
 
 
 @needs_compiler

@@ -15,11 +15,10 @@ import pytest
 
 from delivery.export import export
 from delivery.fmi.binaries import PLATFORMS, build_here, platforms_of, this_platform
-from delivery.fmi.osp import osp_groups
+from delivery.fmi.description import osp_groups
 from delivery.fmi.ship import CoSimulatedShip
-from delivery.fmi.units import exponents, plain_unit
-from delivery.fmi.variables import variable_table
-from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, write_fmu2, write_fmu3
+from delivery.fmi.variables import exponents, plain_unit, variable_table
+from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, write_fmu
 from delivery.product import NOT_CONVERGED, Product
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, TargetExists, UnknownName
@@ -27,8 +26,6 @@ from mmg.messages import Message, has_code
 from mmg.states import STATES
 from tests.support.c_products import library_product, product
 from tests.support.fmus import fmu, needs_compiler, running, ship_of
-
-WRITERS = {2: write_fmu2, 3: write_fmu3}
 
 
 def members(path: Path) -> dict[str, bytes]:
@@ -39,7 +36,7 @@ def members(path: Path) -> dict[str, bytes]:
 
 def source_fmu(of: Product, version: int, folder: Path) -> Path:
     """An FMU without library."""
-    WRITERS[version](of, folder / "ship.fmu", ["none"])
+    write_fmu(of, folder / "ship.fmu", version, ["none"])
     return folder / "ship.fmu"
 
 
@@ -93,7 +90,7 @@ def test_coefficients_say_how_well_they_are_known() -> None:
 @needs_compiler
 @pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
-    WRITERS[version](product(ship_of("plain")), tmp_path / "again.fmu")
+    write_fmu(product(ship_of("plain")), tmp_path / "again.fmu", version)
     assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()
 
 
@@ -104,7 +101,7 @@ def test_what_is_logged_late_is_exact_or_said_to_be_near(tmp_path: Path) -> None
     assert CoSimulatedShip.of(product(in_body_axes)).late_columns == ["velocity_filter"]
     for name, values in (("gnss_delay", {"tau": 0.3}), ("antenna_offset", {"x": 0.5})):
         near = exact.with_effect(name, values)
-        said = write_fmu2(product(near), tmp_path / "ship.fmu", ["none"])
+        said = write_fmu(product(near), tmp_path / "ship.fmu", 2, ["none"])
         assert has_code(said, LATE_COLUMNS)
 
 
@@ -150,11 +147,11 @@ def test_without_compiler_the_fmu_says_so(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.setenv("MMG_CC", "none")
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    said = write_fmu2(product(ship_of("plain")), tmp_path / "ship.fmu")
+    said = write_fmu(product(ship_of("plain")), tmp_path / "ship.fmu", 2)
     assert has_code(said, SOURCES_ONLY)
     assert build_here({}, "ship")[0] == {}
     with pytest.raises(NotInstalled, match="x86_64-windows"):
-        write_fmu2(product(ship_of("plain")), tmp_path / "ship.fmu", ["win64"])
+        write_fmu(product(ship_of("plain")), tmp_path / "ship.fmu", 2, ["win64"])
 
 
 def test_a_compiler_that_is_switched_off_makes_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,7 +166,7 @@ def test_a_compiler_that_is_switched_off_makes_no_library(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("platform", ["x86_64-windows", "win64", "aarch64-linux"])
 def test_libraries_for_other_platforms(platform: str, tmp_path: Path) -> None:
     try:
-        write_fmu3(product(ship_of("plain")), tmp_path / "ship.fmu", [platform])
+        write_fmu(product(ship_of("plain")), tmp_path / "ship.fmu", 3, [platform])
     except NotInstalled as error:
         pytest.skip(str(error))
     name, begins = {"aarch64-linux": ("aarch64-linux", b"\x7fELF")}.get(platform, ("x86_64-windows", b"MZ"))

@@ -11,7 +11,7 @@ import pytest
 
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
-from delivery.fmi.write import write_fmu2
+from delivery.fmi.write import write_fmu
 from mmg.motion.frames import earth_to_body
 from mmg.ship import Ship
 from mmg.states import STATES
@@ -57,24 +57,20 @@ def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) ->
     check(kind, version, h, 600.0)
 
 
-def compared(ship: Ship, folder: Path, wanted: list[str], trial: Trial) -> float:
-    """The difference of ``wanted`` in an FMU of ``ship`` from its simulated motion."""
-    write_fmu2(product(ship), folder / "ship.fmu")
-    with running(folder / "ship.fmu", 2) as instance:
-        return difference(instance.run(ship, trial, wanted), simulate_controls(ship, trial))
-
-
-def test_logged_columns_are_those_of_the_instruments(tmp_path: Path) -> None:
-    ship = (
-        ship_of("plain").with_effect("antenna_offset", {"x": 0.7, "y": -0.2}).with_effect("heading_bias", {"psi": 0.05})
+def test_logged_columns_are_those_of_the_instruments_and_the_current_is_where_its_inputs_start(tmp_path: Path) -> None:
+    adrift = ship_of("plain").with_effect("current", {"x": 0.05, "y": -0.03, "x_rate": 1e-4, "y_rate": 2e-4})
+    ship = adrift.with_effect("antenna_offset", {"x": 0.7, "y": -0.2}).with_effect("heading_bias", {"psi": 0.05})
+    trial = inputs_over(ship, 0.25, 30.0)
+    write_fmu(product(ship), tmp_path / "ship.fmu", 2)
+    with running(tmp_path / "ship.fmu", 2) as instance:
+        found = instance.run(ship, trial, [*MOTION, *LOGGED])
+    assert difference(found[:, 6:], simulate_controls(ship, trial)) < EXACT
+    # the motion starts where the instruments say that it does: the states behind the first sample
+    start = found[0, :6]
+    true = Trial(
+        "inputs", {**trial.columns, **{name: np.full(len(trial), x) for name, x in zip(STATES, start, strict=True)}}
     )
-    assert compared(ship, tmp_path, LOGGED, inputs_over(ship, 0.25, 30.0)) < EXACT
-
-
-def test_a_current_of_the_ship_is_where_the_inputs_start(tmp_path: Path) -> None:
-    values = {"x": 0.05, "y": -0.03, "x_rate": 1e-4, "y_rate": 2e-4}
-    ship = ship_of("plain").with_effect("current", values)
-    assert compared(ship, tmp_path, MOTION, inputs_over(ship, 0.25, 30.0)) < EXACT
+    assert difference(found[:, :6], simulate_controls(adrift, true)) < EXACT
 
 
 def test_the_current_is_an_input_of_every_ship() -> None:

@@ -8,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from delivery.view.encode import packed, packed_times, safe_json, unpacked
+from delivery.view.page import packed, packed_times, safe_json
+from tests.support.view_columns import unpacked
 
 EVIL = "</script><script>alert(1)</script><!-- & \u2028"
 

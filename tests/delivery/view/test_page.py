@@ -14,9 +14,7 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trials
-from delivery.view.encode import unpacked
-from delivery.view.motions import NETWORK, forces_along, rows_per_run, shown_rows
-from delivery.view.page import LENGTHS, view_page, write_view
+from delivery.view.page import LENGTHS, NETWORK, forces_along, rows_per_run, shown_rows, view_page, write_view
 from delivery.view.sources import Campaign, ViewModel, ViewTrial, gather
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import predict
@@ -24,6 +22,7 @@ from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable, UserError
 from mmg.rollout import Simulator
 from tests.support.hybrids import lacking, ship, trials
+from tests.support.view_columns import unpacked
 from tests.support.view_runs import EVIL, campaign, with_diagnosis
 
 pytestmark = pytest.mark.usefixtures("blank_figures")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.hypotheses.over_time.change_test import ChangeTest
+from diagnosis.groups.over_time import ChangeTest
 
 DAY = np.arange(0.5, 30.0, 0.25)
 

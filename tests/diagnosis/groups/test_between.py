@@ -13,10 +13,9 @@ from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
-from diagnosis.hypotheses import group_causes
-from diagnosis.hypotheses.between import compare_groups, nature, too_scattered
-from diagnosis.hypotheses.group_causes import NO_ROW, physical, without_idle
-from diagnosis.hypotheses.group_findings import Between
+from diagnosis.groups import between
+from diagnosis.groups.between import compare_groups, nature, physical, too_scattered, without_idle
+from diagnosis.groups.findings import Between, GroupDifference
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
 
@@ -80,10 +79,10 @@ def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_say
     assert d.parameters["share"].groups["B"].difference == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
 
 
-def found_of(effect: str, log_bayes: float) -> group_causes.Tested:
+def found_of(effect: str, log_bayes: float) -> between.Tested:
     """A difference that was tested, of which nothing but the name and the weight is known."""
-    row = replace(NO_ROW, name=effect, nature=nature(effect), log_bayes=log_bayes)
-    return group_causes.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
+    row = GroupDifference(effect, nature(effect), "", "", {}, 0.0, 0, 1.0, log_bayes)
+    return between.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
 
 
 def test_a_difference_that_another_takes_over_is_dropped_and_a_cause_stands_for_both() -> None:

@@ -1,11 +1,15 @@
-"""What a comparison of groups of trials found, as data: the part "between" of ``diagnosis.json``."""
+"""What a comparison of groups of trials says, as data: the part "between" of ``diagnosis.json``, and its rows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
+from cases.io.groups import Groups
 from fitting.report.run_folder import Real
+from fitting.uncertainty.group_test import GroupTest
 
 
 @dataclass(frozen=True)
@@ -17,6 +21,11 @@ class GroupValue:
     std: Real
     difference: Real
     difference_std: Real
+
+    @property
+    def sigmas(self) -> float:
+        """Size of the difference in standard errors."""
+        return abs(self.difference) / max(self.difference_std, 1e-300)
 
 
 @dataclass(frozen=True)
@@ -66,3 +75,34 @@ class Between:
     candidates: tuple[GroupDifference, ...]
     remainder: bool
     warnings: tuple[str, ...] = ()
+
+
+def parameters_by_group(
+    groups: Groups, words: Mapping[str, tuple[str, str]], values: np.ndarray, covariance: np.ndarray
+) -> dict[str, GroupParameter]:
+    """Parameters in each of G ``groups``.
+
+    words: name -> unit and meaning of p parameters; values: (G p,) and covariance: (G p, G p) of their values, those of
+    a group together. Returns them by name.
+    """
+    p, G = len(words), len(groups.names)
+    out = {}
+    for j, (name, (unit, meaning)) in enumerate(words.items()):
+        own, C = values[j::p], covariance[j::p, j::p]
+        weights = (np.eye(G) * G - 1.0) / (G - 1)
+        rows = zip(own, np.diag(C), weights @ own, np.einsum("ga,ab,gb->g", weights, C, weights), strict=True)
+        each = (GroupValue(float(v), float(c**0.5), float(d), float(max(e, 0.0) ** 0.5)) for v, c, d, e in rows)
+        out[name] = GroupParameter(unit, meaning, dict(zip(groups.names, each, strict=True)))
+    return out
+
+
+def group_row(
+    name: str, nature: str, source: str, parts: Mapping[str, GroupParameter], test: GroupTest, p: float
+) -> GroupDifference:
+    """A row of the result: the group that differs most, the last of several, and what the ``test`` says.
+
+    name, nature, source: as of the row; parts: its parameters; p: probability corrected for the number of tests.
+    """
+    groups = [p.groups for p in parts.values()]
+    most = max(list(groups[0])[::-1], key=lambda k: round(max(g[k].sigmas for g in groups), 6))
+    return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)

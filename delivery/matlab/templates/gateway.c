@@ -1,18 +1,11 @@
-"""The MEX source: the C ship behind the same words as the M file."""
-
-from __future__ import annotations
-
-from delivery.matlab.function import names_of_coefficients
-from delivery.product import Product
-
-GATEWAY = """/* The ship SHIP for MATLAB and Octave, compiled: the same words as SHIP.m, and jacobians.
+/* The ship SHIP for MATLAB and Octave, compiled: the same words as SHIP.m, and jacobians.
  *   MATLAB: mex SHIP_mex.c      Octave: mkoctfile --mex SHIP_mex.c
  * step takes several ships at once: a column of state and of inputs each. */
 #include "SHIP.c"
 
 #include "mex.h"
 
-static const char *const coefficient_fields[] = {FIELDS};
+static const char *const coefficient_fields[] = {@FIELDS@};
 
 /* coefficients out of the struct of parameters that SHIP() gives */
 static void read_coefficients(const mxArray *given, double *coefficients) {
@@ -104,11 +97,3 @@ void mexFunction(int left, mxArray *out[], int right, const mxArray *in[]) {
       }
   }
 }
-"""
-
-
-def gateway_c(product: Product) -> str:
-    """The MEX source of a ``product``, which includes its C source."""
-    p = product.identifier
-    fields = ", ".join(f'"{name}"' for name in names_of_coefficients(product))
-    return GATEWAY.replace("FIELDS", fields).replace("SHIP", p).replace("UPPER", p.upper())

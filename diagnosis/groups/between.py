@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematic_words import Quantity
+from cases.evidence.kinematic_words import ALIKE, TRACK, TURN, Quantity
 from cases.evidence.kinematics import Kinematics
 from cases.io.groups import Groups
 from cases.trial import Trial
@@ -21,11 +22,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, get_values
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS
-from diagnosis.hypotheses.group_causes import NO_ROW, Tested, is_cause, physical, without_idle
-from diagnosis.hypotheses.group_findings import Between, GroupDifference
-from diagnosis.hypotheses.group_rows import group_row, parameters_by_group
-from diagnosis.hypotheses.heterogeneity import (
+from diagnosis.groups.by_run import (
     RunSlopes,
     candidate_test,
     imitated,
@@ -33,15 +30,19 @@ from diagnosis.hypotheses.heterogeneity import (
     surroundings_scatter,
     with_scatter,
 )
-from diagnosis.hypotheses.measured_differences import Measured, measured_differences, without_doubles
+from diagnosis.groups.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
+from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.report.between_words import sentence
-from fitting.uncertainty.group_test import GroupTest, holm
+from diagnosis.report.where_words import shown_unit
+from fitting.report.words import plus_minus
+from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
+from mmg.ship import Ship
 
 SHARE = 0.1
 """Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
@@ -59,6 +60,12 @@ SCATTERED = 1.5
 """Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
 AGREE = 3.0
 """Standard errors by which dynamics and kinematics may disagree on an instrument."""
+ALIKE_BY = 0.5 * SAME_CLASS
+"""Log Bayes factors within this of each other are alike."""
+Z90 = 1.645
+"""Half width of a 90 % interval, in standard errors."""
+SHOWN = 12
+"""Tests in the table of the report."""
 
 
 def compare_groups(
@@ -85,16 +92,65 @@ def compare_groups(
     verdict = "named" if named else "unknown" if reasons else "none"
     rows = sorted([*(m.row for m in measured), *(t.row for t in table)], key=lambda r: -r.log_bayes)
     members = {name: tuple(t.name for t in own) for name, own in groups.members(trials).items()}
-    notes = (*reasons, *_limits(groups))
+    notes = list(reasons)
+    if alone := [name for name, own in members.items() if len(own) == 1]:
+        words = f"one run only in {', '.join(alone)}: what differs there may be a matter of that run alone"
+        notes.append(Message(words, "one_run_groups"))
     words = sentence(groups.by, verdict, named, reasons)
-    return Between(groups.by, members, verdict, words, named, tuple(rows), bool(reasons), notes)
+    return Between(groups.by, members, verdict, words, named, tuple(rows), bool(reasons), tuple(notes))
 
 
-def _limits(groups: Groups) -> list[Message]:
-    """What cannot be concluded from these groups."""
-    alone = [name for i, name in enumerate(groups.names) if groups.number.count(i) == 1]
-    words = f"one run only in {', '.join(alone)}: what differs there may be a matter of that run alone"
-    return [Message(words, "one_run_groups")] if alone else []
+@dataclass(frozen=True)
+class Measured:
+    """A test of an instrument by the kinematics: the fault, its test in units of the least size that matters, its row
+    of the result."""
+
+    fault: Quantity
+    test: GroupTest
+    row: GroupDifference
+
+    @property
+    def matters(self) -> bool:
+        """Whether the groups differ, beyond chance and by what matters."""
+        return self.row.p_value < LEVEL and bool(np.ptp(self.test.values) > 1.0)
+
+
+def measured_differences(sensors: Kinematics, ship: Ship, groups: Groups) -> list[Measured]:
+    """Tests of all faults of instruments for different sizes in the ``groups``, without any model.
+
+    sensors: what each run shows; ship: whose length says which sizes matter. Returns those that can be tested.
+    """
+    k, tests = time_scale(float(ship.particulars["L"])), []
+    for q in (*TRACK, *TURN):
+        readings = [(run[q.symbol], i) for run, i in zip(sensors.runs, groups.number, strict=True) if not run.faults]
+        readings = [(x, i) for x, i in readings if np.isfinite(x.value) and x.std > 0]
+        if {i for _, i in readings} != set(groups.number):
+            continue
+        size = q.threshold * k ** (2 * q.power)
+        values, std = (np.array([getattr(x, a) for x, _ in readings]) / size for a in ("value", "std"))
+        test = group_test(values / std**2, np.diag(std**-2.0), np.array([i for _, i in readings]), 1)
+        if test is not None:
+            tests.append((q, test, size))
+    adjusted = holm([test.p_single for _, test, _ in tests])
+    rows = []
+    for (q, test, size), p in zip(tests, adjusted, strict=True):
+        of = "surroundings" if q.symbol.startswith("drift") else "instrument"
+        words = {q.parameter or q.symbol: (q.unit, q.form.format(q.ends[0]))}
+        parts = parameters_by_group(groups, words, size * test.values, size**2 * test.covariance)
+        rows.append(Measured(q, test, group_row(q.effect or q.symbol, of, "kinematics", parts, test, float(p))))
+    return rows
+
+
+def without_doubles(measured: Sequence[Measured]) -> list[Measured]:
+    """Of those ``measured`` that look alike in a run, the one for which most speaks, with the others as its class."""
+    rest, kept = sorted(measured, key=lambda m: -m.row.log_bayes), []
+    while rest:
+        first, *rest = rest
+        alike = set().union(*(group for group in ALIKE if first.fault.symbol in group))
+        same = tuple(dict.fromkeys(m.row.name for m in rest if m.fault.symbol in alike))
+        rest = [m for m in rest if m.fault.symbol not in alike]
+        kept.append(replace(first, row=replace(first.row, equivalence_class=same)))
+    return kept
 
 
 def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
@@ -120,9 +176,18 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
 
 
 @dataclass(frozen=True)
+class Tested:
+    """A test of a candidate by the dynamics, and its row of the result."""
+
+    candidate: Candidate
+    test: GroupTest
+    row: GroupDifference
+
+
+@dataclass(frozen=True)
 class _Search:
     """The forward selection. problem: whose data have the number of the group as that of the run; runs: (R,) run of
-    each window; candidates; measured: what the kinematics say."""
+    each window; candidates; kinds: of the trials of each group; measured: what the kinematics say."""
 
     problem: SearchProblem
     runs: np.ndarray
@@ -151,13 +216,11 @@ class _Search:
         fit: common to all groups; faults: of instruments, which get a value in each group first.
         """
         wanted = {f"{q.effect}.{q.parameter}" for q in faults}
-        own = [self._by_group(c) for c in self.candidates if wanted & set(c.symbols)]
-        fit = self._refitted(fit, own, {}) if own else fit
-        common, first, spent = fit, tuple(own), list[Candidate]()
-        named: list[Tested] = []
-        table: list[Tested] = []
+        first = [c for c in self.candidates if wanted & set(c.symbols)]
+        fit = self._refitted(fit, first, []) if first else fit
+        named, spent, table = list[Tested](), list(first), list[Tested]()
         while True:
-            tests, slopes, scatter = self._tests(fit, [*own, *spent])
+            tests, slopes, scatter = self._tests(fit, [*spent, *(t.candidate for t in named)])
             table = table or tests
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
@@ -169,23 +232,20 @@ class _Search:
                 reason = Message(words, "scattered_surroundings")
             if reason is None and len(named) == MOST:
                 reason = Message(f"beside {MOST} differences the groups differ in {best.candidate.label}", "too_many")
+            if reason is not None and named and best.row.log_bayes > UNEXPLAINED * sum(t.row.log_bayes for t in named):
+                words = " and ".join(t.candidate.label for t in named)
+                words += " would explain a part, but much is left unexplained: the name is withdrawn"
+                return [], table, [Message(words, "name_withdrawn"), reason]
             if reason is not None:
-                if named and best.row.log_bayes > UNEXPLAINED * sum(t.row.log_bayes for t in named):
-                    words = " and ".join(t.candidate.label for t in named)
-                    words += " would explain a part, but much is left unexplained: the name is withdrawn"
-                    return [], table, [Message(words, "name_withdrawn"), reason]
                 return [self._final(fit, t) for t in named], table, [reason]
-            c = self._by_group(best.candidate)
-            own.append(c)
             named.append(replace(best, row=replace(best.row, equivalence_class=same)))
-            fit = self._refitted(fit, own, dict(zip(c.columns, self._values(fit, best), strict=True)))
+            fit = self._refitted(fit, first, named)
             LOGGER.info(f"the groups differ in {best.candidate.label}")
             if idle := [t for t in named if self._is_idle(fit, t)]:
                 LOGGER.info(f"but not in {', '.join(t.candidate.label for t in idle)}")
                 spent += [t.candidate for t in (*idle, named[-1])]
                 named = without_idle(idle, named, [t for t in table if t.row.p_value < LEVEL and t.row.log_bayes > 0])
-                own = [*first, *(self._by_group(t.candidate) for t in named)]
-                fit = self._refitted(common, own, self._start(fit, common, named))
+                fit = self._refitted(fit, first, named)
 
     def _by_group(self, c: Candidate) -> Candidate:
         """A candidate with values of its own in each group, for a refit: a coefficient keeps its prior, widened."""
@@ -196,18 +256,22 @@ class _Search:
         ]
         return replace(c, typical=np.array(std) / PRIOR_WIDTH).in_each(range(len(self.groups.names)))
 
-    def _refitted(self, fit: Estimate, own: Sequence[Candidate], start: Mapping[Column, float]) -> Estimate:
-        """The fit again with these candidates by group, the known ones from where they were."""
-        p = self.problem
-        first = {x: fit.value(*x) for c in own for x in c.columns if x in fit.free.columns}
-        return refit(p.steps, p.data, p.base, fit, own, {**first, **start})
+    def _refitted(self, fit: Estimate, first: Sequence[Candidate], named: Sequence[Tested]) -> Estimate:
+        """The fit again with candidates by group: those of instruments, ``first``, and those ``named``. Known values
+        begin where they are, new ones where the test points to."""
+        p, start = self.problem, dict[Column, float]()
+        own = [self._by_group(c) for c in (*first, *(t.candidate for t in named))]
+        for c, t in zip(own, (*(None for _ in first), *named), strict=True):
+            if c.columns[0] in fit.free.columns:
+                start |= {x: fit.value(*x) for x in c.columns}
+            elif t is not None:
+                start |= dict(zip(c.columns, self._values(fit, t.candidate, t.test), strict=True))
+        return refit(p.steps, p.data, p.base, fit, own, start)
 
-    def _values(self, fit: Estimate, t: Tested) -> np.ndarray:
-        """Values by group (G p,) that a test points to [unit of the parameter]."""
-        p, c = self.problem, t.candidate
-        now = get_values(p.steps.ship, p.data, fit.theta, c.columns)
-        count = len(t.test.values) // len(now)
-        return np.tile(now, count) + t.test.values * np.tile(c.typical, count)
+    def _values(self, fit: Estimate, c: Candidate, test: GroupTest) -> np.ndarray:
+        """Values by group (G p,) of a candidate that a test points to [unit of the parameter]."""
+        now, G = get_values(self.problem.steps.ship, self.problem.data, fit.theta, c.columns), len(self.groups.names)
+        return np.tile(now, G) + test.values * np.tile(c.typical, G)
 
     def _tests(self, fit: Estimate, own: Sequence[Candidate]) -> tuple[list[Tested], RunSlopes, dict[Column, float]]:
         """All candidates that have no values by group yet, tested about a fit, the slopes of each run, and the scatter
@@ -215,30 +279,29 @@ class _Search:
         gone = {s for c in own for s in c.symbols}
         rest = [c for c in self.candidates if not gone & set(c.symbols)]
         local = [c for c in self.candidates if c.effect in LOCAL]
-        slopes = run_slopes(
-            self.problem.steps, self.problem.data, self.runs, fit, [*rest, *(c for c in local if c not in rest)]
-        )
+        every = [*rest, *(c for c in local if c not in rest)]
+        slopes = run_slopes(self.problem.steps, self.problem.data, self.runs, fit, every)
         scatter = surroundings_scatter(slopes, local)
         still = with_scatter(slopes, scatter)
-        found = [
-            (c, candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)) for c in rest
-        ]
-        shown = [(c, t) for c, t in found if t is not None]
+        shown = []
+        for c in rest:
+            test = candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)
+            if test is not None:
+                shown.append((c, test))
         adjusted = holm([t.p_single for _, t in shown])
-        rows = [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)]
-        return rows, still, scatter
+        return [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)], still, scatter
 
     def _tested(self, fit: Estimate, c: Candidate, test: GroupTest, p: float) -> Tested:
         """A test with its row of the result."""
         size = np.tile(c.typical, len(self.groups.names))
-        values = self._values(fit, Tested(c, test, NO_ROW))
-        parts = parameters_by_group(self.groups, self._words(c), values, test.covariance * np.outer(size, size))
+        parts = self._parts(c, self._values(fit, c, test), test.covariance * np.outer(size, size))
         return Tested(c, test, group_row(c.effect, nature(c.effect), "dynamics", parts, test, p))
 
-    def _words(self, c: Candidate) -> dict[str, tuple[str, str]]:
-        """Unit and meaning of each parameter of a candidate."""
+    def _parts(self, c: Candidate, values: np.ndarray, covariance: np.ndarray) -> dict[str, GroupParameter]:
+        """The parameters of a candidate with their values by group (G p,) and the covariance of these (G p, G p)."""
         rows = {s: self.problem.steps.ship.coefficients[s] for s in c.symbols}
-        return {s.rpartition(".")[2]: (x.unit, x.description) for s, x in rows.items()}
+        words = {s.rpartition(".")[2]: (x.unit, x.description) for s, x in rows.items()}
+        return parameters_by_group(self.groups, words, values, covariance)
 
     def _final(self, fit: Estimate, t: Tested) -> GroupDifference:
         """The row of a named difference with the values of the last fit, as they scatter between runs."""
@@ -248,32 +311,17 @@ class _Search:
         runs = np.array([len(set(self.runs[self.problem.data.run == k])) for k in range(len(names))])
         covariance = fit.covariance[np.ix_(at, at)] * np.outer(fit.free.std[at], fit.free.std[at])
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
-        return replace(t.row, parameters=parameters_by_group(self.groups, self._words(c), values, covariance))
+        return replace(t.row, parameters=self._parts(c, values, covariance))
 
     def _is_idle(self, fit: Estimate, t: Tested) -> bool:
         """Whether a named difference is none any more, in the fit with one that was named after it."""
-        return all(
-            abs(x.difference) < IDLE * x.difference_std
-            for p in self._final(fit, t).parameters.values()
-            for x in p.groups.values()
-        )
-
-    def _start(self, fit: Estimate, common: Estimate, named: Sequence[Tested]) -> dict[Column, float]:
-        """Where a fit with differences that are ``named`` begins: in the ``fit`` with others, or where the tests about
-        the ``common`` one point to."""
-        start: dict[Column, float] = {}
-        for t in named:
-            c = self._by_group(t.candidate)
-            known = all(x in fit.free.columns for x in c.columns)
-            values = [fit.value(*x) for x in c.columns] if known else self._values(common, t)
-            start |= dict(zip(c.columns, values, strict=True))
-        return start
+        return all(x.sigmas < IDLE for p in self._final(fit, t).parameters.values() for x in p.groups.values())
 
     def _judged(
         self, best: Tested, tests: Sequence[Tested], slopes: RunSlopes
     ) -> tuple[tuple[str, ...], Message | None]:
         """What says the same as the best difference by another name, and why it cannot be named, if so."""
-        rivals = [t for t in tests if t is not best and t.row.log_bayes > best.row.log_bayes - 0.5 * SAME_CLASS]
+        rivals = [t for t in tests if t is not best and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]
         other = [t for t in rivals if imitated(slopes, best.candidate, t.candidate) < IMITATES]
         if is_cause(best):  # coefficients that say the same are what it changes
             other = [t for t in other if t.candidate.effect in EFFECTS]
@@ -296,6 +344,38 @@ class _Search:
         return same, None
 
 
+def is_cause(t: Tested) -> bool:
+    """Whether the tested ``t`` is an effect in the ship, such as fouling: coefficients change by such a cause only."""
+    return t.candidate.effect in EFFECTS and t.row.nature == "ship"
+
+
+def physical(best: Tested, clear: Sequence[Tested]) -> Tested:
+    """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
+    explains as much."""
+    if best.candidate.effect in EFFECTS:
+        return best
+    causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]
+    return max(causes, key=lambda t: t.row.log_bayes, default=best)
+
+
+def without_idle(idle: Sequence[Tested], named: Sequence[Tested], clear: Sequence[Tested]) -> list[Tested]:
+    """Returns the ``named`` differences without those that are ``idle``: none any more beside the last one.
+
+    They explained as well what the last one does, if it stays. In its place stands a cause that does so, by the tests
+    that were ``clear`` before anything was named.
+    """
+    gone = [t.candidate for t in idle]
+    kept, last = [t for t in named[:-1] if t.candidate not in gone], named[-1]
+    if last.candidate in gone:
+        return kept
+    at_first = next((t for t in clear if t.candidate == last.candidate), None)
+    best = physical(at_first, clear) if at_first else last
+    best = last if best is at_first else best
+    alike = [*last.row.equivalence_class, last.row.name, *(t.row.name for t in idle)]
+    same = tuple(dict.fromkeys(name for name in alike if name != best.row.name))
+    return [*kept, replace(best, row=replace(best.row, equivalence_class=same))]
+
+
 def too_scattered(scatter: Mapping[Column, float]) -> bool:
     """Whether surroundings differ too much from run to run, whichever of them it is.
 
@@ -315,3 +395,51 @@ def nature(effect: str) -> str:
         return "ship"
     e = EFFECTS[effect]
     return "instrument" if e.measures else "surroundings" if e.surroundings else "ship"
+
+
+def sentence(by: str, verdict: str, named: Sequence[GroupDifference], reasons: Sequence[str]) -> str:
+    """What differs between groups ``by`` day (or folder, ...), in words.
+
+    verdict: "none", "named" or "unknown"; named: the differences; reasons: why more has no name. Returns text.
+    """
+    if verdict == "none":
+        return f"between groups by {by} nothing differs beyond chance and the scatter of the runs"
+    if verdict == "unknown":
+        return f"the groups by {by} do not agree, and what differs has no name: {reasons[0]}"
+    words = f"between groups by {by}: {'; '.join(difference(d) for d in named)}"
+    return words + ("; they differ in more, which has no name" if reasons else "")
+
+
+def difference(d: GroupDifference) -> str:
+    """The named difference ``d`` in words, with 90 % intervals."""
+    sizes = ", ".join(("" if name == d.name else f"{name} ") + size(p, d.group, d) for name, p in d.parameters.items())
+    alike = f" (or {', '.join(d.equivalence_class)}, which would explain it as well)" if d.equivalence_class else ""
+    meaning = "".join(f", {p.words}" for p in d.parameters.values() if p.words and len(d.parameters) == 1)
+    return f"{d.name}{alike} in {d.group}, {sizes} against the others ({d.nature}{meaning})"
+
+
+def size(p: GroupParameter, group: str, d: GroupDifference) -> str:
+    """By how much a parameter ``p`` of ``d`` is larger in a ``group`` than in the others, with its 90 % interval; a
+    coefficient in per cent."""
+    x = p.groups[group]
+    factor, unit = shown_unit(p.unit)
+    rest = x.value - x.difference
+    if d.name not in EFFECTS and d.source == "dynamics" and abs(rest) > Z90 * x.difference_std:
+        factor, unit = 100.0 / rest, "%"
+    text = plus_minus(factor * x.difference, Z90 * abs(factor) * x.difference_std)
+    return f"{'+' if factor * x.difference > 0 else ''}{text} {unit}".rstrip()
+
+
+def table_rows(b: Between) -> list[dict[str, Any]]:
+    """Rows of the strongest tests of ``b``: what, p, log Bayes factor, value ± std by group, whether named."""
+    out = []
+    for d in b.candidates[:SHOWN]:
+        for name, p in d.parameters.items():
+            factor, unit = shown_unit(p.unit)
+            cells = [plus_minus(factor * x.value, factor * x.std) for x in p.groups.values()]
+            named = any((d.name, d.source, name) == (e.name, e.source, k) for e in b.differences for k in e.parameters)
+            out.append(
+                {"name": d.name, "parameter": name, "words": p.words, "unit": unit, "nature": d.nature, "named": named}
+                | {"source": d.source, "p": d.p_value, "log_bayes": d.log_bayes, "cells": cells}
+            )
+    return out
