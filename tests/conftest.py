@@ -16,9 +16,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-TRACED = {Path(__file__).parent / room for room in ("mmg", "cases", "fitting")}
-"""Tests of the packages whose line coverage has a bound (.ci/run). Theirs alone reach it, and to trace the others takes
-a quarter of their processor time (27 % measured on the diagnosis')."""
+TRACED = {Path(__file__).parent / room for room in ("mmg", "cases", "fitting", "mmg_ident")}
+"""Tests of the packages whose line coverage has a bound (.ci/run), and of the commands that use them. To trace the others
+too takes a quarter of their processor time (27 % measured on the diagnosis')."""
 
 
 @pytest.hookimpl(tryfirst=True)
