@@ -17,8 +17,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in the background of
 
 
 TRACED = {Path(__file__).parent / room for room in ("mmg", "cases", "fitting", "mmg_ident")}
-"""Tests of the packages whose line coverage has a bound (.ci/run), and of the commands that use them. To trace the others
-too takes a quarter of their processor time (27 % measured on the diagnosis')."""
+"""Tests of the packages whose line coverage has a bound (.ci/run), and of the commands that use them. To trace the
+others too takes a quarter of their processor time (27 % measured on the diagnosis')."""
 
 
 @pytest.hookimpl(tryfirst=True)
