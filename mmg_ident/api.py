@@ -65,7 +65,7 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
     if isinstance(model, (str, Path)) and is_black_box(model):
         needs_torch("a black box")
-        from residual.blackbox.file import load_box
+        from residual.papers.black_box import load_box
 
         start = Path(model) / START
         return load_box(model, load_ship(start) if start.exists() else None)

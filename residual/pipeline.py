@@ -38,17 +38,14 @@ from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.blackbox.models import BOX_KIND, box_of
+from residual.decide import Judges, decide
+from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
+from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
 from residual.settings import KEEP, BlackBoxSettings, TrainSettings
-from residual.training.acceptance import Judges, decide
-from residual.training.hybrid import HYBRID_KIND, OUTPUT, network_of
-from residual.training.pieces import pieces_of
-from residual.training.scales import LEAST_SCALE, Scales
-from residual.training.seeds import train_seeds
-from residual.training.tasks import ModelKind, tasks_of
-from residual.training.trainer import Outcome, Task
-from residual.training.windows import windows
+from residual.splits import pieces_of
+from residual.train import ModelKind, Outcome, Task, tasks_of, train_seeds
+from residual.windows import LEAST_SCALE, Scales, windows
 
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""

@@ -45,16 +45,15 @@ from mmg.network import Network
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.report.page import page_of
-from residual.report.words import headline
+from residual.decide import Decision
+from residual.report import headline, page_of
 from residual.settings import TrainSettings, settings_from
-from residual.training.decision import Decision
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from fitting.prediction.predict import Forecaster
-    from residual.blackbox.models import BlackBox
+    from residual.papers.black_box import BlackBox
 
 SCHEMA_VERSION = 1
 CALIBRATED, HYBRID = "calibrated", "hybrid"
@@ -196,7 +195,7 @@ class TrainResult(TrainRecord):
         exists or cannot be written.
         """
         from fitting.report.plot_style import FigureFolder
-        from residual.report.figures import write_figures
+        from residual.figures import write_figures
 
         folder = Path(folder)
         if not replace:
@@ -226,7 +225,7 @@ class TrainResult(TrainRecord):
     def _write_models(self, folder: Path) -> None:
         """The recommended ship and the other one, or the black box."""
         if self.black_box is not None:
-            from residual.blackbox.file import save_box
+            from residual.papers.black_box import save_box
 
             note = f"{self.start.name}: the ship whose inputs the black box takes; nothing else of it is used."
             (folder / START).write_text(dump_ship(self.start, note), encoding="utf-8")
@@ -276,7 +275,7 @@ def read_training(folder: str | Path) -> TrainResult:
             start = load_ship(folder).without_network()
             network = load_ship(place).network if (place / NETWORK).exists() else None
         else:
-            from residual.blackbox.file import load_box
+            from residual.papers.black_box import load_box
 
             start = load_ship(folder / START)
             box = load_box(folder, start)

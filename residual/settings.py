@@ -13,6 +13,12 @@ PATH = (0.3, 0.03, 0.01, 0.001)
 """Weights of a residual's penalty that a training takes one after the other, each from where the one before ended
 (a path of weights as of Friedman et al. 2010, J Stat Softw 33(1)): windows that it does not train on choose among
 them. The first hardly lets a residual grow; the last asks nothing of one as large as the ship's own accelerations."""
+SETS = {
+    "ref": (1, 0), "sli2": (2, 0), "sli10": (10, 0), "jit2": (1, 2), "jit10": (1, 10), "sli2+jit2": (2, 2),
+    "sli10+jit10": (10, 10), "d-ref": (1, 0),
+}  # fmt: skip
+"""Augmentation of Wakita et al. (2024, Table 4): windows of I rows begin every I / first number, each is replaced by so
+many noisy copies as the second says. d-ref is ref on twice the data: who compares gives it all trials, others half."""
 KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 
@@ -48,7 +54,9 @@ class TrainSettings:
     method: str = field(default="rk4", metadata={"help": "Integration.", "choices": ("rk4", "euler")})
     step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
     block: float = field(default=150.0, metadata={"help": "Length of blocks [s] of few runs.", "gt": 0})
-    augment: str = field(default="", metadata={"help": "Set of Wakita 2024: sli2, jit10, d-ref, ..."})
+    augment: str = field(
+        default="", metadata={"help": "Set of Wakita 2024: sli2, jit10, d-ref, ...", "choices": (*SETS, "")}
+    )
     time_limit: float | None = field(default=None, metadata={"help": "Limit of the training [s].", "gt": 0})
 
     @property

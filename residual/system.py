@@ -1,4 +1,4 @@
-"""What every trainable dynamic model answers to: start, rates or step, logged columns, penalty.
+"""What every trainable dynamic model answers to, rollouts of many windows at once, and the losses.
 
 All tensors are float64 and hold one trajectory per column, as in ``mmg.rollout``: states (Z, M), inputs (C, M), logged
 columns (6, M). A model that remembers puts what it remembers into the rows of its state.
@@ -6,15 +6,13 @@ columns (6, M). A model that remembers puts what it remembers into the rows of i
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import nn
 
 from mmg.runge_kutta import rk4_step
-from residual.bounded_network import TwoLayers
-from residual.physics.fused_rollout import FusedRollout
 
 
 class Past(NamedTuple):
@@ -79,37 +77,71 @@ class TrainableSystem(nn.Module):
         return [p for p in self.parameters() if p.requires_grad]
 
 
-class Hybrid(TrainableSystem):
-    """A calibrated ship and a residual acceleration of its u, v, r.
+@dataclass(frozen=True)
+class RolloutBatch:
+    """M windows of N steps of h [s] as float64 tensors.
 
-    physics: ``residual.physics.operator.Physics`` of the ship; residual: the network; features: (F, R) of the training
-    rows, on which its size is penalised.
+    controls: (N, C, M), the mean over each step; targets: (N + 1, 6, M) logged columns on the grid, the first row the
+    start, 0 where not measured; mask: of the same shape, 0 there and 1 elsewhere. past: rows before the start.
     """
 
-    features: torch.Tensor
+    h: float
+    controls: torch.Tensor
+    targets: torch.Tensor
+    mask: torch.Tensor
+    past: Past | None = None
 
-    def __init__(self, physics: Any, residual: TwoLayers, features: np.ndarray) -> None:
-        super().__init__()
-        self.physics, self.residual = physics, residual
-        self.fused = FusedRollout(physics, len(residual.b1))
-        self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
+    def __len__(self) -> int:
+        return self.controls.shape[2]
 
-    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
-        return self.physics.start(logged, controls)
+    def chosen(self, which: torch.Tensor) -> RolloutBatch:
+        """Only these windows (numbers)."""
+        past = Past(*(a[..., which] for a in self.past)) if self.past else None
+        controls, targets, mask = (a[..., which] for a in (self.controls, self.targets, self.mask))
+        return RolloutBatch(self.h, controls, targets, mask, past)
 
-    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        rates, features = self.physics.rates_and_features(z, controls)
-        return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
 
-    def columns(self, z: torch.Tensor) -> torch.Tensor:
-        return self.physics.columns(z)
+def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -> torch.Tensor:
+    """Logged columns (N + 1, 6, M) of the windows of ``batch`` simulated by ``system`` from their measured start.
 
-    def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
-        """As of any system, as one compiled loop where there is a compiler."""
-        if self.fused.library is None:
-            return super().simulate(z, controls, h, method)
-        return self.fused(z, controls, h, self.residual, method)
+    method: "rk4" or "euler".
+    """
+    start = system.start(batch.targets[0], batch.controls[0], batch.past)
+    every = system.simulate(start, batch.controls, batch.h, method).transpose(0, 1)
+    Z, rows, M = every.shape
+    return system.columns(every.reshape(Z, rows * M)).reshape(6, rows, M).transpose(0, 1)
 
-    def penalty(self) -> torch.Tensor:
-        """Mean of (residual / its scale)^2 over the training rows and components."""
-        return ((self.residual(self.features) / self.residual.scale[:, None]) ** 2).mean()
+
+def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
+    """Mean over the rows after the start of squared normalised errors, summed over the six columns: (M,), as Eq. 23.
+
+    predicted: columns (N + 1, 6, M) of the windows of ``batch``; sigma: (6,). A column that was not measured counts
+    nothing; heading errors are taken as they are, since both headings are continuous from the same start.
+    """
+    error = (predicted[1:] - batch.targets[1:]) * batch.mask[1:] / sigma[:, None]
+    return (error**2).sum(dim=1).mean(dim=0)
+
+
+def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str = "rk4") -> torch.Tensor:
+    """Eq. 23: mean over rows and windows of ``batch`` of squared errors of the columns of ``system``.
+
+    sigma: (6,) by which errors are divided; method: "rk4" or "euler".
+    """
+    return squares(rollout(system, batch, method), batch, sigma).mean()
+
+
+def measured_accelerations(batch: RolloutBatch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Forward differences of the logged u, v, r of ``batch`` (N, 3, M) and where both rows were measured."""
+    velocities, mask = batch.targets[:, 3:], batch.mask[:, 3:]
+    return (velocities[1:] - velocities[:-1]) / batch.h, mask[1:] * mask[:-1]
+
+
+def acceleration_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
+    """Eq. 16: mean over rows and windows of ``batch`` of squared errors of accelerations of ``system``.
+
+    sigma: (3,) by which errors are divided.
+    """
+    measured, mask = measured_accelerations(batch)
+    predicted = system.accelerations(batch.targets[:-1], batch.controls, batch.past)
+    error = (predicted - measured) * mask / sigma[:, None]
+    return (error**2).sum(dim=1).mean()

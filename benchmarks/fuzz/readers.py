@@ -29,7 +29,7 @@ from fitting.report.run_folder import ITERATE, RESULT, read_iterate
 from fitting.result import read_fit
 from mmg.errors import UserError
 from mmg.ship import Ship
-from residual.blackbox.file import load_box
+from residual.papers.black_box import load_box
 from residual.result import read_training
 
 BINARY = ("parquet", "iterate", "network", "black_box")

@@ -22,14 +22,12 @@ from mmg.errors import UserError
 from mmg.model import Model
 from mmg.progress import OnProgress
 from mmg.ship import Ship
+from residual.decide import Judges, decide
+from residual.hybrid import Hybrid, build_hybrid, hybrid_scales
 from residual.settings import TrainSettings
-from residual.system import Hybrid, TrainableSystem
-from residual.training.acceptance import Judges, decide
-from residual.training.hybrid import build_hybrid, hybrid_scales
-from residual.training.pieces import pieces_of
-from residual.training.seeds import train_seeds
-from residual.training.tasks import training_tasks
-from residual.training.trainer import restored
+from residual.splits import pieces_of
+from residual.system import TrainableSystem
+from residual.train import restored, train_seeds, training_tasks
 
 SEEDS = 3
 """Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -119,7 +120,11 @@ def make_in_turn(parts: Mapping[str, Callable[[], Any]], made: Made) -> None:
     """Add the values of the ``parts`` by name to what is ``made``, one after the other, unless Ctrl-C came first."""
     for name, part in parts.items():
         began = time.perf_counter()
-        value = unless_interrupted(lambda part=part: (part(),))
+        value = unless_interrupted(partial(_boxed, part))
         made.seconds[name] = time.perf_counter() - began
         if value is not None:
             made[name] = value[0]
+
+
+def _boxed(part: Callable[[], Any]) -> tuple[Any]:
+    return (part(),)  # None of a part is a value too

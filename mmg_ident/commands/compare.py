@@ -15,7 +15,7 @@ from residual.settings import TrainSettings
 if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.report.parts import Store
-    from residual.comparison.study import Study, Subset
+    from residual.papers.comparison import Study, Subset
 
 
 @o.options(
@@ -62,10 +62,9 @@ def compare(
     names = tuple(dict.fromkeys(names_of([models])))
     needs_torch("mmg compare")
     from fitting.report.plot_style import FigureFolder
-    from residual.comparison.figures import write_figures
-    from residual.comparison.study import MODELS, Study
-    from residual.comparison.study import compare as compared
-    from residual.comparison.tables import comparison_dict, tables_text
+    from residual.papers.comparison import MODELS, Study, comparison_dict, tables_text
+    from residual.papers.comparison import compare as compared
+    from residual.papers.comparison_figures import write_figures
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
@@ -158,7 +157,7 @@ def _trials(given: list[str], option: str) -> list[Trial]:
 
 def _subsets(fractions: str, no_random: bool) -> tuple[Subset, ...]:
     """Subsets from the options, all data first."""
-    from residual.comparison.study import Subset
+    from residual.papers.comparison import Subset
 
     try:
         shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)

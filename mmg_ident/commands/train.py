@@ -18,17 +18,17 @@ from mmg_ident.commands.output import (
     say_remarks,
     say_scores,
 )
-from residual.settings import BlackBoxSettings, TrainSettings
+from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings
 
 if TYPE_CHECKING:
     from residual.result import TrainResult
 
-_MODELS = ("hybrid", "fnn", "rnn", "rnn-window")
+_MODELS = ("hybrid", *KINDS)
 _ONLY = {
     "layers": ("fnn",),
     "zero": ("fnn",),
     "memory": ("rnn", "rnn-window"),
-    "initial": _MODELS[1:],
+    "initial": KINDS,
     "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
@@ -75,8 +75,7 @@ def train(
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
     from residual.result import CALIBRATED
-    from residual.settings import KEEP
-    from residual.training.folds import check_enough
+    from residual.splits import check_enough
 
     chosen_settings = _settings(model, settings)
     if keep not in KEEP:
@@ -88,12 +87,12 @@ def train(
     start, trained_on = load_ship(run), training_trials(chosen)[0]
     if trained_on:
         check_enough(start, trained_on, chosen_settings, held_out)
-    _check_augmentation(chosen_settings)
+    needs_torch("mmg train")
     if resume and out.exists() and _is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
     from residual.pipeline import train as trained
-    from residual.training.checkpoint import training_store
+    from residual.train import training_store
 
     store = training_store(out, start, trained_on, held_out, chosen_settings, resume)
     try:
@@ -119,15 +118,6 @@ def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
     if strange:
         raise UserError(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
     return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
-
-
-def _check_augmentation(settings: TrainSettings) -> None:
-    """Raises UserError where torch is missing, or the set of augmentation is unknown."""
-    needs_torch("mmg train")
-    from residual.training.augmentation import SETS
-
-    if settings.augment not in ("", *SETS):
-        raise UserError(f"--augment {settings.augment}: unknown; choose one of {', '.join(SETS)}")
 
 
 def _is_complete(out: Path) -> bool:

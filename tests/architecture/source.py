@@ -69,9 +69,11 @@ def sources(folders: tuple[str, ...] = FLOORS) -> dict[str, Source]:
     return found
 
 
+@cache
 def known(name: str) -> bool:
     """Whether ``name`` is a module of this repository."""
-    return name in sources(FLOORS) or name in sources(BESIDE)
+    path = ROOT.joinpath(*name.split("."))
+    return name.split(".")[0] in (*FLOORS, *BESIDE) and (path.with_suffix(".py").exists() or path.is_dir())
 
 
 def imports(source: Source) -> Iterator[tuple[str, str | None, str, int]]:

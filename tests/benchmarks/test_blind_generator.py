@@ -295,6 +295,7 @@ def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> Non
     assert np.abs(trial["n_bow"]).max() > 10 and np.ptp(trial["n"]) == 0
 
 
+@pytest.mark.slow
 def test_what_a_cause_costs_grows_with_its_strength() -> None:
     world = replace(WORLDS["pond"], duration=70.0)
     effect = next(one for one in NEW if one.name == "towed_boat")
@@ -339,6 +340,7 @@ def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Pat
         assert truth["floor"] > 0 and set(DRAWN) <= set(truth["nominal_true_coefficients"])
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(written: tuple[Path, str], tmp_path: Path) -> None:
     folder, digest = written
     assert generate(tmp_path / "again", 2, 11, "library") == digest

@@ -73,7 +73,7 @@ def few_free() -> Ship:
 
 
 def test_a_draft_lacks_its_last_solve_which_its_iterate_begins() -> None:
-    ship, trials, settings = few_free(), runs()[0][:3], Settings()
+    ship, trials, settings = few_free(), runs()[0][:3], Settings(compiled=False)
     whole, draft = (estimate_coefficients(ship, trials, settings, draft=draft) for draft in (False, True))
     assert draft.draft and not draft.converged and draft.solution.iterations == 0 and draft.warnings == ()
     assert len(draft.passes) == len(whole.passes) - 1
@@ -90,7 +90,7 @@ def test_a_draft_lacks_its_last_solve_which_its_iterate_begins() -> None:
 
 def test_fixed_coefficients_stay_as_they_are() -> None:
     ship = load_ship("esso_osaka_3m").fixing(["m_x", "m_y", "I_J_z"])
-    result = estimate_coefficients(ship, runs()[0][:3], Settings(passes=1))
+    result = estimate_coefficients(ship, runs()[0][:3], Settings(passes=1, compiled=False))
     for symbol in ("m_x", "m_y", "I_J_z"):
         assert result.ship.coefficients[symbol] == ship.coefficients[symbol]
         assert symbol not in result.prior.symbols

@@ -99,7 +99,7 @@ def spoilt(content: dict, *path: str) -> dict:
         (lambda c: {**c, "schema_version": 2}, "schema_version = 2"),
         (lambda c: spoilt(c, "objective"), "objective: field required"),
         (lambda c: spoilt(c, "ship"), "ship: field required"),
-        (lambda c: spoilt(c, "coefficients", "Y_v", "value"), "coefficients.Y_v.value: field required"),
+        (lambda c: spoilt(c, "coefficients", "Y_v", "value"), "coefficients.Y_v.value"),
         (lambda c: {**c, "windows": "many"}, "windows: input should be a valid integer"),
         (lambda c: spoilt(c, "scores", "validation", "after", "sigma"), "scores.validation.after"),
     ],

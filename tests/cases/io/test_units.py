@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cases.io.units import FACTORS, accepted, is_canonical, si_unit, to_si
@@ -34,6 +34,7 @@ def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
         to_si("psi", "grad", "run.csv: column 'psi [grad]'")
 
 
+@settings(max_examples=30)
 @given(st.sampled_from(sorted(UNITS)), st.text(max_size=8))
 def test_a_unit_is_either_known_or_a_user_error(column, unit):
     try:

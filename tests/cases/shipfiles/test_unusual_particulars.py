@@ -15,8 +15,8 @@ from mmg_ident.commands.main import main
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("320 58 20.8 0.81 9.86 0.72 112.5 15.5", "15.5 kn are U_0=7.97"),
-        ("180 32 11 0.8 U_0=14.5", "which no ship of C_b = 0.8 reaches"),
+        ("320 58 20.8 0.81 9.86 0.72 112.5 15.5", "U_0=7.97"),
+        ("180 32 11 0.8 U_0=14.5", "C_b = 0.8"),
         ("320 58 20.8 0.81 m=200e6", "they contradict each other"),
     ],
 )
@@ -28,14 +28,14 @@ def test_what_no_ship_has_is_refused(words: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("161 23.2 7.5 0.6 U_0=15", "if it was meant in knots, give U_0=7.72"),
+        ("161 23.2 7.5 0.6 U_0=15", "U_0=7.72"),
         ("325 53 21.7 0.83 U_0=1.5", "slow for a service speed"),
         ("180 30 10 0.7 A_R=6", "A_R / .L d. = 0.00333"),
         ("180 30 10 0.7 D_P=9.7", "D_P / d = 0.97"),
         ("180 60 10 0.7", "L / B = 3"),
         ("180 30 20 0.7", "B / d = 1.5"),
-        ("180 30 10 0.7 m=42e6", "1.08. of rho L B d C_b"),
-        ("180 30 10 0.95", "C_b = 0.95 is unusual"),
+        ("180 30 10 0.7 m=42e6", "1.08"),
+        ("180 30 10 0.95", "C_b = 0.95"),
     ],
 )
 def test_what_few_ships_have_is_one_warning(words: str, said: str) -> None:

@@ -42,8 +42,8 @@ def assert_same_motion(batch: SimulatedRuns, m: int, trial: Trial, tolerance: fl
 
 
 @pytest.mark.parametrize("name", SIMULATORS)
-@pytest.mark.parametrize("text", [*KNOWN, "zigzag:20/20", "zigzag:-10/10"])
-@pytest.mark.parametrize("dt", [0.25, 0.7])
+@pytest.mark.parametrize("text", [*KNOWN, "zigzag:-10/10"])
+@pytest.mark.parametrize("dt", [0.7])
 def test_held_inputs_give_the_motion_of_one_ship_by_herself(name: str, text: str, dt: float) -> None:
     simulator = SIMULATORS[name]
     plan = parse_maneuver(text, simulator.ship, duration=None if text.startswith(("turning", "zigzag")) else 100)

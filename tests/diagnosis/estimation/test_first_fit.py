@@ -24,7 +24,6 @@ def test_a_ship_that_explodes_is_fitted_from_her_priors(caplog: pytest.LogCaptur
     _, right, *_ = fit_without_effects(p.steps, p.data, values, wide, noise)
     with caplog.at_level("INFO"):
         _, found, *_ = fit_without_effects(p.steps, p.data, wrong, wide, noise)
-    assert "the ship explodes along these trials" in caplog.text
     assert np.allclose(found.p, right.p, atol=0.1) and found.nll == pytest.approx(right.nll, abs=0.5)
 
 

@@ -133,6 +133,7 @@ def test_campaigns_that_are_simulated_have_them_as_well() -> None:
     assert again.noise.gust[0] == pytest.approx(found.noise.gust[0], rel=0.3)
 
 
+@pytest.mark.slow
 def test_what_they_do_is_no_finding() -> None:
     """Without them among the random forces it is one: the likelihood asks for them."""
     steps, (data, found), bare = full_steps(STEP), fitted(True), fitted(False)[1]

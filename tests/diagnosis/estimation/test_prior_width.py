@@ -76,7 +76,7 @@ def test_priors_of_effects_and_values_by_run_stay_and_a_ship_of_none_keeps_its_p
 def test_a_factor_is_said_where_it_makes_a_difference() -> None:
     assert [len(width_notices(0.7, taken)) for taken in (0.5, 0.9, 1.0, 1.2, 2.0)] == [1, 0, 0, 0, 1]
     (words,) = width_notices(0.5, 0.6)
-    assert "0.5 of what their priors state" in words and "0.6 of these" in words and words.code == "prior_width"
+    assert "0.5" in words and "0.6" in words and words.code == "prior_width"
 
 
 def test_a_fit_with_wider_priors_is_what_it_would_have_been_from_the_start() -> None:

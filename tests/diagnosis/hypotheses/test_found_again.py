@@ -20,6 +20,7 @@ from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
+from tests.support.quick import first_quick
 
 DRIFT = "wave_drift:x=0.45,y=-0.35"
 
@@ -52,7 +53,7 @@ def test_an_effect_is_found_again_where_it_is_there(
     assert other_trials(problem.steps, alike, null).effect(effect, np.zeros(2), np.zeros(len(null.p))) == NOTHING
 
 
-@pytest.mark.parametrize(("text", "linear"), [(DRIFT, True), ("hull_memory:T=2.0", False)])
+@pytest.mark.parametrize(("text", "linear"), first_quick([(DRIFT, True), ("hull_memory:T=2.0", False)]))
 def test_the_trials_themselves_show_what_is_expected_of_a_linear_effect_and_less_of_a_long_memory(
     text: str, linear: bool
 ) -> None:

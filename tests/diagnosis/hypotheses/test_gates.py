@@ -287,11 +287,11 @@ def runs() -> SearchProblem:
 
 
 def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
-    found = np.array([unnamed_forms(*pushed_by(runs, seed, 0, "cos", 0.0)).single for seed in range(6)])
+    found = np.array([unnamed_forms(*pushed_by(runs, seed, 0, "cos", 0.0)).single for seed in range(3)])
     assert found.max() < 2.0 and np.median(found) < 0.0
 
 
-@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (1, "cos", 0.7), (2, "cos", 0.4)])
+@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
 def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
     found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
     assert found.single > found.single_limit + 4.0

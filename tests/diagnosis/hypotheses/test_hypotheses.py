@@ -27,6 +27,7 @@ from diagnosis.judgement.verdict import (
 from tests.support.diagnosis_answers import LIMIT, a_fit, made_up, tried
 from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_trials, pushed_windows
 from tests.support.disturbed_trials import drawn_ship
+from tests.support.quick import first_quick
 
 NAMES = {
     "current": {"x": 0.03, "y": -0.02},
@@ -46,7 +47,7 @@ def assert_sizes(found: Selection, name: str, values: dict[str, float]) -> None:
         assert abs(found.final.value(f"{name}.{k}") - v) < 4 * std < 4 * abs(v), (name, k)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", first_quick(NAMES))
 def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     problem, null = problem_of(pushed_trials(1, [text_of(name, NAMES[name])]))
     found = select_effects(problem, null)
@@ -58,7 +59,7 @@ def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     assert decide(found, 99.0, left.log_bayes, left.limit, None) == ("named", [])
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", first_quick([2, 3]))
 def test_none_is_named_by_chance(seed: int) -> None:
     problem, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
     found = select_effects(problem, null)
@@ -68,6 +69,7 @@ def test_none_is_named_by_chance(seed: int) -> None:
     assert decide(found, before.beyond_chance, before.log_bayes, before.limit, None) == ("none", [])
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
     problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
@@ -82,7 +84,7 @@ def test_two_effects_are_both_named() -> None:
     assert {c.symbol for c in one.final.free.columns if "." in c.symbol} == set(one.effects[0].symbols)
 
 
-@pytest.mark.parametrize("truth", ["rudder_lag:T=0.4", "control_delay:tau=0.4"])
+@pytest.mark.parametrize("truth", first_quick(["rudder_lag:T=0.4", "control_delay:tau=0.4"]))
 def test_what_looks_alike_is_in_one_class(truth: str) -> None:
     """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
     problem, null = problem_of(pushed_trials(2, [truth], runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))

@@ -17,8 +17,9 @@ from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
 from tests.support.disturbed_trials import drawn_ship
+from tests.support.quick import first_quick
 
-SEEDS = 12
+SEEDS = 6
 STRONG = {
     "current": {"x": 0.03, "y": -0.02},
     "rudder_offset": {"delta": 0.1},
@@ -59,7 +60,7 @@ def rows_of(problem: SearchProblem, null: Estimate) -> dict[str, ScoreTest]:
 def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
     """That of the largest of all, and that of each by itself (a one-sided one is 1 every other time)."""
     candidates, S = made_up()
-    rng, draws = np.random.default_rng(1), 200
+    rng, draws = np.random.default_rng(1), 100
     root = np.linalg.cholesky(S)
     least, single = [], []
     for k in range(draws):
@@ -151,7 +152,7 @@ def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tupl
     assert {s: round(v, 1) for s, v in pooled.items() if abs(v) > 3.5} == {}  # 31 parameters
 
 
-@pytest.mark.parametrize("name", STRONG)
+@pytest.mark.parametrize("name", first_quick(STRONG))
 def test_a_strong_effect_has_the_highest_score_and_about_its_size(name: str) -> None:
     truth = STRONG[name]
     text = f"{name}:" + ",".join(f"{k}={v}" for k, v in truth.items())

@@ -31,6 +31,7 @@ def test_simulated_trials_have_the_noise_of_the_model(fitted: tuple[SearchProble
     assert np.array_equal(seen.y, again.y)
 
 
+@pytest.mark.slow
 def test_the_tests_of_simulated_campaigns_follow_their_law(fitted: tuple[SearchProblem, Estimate]) -> None:
     """Few campaigns, so only the gross agreement of the median and of the upper end."""
     problem, null = fitted

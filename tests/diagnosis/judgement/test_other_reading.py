@@ -70,6 +70,7 @@ def late_rudder(late: float) -> list[Trial]:
     return found
 
 
+@pytest.mark.slow
 def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() -> None:
     """Held samples fit as well with half a sample less, and would say so much too little."""
     trials = late_rudder(LATE)
@@ -85,6 +86,7 @@ def test_what_moves_from_sample_to_sample_is_joined_where_it_is_late_anyway() ->
     assert other_reading(ready, trials, 1.0).null.nll == pytest.approx(right.null.nll, abs=10.0)  # type: ignore[union-attr]
 
 
+@pytest.mark.slow
 def test_half_a_sample_matters_where_the_trials_show_so_short_a_delay() -> None:
     """A ship of 30 m answers so slowly that samples of half a second are fine by their length alone."""
     trials = late_rudder(LATE)

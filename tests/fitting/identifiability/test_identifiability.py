@@ -49,7 +49,7 @@ def trial(text: str, duration: float, seed: int = 0, wind: Wind | None = None) -
 def fitted(trials: list[Trial], only: tuple[str, ...] = FREE) -> Calibration:
     ship = load_ship("esso_osaka_3m")
     return estimate_coefficients(
-        ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0)
+        ship.fixing([s for s in ship.symbols if s not in only]), trials, Settings(sigma=SIGMA, step=1.0, compiled=False)
     )
 
 
@@ -65,7 +65,7 @@ def kinds(found: Identifiability) -> dict[str, str]:
 
 
 def test_rudder_coefficients_are_not_excited_by_straight_runs() -> None:
-    _, found, scored = nearly_straight()
+    _, found, _ = nearly_straight()
     assert all(kinds(found)[s] == "silent" for s in (*RUDDER, "Y_v", "Y_A1", "X_0A"))
     assert kinds(found)["X_0F"] in ("determined", "partly", "shared")
 

@@ -112,7 +112,7 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
 def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]
-    settings = Settings(passes=2)
+    settings = Settings(passes=2, compiled=False)
     free_running = estimate_coefficients(ESSO, trials, settings)
     joint = estimate_coefficients(ESSO, trials, settings, captive=points(truth, noise=1.0))
     assert joint.converged
@@ -153,7 +153,7 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
     [
         ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],M [N m]", "missing column N"),
         ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [lbf],Y [N],N [N m]", "needs a unit out of N, kN"),
-        ("u [ft/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "unknown unit 'ft/s'"),
+        ("u [ft/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "'ft/s'"),
     ],
 )
 def test_bad_tables_are_refused(tmp_path: Path, header: str, words: str) -> None:

@@ -65,7 +65,7 @@ def start() -> Ship:
 @lru_cache(maxsize=2)
 def fitted(per_run: bool) -> Calibration:
     ship, constants = varying_effects(start(), ["current"] if per_run else [])
-    return estimate_coefficients(ship, trials(), per_run=constants)
+    return estimate_coefficients(ship, trials(), Settings(compiled=False), per_run=constants)
 
 
 @lru_cache(maxsize=4)
@@ -171,7 +171,7 @@ def test_blocks_of_unsorted_intervals_are_right_too() -> None:
 
 def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
     ship, constants = varying_effects(start(), ["current"])
-    settings = Settings(sigma=tuple(SIGMA))
+    settings = Settings(sigma=tuple(SIGMA), compiled=False)
     own = estimate_coefficients(ship, trials()[:1], settings, per_run=constants)
     free = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=False) for s in constants})
     shared = estimate_coefficients(free, trials()[:1], settings)
@@ -215,7 +215,7 @@ def test_runs_without_data_keep_the_prior() -> None:
     ship, constants = varying_effects(start(), ["rudder_offset:delta=0.01"])
     whole = trials()[2]
     short = replace(whole, name="short", columns={k: v[:50] for k, v in whole.columns.items()})
-    found = estimate_coefficients(ship, [*trials()[:2], short], Settings(passes=1), per_run=constants)
+    found = estimate_coefficients(ship, [*trials()[:2], short], Settings(passes=1, compiled=False), per_run=constants)
     row = found.constants.rows()["short"]["rudder_offset.delta"]  # type: ignore[union-attr]
     assert row["value"] == pytest.approx(0.01, abs=1e-6) and row["std"] == pytest.approx(0.05, rel=1e-3)
 
@@ -288,7 +288,7 @@ def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.Capture
     ("more", "said"),
     [
         (["--per-run", "tide"], "tide"),
-        (["--per-run", "current:z"], "has no parameter 'z'"),
+        (["--per-run", "current:z"], "'z'"),
         (["--per-run", "current:x=9"], "must be a number from"),
         (["--per-run", "current", "--per-run", "current:x"], "current is in the model already"),
         (["--per-run", "current", "--with", "current"], "current is in the model already"),

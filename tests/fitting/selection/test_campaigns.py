@@ -58,7 +58,7 @@ def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
     lags = LAGS if differ else (0.0, 0.0)
     instruments = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}
     trials = fleet(HIDDEN, instruments, RUNS, 5, 10.0, 100.0)
-    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings(compiled=False)
     found = estimate_coefficients(ship, trials, settings)
     return found, by_campaign(found, trials, ("gyro", "log_scale"))
 
@@ -85,7 +85,7 @@ def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ:
     lags = {day: [f"gyro:T={lag * differ}"] for day, lag in zip(DAYS, LAGS, strict=False)}
     trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
-    draft = estimate_coefficients(ship, trials, Settings(), draft=True)
+    draft = estimate_coefficients(ship, trials, Settings(compiled=False), draft=True)
     again = by_campaign(draft, trials, ("gyro", "log_scale"))
     assert draft.draft and draft.solution.objective > whole.solution.objective
     assert fit.content is not None and again.content is not None
@@ -165,7 +165,7 @@ def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_sa
     lags = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}
     trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
     trials += fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
-    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
+    ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings(compiled=False)
     found = estimate_coefficients(ship, trials, settings)
     fit = by_campaign(found, trials, ("gyro",))
     constants = fit.calibration.constants

@@ -31,7 +31,7 @@ def calibrated() -> tuple[list[Trial], Calibration]:
     start = load_ship("esso_osaka_3m")
     start = start.fixing([s for s in start.symbols if s not in FREE])
     trials = demo_trials(3, dt=0.5)[0][:4]
-    return trials, estimate_coefficients(start, trials, Settings(passes=2))
+    return trials, estimate_coefficients(start, trials, Settings(passes=2, compiled=False))
 
 
 def quadratic(bias: float = 0.0) -> Information:
@@ -84,7 +84,7 @@ def test_scores_without_a_run_are_near_those_of_a_refit():
     moved, off = [], []
     for i, trial in enumerate(trials):
         rest = [t for k, t in enumerate(trials) if k != i]
-        refit = estimate_coefficients(found.problem.ship, rest, Settings(passes=2), warm={"p": found.p})
+        refit = estimate_coefficients(found.problem.ship, rest, Settings(passes=2, compiled=False), warm={"p": found.p})
         true = score(Simulator(refit.ship), [trial], sigma).trials[0].window
         moved.append(true - inside[i].window)
         off.append(fast[i] - true)

@@ -87,7 +87,7 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6}).with_effect("velocity_filter")
     wrong = wrong.without_effect("velocity_filter")
     given = [candidate(wrong, name, Rules(order=2)) for name in ("sm1-order1", "sm1-order2")]
-    choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1))
+    choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1, compiled=False))
     rows = {row.name: row for row in choice.table}
     assert {"as given", "sm1-order1", "sm1-order2"} <= set(rows)
     assert sum(name.endswith("-refined") for name in rows) == 2
@@ -130,7 +130,7 @@ def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("fitting.selection.structure_choice.estimate_coefficients", interrupted)
     runs, given = harbour(3), [candidate(ESSO, "sm1-order1")]
     with pytest.raises(KeyboardInterrupt):
-        choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2))
+        choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2, compiled=False))
 
 
 @pytest.mark.slow

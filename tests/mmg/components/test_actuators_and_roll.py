@@ -63,10 +63,10 @@ def test_a_rate_limit_is_never_exceeded_and_reached_far_from_the_order() -> None
     assert y[-1] == pytest.approx(0.6, abs=1e-4)
 
 
-@pytest.mark.parametrize("T", [0.0, 0.05, 0.5, 2.0])
+@pytest.mark.parametrize("T", [0.0, 0.5])
 def test_lag_and_delay_shift_slow_signals_by_their_time(T: float) -> None:
     """A slow sine comes T later; the delay keeps its amplitude, the lag loses what a lag loses."""
-    dt, period = 0.01, 60.0
+    dt, period = 0.02, 60.0
     t = np.arange(0, 180, dt)
     w = 2 * math.pi / period
     last = t > 120
@@ -130,13 +130,13 @@ def test_a_heeled_ship_at_rest_rolls_with_its_natural_period() -> None:
     simulator = Simulator(ROLLING, compiled=False)
     start = np.zeros((8, 1))
     start[6] = 0.05
-    path = simulator.run(start, np.zeros((4000, 4, 1)), 0.01)
+    path = simulator.run(start, np.zeros((2000, 4, 1)), 0.02)
     phi = path[:, 6, 0]
     crossings = np.flatnonzero(np.diff(np.sign(phi)) != 0)
     omega = math.sqrt(GRAVITY * 0.02) / ROLLING.coefficients["k_x_roll"].value
     damped = omega * math.sqrt(1 - ROLLING.coefficients["zeta_roll"].value ** 2)
-    assert np.diff(crossings).mean() * 0.01 == pytest.approx(math.pi / damped, rel=0.01)
-    upright = Simulator(ESSO, compiled=False).run(np.zeros((6, 1)), np.zeros((4000, 4, 1)), 0.01)
+    assert np.diff(crossings).mean() * 0.02 == pytest.approx(math.pi / damped, rel=0.01)
+    upright = Simulator(ESSO, compiled=False).run(np.zeros((6, 1)), np.zeros((2000, 4, 1)), 0.02)
     assert np.array_equal(path[:, :6], upright), "roll does not act back on the ship"
 
 

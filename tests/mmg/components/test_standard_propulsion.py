@@ -185,7 +185,7 @@ def test_the_slipstream_holds_what_the_rudder_needs() -> None:
 
 @pytest.mark.parametrize("propeller", PROPELLERS)
 @pytest.mark.parametrize("steering", RUDDERS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(u=speeds, v=sways, r=yaw_rates, n=revolutions, delta=rudders, exact=st.booleans())
 def test_mirrored_motion_gives_mirrored_forces(propeller, steering, u, v, r, n, delta, exact) -> None:
     """With one gamma_R and one C_2 nothing tells port from starboard."""

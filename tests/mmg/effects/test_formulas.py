@@ -264,7 +264,7 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
 def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: str) -> None:
     """On a straight course the position lags by speed times delay, at any size of the delay, and the velocity by none;
     after a change the logged velocity lags by the delay in the mean."""
-    for late in (0.02, 0.8, 3.0):
+    for late in (0.02, 3.0):
         memory = Memory()
         y = ca.SX.sym("y", 6)
         rows = EFFECTS[name].columns([y[i] for i in range(6)], MOVING, memory, values(name, **{symbol: late}), P)
@@ -272,7 +272,7 @@ def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: st
         now = np.array([0.0, 0.0, 0.3, 0.5, -0.1, 0.0])
         states = np.zeros(len(memory.symbols))
         missing = np.zeros(2)
-        for _ in range(4000):  # from rest, as if velocity had jumped
+        for _ in range(1500):  # from rest, as if velocity had jumped
             logged_now, rate = (np.array(a).ravel() for a in f(now, states))
             missing += 0.02 * (now[3:5] - logged_now[3:5])
             states += 0.02 * rate

@@ -32,7 +32,6 @@ def completed(words: str) -> list[str]:
 def test_a_shell_completes_verbs_ships_options_and_formats() -> None:
     assert completed("mmg ") == list(VERBS)
     assert completed("mmg export kvl") == ["kvlcc2_full", "kvlcc2_l7"]
-    assert completed("mmg fit --val") == ["--validate"]
     assert {"c", "casadi"} <= set(completed("mmg export esso_osaka_3m --format c"))
 
 

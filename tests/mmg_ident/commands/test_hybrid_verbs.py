@@ -69,10 +69,11 @@ def test_a_hybrid_is_diagnosed(folder: Path, tmp_path: Path) -> None:
     assert main(["diagnose", str(folder / "run"), str(folder / "trials"), "--out", str(tmp_path / "diagnosis")]) == 0
 
 
+@pytest.mark.slow
 def test_a_plan_of_a_hybrid_moves_the_hybrid_with_the_noise_of_her_calibration(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["--area", "60x25", "--time", "45", "--effort", "0.02", "--time-limit", "3", "--json"]
+    words = ["--area", "60x25", "--time", "45", "--effort", "0.02", "--time-limit", "0.5", "--json"]
     assert main(["plan", str(folder / "run"), *words, "--out", str(tmp_path / "plan.csv")]) == 0
     content = json.loads(capsys.readouterr().out)
     assert all(row["std_after"] <= row["std_before"] for row in content["wanted"].values())

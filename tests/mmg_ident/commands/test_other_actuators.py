@@ -28,7 +28,7 @@ def screw_trial() -> Trial:
     return demo_trials(3, dt=0.5)[0][0]
 
 
-@pytest.mark.parametrize("verb", ["score", "predict", "fit", "train", "diagnose", "select", "simulate", "imo"])
+@pytest.mark.parametrize("verb", ["score", "fit", "train", "diagnose", "simulate", "imo"])
 def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

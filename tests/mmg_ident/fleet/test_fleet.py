@@ -68,6 +68,7 @@ def test_each_ship_is_a_run_folder_that_other_commands_read(
     assert prior["prior_std"] < small_ship().coefficients["Y_v"].std
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_not_done_again_and_a_lost_part_is(out: Path, plan: Path, tmp_path: Path) -> None:
     again = tmp_path / "again"
     shutil.copytree(out, again)

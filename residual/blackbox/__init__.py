@@ -1,1 +1,0 @@
-"""Networks without physics: recurrent and feedforward models of the whole motion."""

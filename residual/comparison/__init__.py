@@ -1,1 +1,0 @@
-"""Comparison of all model families on the published splits."""

@@ -1,0 +1,252 @@
+"""A calibrated ship with a learned residual acceleration: the network, the system, what training needs of it.
+
+The network is a small tanh network, zero at the origin, of bounded size (Wakita et al. 2022, Eq. 7).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import nn
+
+from cases.trial import Trial
+from mmg.network import Layers, Network, features_of
+from mmg.ship import Ship
+from residual.physics import FusedRollout, Physics
+from residual.settings import TrainSettings
+from residual.splits import Piece
+from residual.system import Past, TrainableSystem
+from residual.train import ModelKind, Outcome, Task, restored
+from residual.windows import LEAST_SCALE, Scales, training_scales, windows
+
+SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
+"""Features that change places when port becomes starboard, where a ship has both."""
+SIGN_CHANGING = (
+    "v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern",
+    "azimuth", "azimuth_2", "azimuth_3", "azimuth_4",
+)  # fmt: skip
+"""Features that change sign."""
+
+
+def uniform(draw: torch.Generator, rows: int, columns: int) -> nn.Parameter:
+    """Weights (rows, columns) by ``draw``, uniform within sqrt(6 / (rows + columns)) (Glorot and Bengio, 2010)."""
+    values = torch.rand(rows, columns, generator=draw, dtype=torch.float64)
+    return nn.Parameter(math.sqrt(6.0 / (rows + columns)) * (2 * values - 1))
+
+
+def normal(draw: torch.Generator, width: int) -> nn.Parameter:
+    """Biases (width,) by ``draw``, normal with a deviation of 0.5."""
+    return nn.Parameter(0.5 * torch.randn(width, generator=draw, dtype=torch.float64))
+
+
+def hidden(x: torch.Tensor, W: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """A layer tanh(W x + b) - tanh(b) (rows, M), zero at the origin, of ``x`` (columns, M)."""
+    column = b[:, None]
+    return torch.tanh(torch.addmm(column, W, x)) - torch.tanh(column)
+
+
+class TwoLayers(nn.Module):
+    """du, dv, dr [m/s2, rad/s2] (3, M) from the features of ``mmg.network`` (F, M): motion, actuators, relative air.
+
+    h1 = tanh(W1 q + b1) - tanh(b1), h2 = tanh(W2 h1 + b2) - tanh(b2), a = scale * (W3 h2), with q the features over
+    feature_scale (F,).
+    """
+
+    scale: torch.Tensor
+    feature_scale: torch.Tensor
+    W1: torch.Tensor
+    W2: torch.Tensor
+    W3: torch.Tensor
+    b1: torch.Tensor
+    b2: torch.Tensor
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """Accelerations (3, M) at features (F, M)."""
+        h1 = hidden(features / self.feature_scale[:, None], self.W1, self.b1)
+        return self.scale[:, None] * (self.W3 @ hidden(h1, self.W2, self.b2))
+
+    def plain(self) -> tuple[torch.Tensor, ...]:
+        """W1 (H, F), b1 (H,), W2 (H, H), b2 (H,), W3 (3, H), b3 (3,) of layers W tanh(.) + b of the same output."""
+        W3 = self.scale[:, None] * self.W3
+        return (
+            self.W1 / self.feature_scale, self.b1,
+            self.W2, self.b2 - self.W2 @ torch.tanh(self.b1),
+            W3, -(W3 @ torch.tanh(self.b2)),
+        )  # fmt: skip
+
+    @torch.no_grad()
+    def bound(self) -> np.ndarray:
+        """What |du|, |dv|, |dr| never exceed, whatever the inputs (3,): scale_j sum_i |W3_ji| (1 + |tanh b2_i|)."""
+        return (self.scale * (self.W3.abs() @ (1 + torch.tanh(self.b2).abs()))).numpy()
+
+    @torch.no_grad()
+    def layers(self) -> Layers:
+        """Its weights and biases as numpy arrays."""
+        weights, biases = (self.W1, self.W2, self.W3), (self.b1, self.b2)
+        return Layers(tuple(w.numpy().copy() for w in weights), tuple(b.numpy().copy() for b in biases))
+
+
+class Residual(TwoLayers):
+    """Two layers of free weights. W3 starts at zero, so that training starts from the calibrated ship."""
+
+    def __init__(self, feature_scale: np.ndarray, scale: np.ndarray, width: int = 32, seed: int = 0) -> None:
+        super().__init__()
+        F = len(feature_scale)
+        draw = torch.Generator().manual_seed(seed)
+        self.W1, self.W2 = uniform(draw, width, F), uniform(draw, width, width)
+        self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
+        self.b1, self.b2 = normal(draw, width), normal(draw, width)
+        self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
+        self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
+
+    @classmethod
+    def of_network(cls, network: Network, member: int = 0) -> Residual:
+        """A member of a network of ``mmg`` as something to train further."""
+        layers = network.members[member]
+        result = cls(network.feature_scales, network.output_scales, len(layers.biases[0]))
+        with torch.no_grad():
+            for name, values in zip(("W1", "W2", "W3", "b1", "b2"), (*layers.weights, *layers.biases), strict=True):
+                getattr(result, name).copy_(torch.as_tensor(values))
+        return result
+
+
+class Symmetric(TwoLayers):
+    """The mean of a residual and its mirror image: what port does, starboard does mirrored, whatever the weights.
+
+    a(q) = (b(q) + S b(Q q)) / 2, where b is the residual ``own``, Q turns the features of a ship with these actuators
+    into those of the mirrored motion and S = diag(1, -1, -1). It is again two layers, twice as wide.
+    """
+
+    mirror: torch.Tensor
+    turned: torch.Tensor
+
+    def __init__(self, own: Residual, actuators: Sequence[str]) -> None:
+        super().__init__()
+        self.own = own
+        scales = own.feature_scale
+        mirror = torch.as_tensor(mirror_of(features_of(actuators))) * scales[None, :] / scales[:, None]
+        self.register_buffer("mirror", mirror, persistent=False)
+        self.register_buffer("turned", torch.tensor([[1.0], [-1.0], [-1.0]], dtype=torch.float64), persistent=False)
+
+    def __getattr__(self, name: str) -> Any:
+        """The weights of both as those of one network."""
+        if name in ("scale", "feature_scale"):
+            return getattr(self.own, name)
+        if name == "W1":
+            return torch.cat([self.own.W1, self.own.W1 @ self.mirror])
+        if name == "W2":
+            return torch.block_diag(self.own.W2, self.own.W2)
+        if name == "W3":
+            return 0.5 * torch.cat([self.own.W3, self.turned * self.own.W3], dim=1)
+        if name in ("b1", "b2"):
+            return getattr(self.own, name).repeat(2)
+        return super().__getattr__(name)
+
+
+class Hybrid(TrainableSystem):
+    """A calibrated ship and a residual acceleration of its u, v, r.
+
+    physics: ``residual.physics.Physics`` of the ship; residual: the network; features: (F, R) of the training
+    rows, on which its size is penalised.
+    """
+
+    features: torch.Tensor
+
+    def __init__(self, physics: Any, residual: TwoLayers, features: np.ndarray) -> None:
+        super().__init__()
+        self.physics, self.residual = physics, residual
+        self.fused = FusedRollout(physics, len(residual.b1))
+        self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
+
+    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
+        return self.physics.start(logged, controls)
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        rates, features = self.physics.rates_and_features(z, controls)
+        return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
+
+    def columns(self, z: torch.Tensor) -> torch.Tensor:
+        return self.physics.columns(z)
+
+    def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
+        """As of any system, as one compiled loop where there is a compiler."""
+        if self.fused.library is None:
+            return super().simulate(z, controls, h, method)
+        return self.fused(z, controls, h, self.residual.plain(), method)
+
+    def penalty(self) -> torch.Tensor:
+        """Mean of (residual / its scale)^2 over the training rows and components."""
+        return ((self.residual(self.features) / self.residual.scale[:, None]) ** 2).mean()
+
+
+def mirror_of(features: Sequence[str]) -> np.ndarray:
+    """(F, F) that turns ``features`` of these names into those of the motion mirrored at the ship's centre plane."""
+    result = np.zeros((len(features), len(features)))
+    for row, name in enumerate(features):
+        other = SWAPPED.get(name, name)
+        result[row, features.index(other if other in features else name)] = -1.0 if name in SIGN_CHANGING else 1.0
+    return result
+
+
+def to_network(
+    residuals: Sequence[TwoLayers], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray
+) -> Network:
+    """The mean of residuals of the same scales, for a ship with these actuators; lower, upper: envelope (F,)."""
+    first = residuals[0]
+    return Network(
+        features_of(actuators),
+        first.feature_scale.numpy().copy(),
+        tuple(residual.layers() for residual in residuals),
+        first.scale.numpy().copy(),
+        lower,
+        upper,
+    )
+
+
+OUTPUT = 0.3
+"""Scale of the residual as a share of the rms accelerations of the ship on the training rows."""
+
+
+def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> Hybrid:
+    """A calibrated ``ship`` with a residual of these ``scales``, ``settings`` and ``seed`` that is still zero."""
+    width = max(1, settings.width // 2) if settings.symmetric else settings.width
+    own = Residual(scales.feature, scales.output, width, seed)
+    residual: TwoLayers = Symmetric(own, ship.actuators) if settings.symmetric else own
+    return Hybrid(Physics(ship), residual, scales.features)
+
+
+def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
+    """Scales for a residual on ``ship`` from ``pieces`` of ``trials`` on a grid of ``h`` [s].
+
+    Raises UserError where there are no rows, or nothing moves in them.
+    """
+    physics = Physics(ship)
+    scales, rows = training_scales(ship, pieces, trials, h, physics.logged_features), windows(pieces, h, 1, 1)
+    assert rows is not None
+    logged, controls = rows.targets[0], rows.controls[0]
+    with torch.no_grad():
+        rates = physics.rates(physics.start(logged, controls), controls)[3:6].numpy()
+    return replace(scales, output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE)
+
+
+HYBRID_KIND = ModelKind(
+    build_hybrid, hybrid_scales, lambda ship: ship.inputs, lambda ship: Physics(ship).logged_features
+)
+"""A residual on a ship without a network."""
+
+
+def network_of(task: Task, outcomes: Sequence[Outcome]) -> Network | None:
+    """The mean of the residuals that trainings like ``task`` ended with, with the range of the training rows.
+
+    outcomes: of the seeds. None where all diverged.
+    """
+    residuals = [cast(Hybrid, system).residual for system in restored(task, outcomes)]
+    if not residuals:
+        return None
+    features = task.scales.features
+    return to_network(residuals, task.ship.actuators, features.min(axis=1), features.max(axis=1))

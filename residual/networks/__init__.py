@@ -1,1 +1,0 @@
-"""Network layers: feedforward, recurrent, initial state, input features."""

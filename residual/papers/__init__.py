@@ -1,0 +1,1 @@
+"""Networks of the literature: black boxes, ensembles, and the comparison of all models."""

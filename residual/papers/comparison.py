@@ -1,0 +1,447 @@
+"""The comparison: captive, calibrated, hybrid and black boxes on the same trials, over seeds and amounts of data.
+
+Nothing is chosen by the test trials: trainings stop by held-out parts of the training trials, and their settings are
+fixed beforehand.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.checks.trusted import remarks
+from cases.inputs import assumed
+from cases.shipfiles.model_changes import with_instruments
+from cases.trial import Trial
+from fitting.calibration import estimate_coefficients
+from fitting.parallel import run_all
+from fitting.prediction.predict import Forecaster, predict_all
+from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
+from fitting.report.parts import Store
+from fitting.report.run_folder import data_rows
+from fitting.settings import Settings
+from fitting.solvers.interrupts import interrupts_noted
+from mmg.errors import UserError
+from mmg.messages import Message, message_rows
+from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+from residual.hybrid import HYBRID_KIND, network_of
+from residual.papers.black_box import BOX_KIND, box_of
+from residual.settings import KINDS, BlackBoxSettings, TrainSettings
+from residual.train import tasks_of, train_one
+
+MODELS = ("captive", "calibrated", "hybrid", *KINDS)
+HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
+"""Seconds after a start at which the growth of the error is read."""
+BLOCK = 65.0
+"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``."""
+MINIMUM_SECONDS = 10.0
+"""Seconds that have to be left of a time limit for something to be started."""
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Part of the training data: a share of its blocks, with or without runs of random manoeuvres."""
+
+    fraction: float = 1.0
+    random: bool = True
+
+    @property
+    def words(self) -> str:
+        return f"{self.fraction:.0%}" + ("" if self.random else " without random")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to compare. ship: captive; seeds, seed: how many and the first; epochs: of all trainings, None for theirs;
+    time_limit: of the whole [s]; step: grid of the trainings [s], None as in a calibration; instruments: effects that a
+    calibration frees along, as mmg fit does.
+    """
+
+    ship: Ship
+    train: tuple[Trial, ...]
+    test: tuple[Trial, ...]
+    models: tuple[str, ...] = MODELS
+    subsets: tuple[Subset, ...] = (Subset(),)
+    seeds: int = 5
+    seed: int = 0
+    workers: int = 1
+    epochs: int | None = None
+    step: float | None = None
+    time_limit: float | None = None
+    instruments: tuple[str, ...] = ("velocity_filter",)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model from one seed (None: it has none) on a subset of ``seconds`` of data, scored on the test trials.
+
+    status: "finished", "stopped" (early, with what it had), or why there is nothing. score: both metrics; growth:
+    (horizons, 2) rms of position [m] and heading [rad] errors, NaN where no window is that long. held_out: error of the
+    30 s windows by which the training stopped.
+    """
+
+    model: str
+    subset: Subset
+    seed: int | None
+    status: str
+    seconds: float
+    took: float = 0.0
+    score: Score | None = None
+    growth: np.ndarray = field(default_factory=lambda: np.full((len(HORIZONS), 2), np.nan))
+    held_out: float = float("nan")
+
+    @property
+    def name(self) -> str:
+        """Its model and seed."""
+        return self.model if self.seed is None else f"{self.model} seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Name of the file by which ``mmg compare --resume`` knows it."""
+        data = f"{self.subset.fraction:g}" + ("" if self.subset.random else "_no_random")
+        return f"{self.model}_{data}" + ("" if self.seed is None else f"_seed_{self.seed}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its row in result.json, and the content of its file."""
+        return {
+            "model": self.model,
+            "fraction": self.subset.fraction,
+            "random": self.subset.random,
+            "seed": self.seed,
+            "status": self.status,
+            "training_s": self.seconds,
+            "took_s": self.took,
+            "held_out_window": self.held_out,
+            "score": self.score.to_dict() if self.score else None,
+            "growth": {"position_m": self.growth[:, 0], "heading_rad": self.growth[:, 1]},
+        }
+
+    def filled(self, row: dict[str, Any]) -> Entry:
+        """This entry with what ``to_dict`` wrote to its file."""
+        held_out, growth = row["held_out_window"], row["growth"]
+        return replace(
+            self,
+            status=row["status"],
+            took=row["took_s"],
+            score=Score.from_dict(row["score"]) if row["score"] else None,
+            growth=np.array([growth["position_m"], growth["heading_rad"]], dtype=float).T,
+            held_out=float("nan") if held_out is None else held_out,
+        )
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Entries of a study; interrupted: by Ctrl-C or its time limit."""
+
+    study: Study
+    entries: tuple[Entry, ...]
+    seconds: float
+    interrupted: bool
+
+    def of(self, model: str, subset: Subset | None = None) -> list[Entry]:
+        """Scored entries of a model on a subset, by default the first one of the study."""
+        wanted = model, subset or self.study.subsets[0]
+        return [e for e in self.entries if (e.model, e.subset) == wanted and e.score is not None]
+
+
+@dataclass(frozen=True)
+class _Job:
+    study: Study
+    entry: Entry
+    trials: tuple[Trial, ...]
+    ship: Ship
+    end: float | None
+    stop: Path
+    store: Store | None
+
+
+def compare(study: Study, store: Store | None = None, progress: OnProgress | None = None) -> Comparison:
+    """Calibrate and train on every subset of a ``study``, score all on its test trials; returns what was done.
+
+    store: what it holds is not trained again, calibrations of which a hybrid may start excepted. What is done when it
+    is stopped is kept. progress: told how many calibrations and trainings have ended.
+    """
+    began = time.monotonic()
+    entries: list[Entry] = []
+    end = time.time() + study.time_limit if study.time_limit else None
+    chosen = {subset: subset_of(study.train, subset) for subset in study.subsets}
+    if store:
+        store.open()
+    with tempfile.TemporaryDirectory() as scratch:
+        stop = Path(scratch) / "stop"
+
+        def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
+            entry = Entry(model, subset, seed, "", sum(t.duration for t in chosen[subset]))
+            return _Job(study, entry, chosen[subset], ship, end, stop, keep)
+
+        def note(made: tuple[Entry, Ship | None]) -> None:
+            entry, _ = made
+            entries.append(entry)
+            if progress:
+                progress(Progress("comparing", len(entries)))
+            figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
+            LOGGER.info(f"{entry.name}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
+
+        def interrupted() -> None:
+            stop.touch()
+            LOGGER.info("interrupted: keeping what is done")
+
+        with interrupts_noted(interrupted):
+            first = [job(study.subsets[0], "captive", study.ship)] if "captive" in study.models else []
+            if {"calibrated", "hybrid"} & set(study.models):
+                first += [job(subset, "calibrated", study.ship) for subset in study.subsets]
+            made = run_all(_done, first, study.workers, note)
+            calibrated = {e.subset: (ship, e.status) for e, ship in made if e.model == "calibrated" and ship}
+            later = []
+            for subset in study.subsets:
+                for model in (m for m in study.models if m in KINDS or (m == "hybrid" and subset in calibrated)):
+                    ship, status = calibrated[subset] if model == "hybrid" else (study.ship, "finished")
+                    keep = store if status == "finished" else None  # what starts from a part is not that of a whole run
+                    later += [job(subset, model, ship, study.seed + i, keep) for i in range(study.seeds)]
+            run_all(_done, later, study.workers, note)
+        broken = stop.exists() or (end is not None and time.time() > end)
+    return Comparison(study, tuple(entries), time.monotonic() - began, broken)
+
+
+def _done(job: _Job) -> tuple[Entry, Ship | None]:
+    """The entry of a job and, of a calibration, the ship."""
+    began, entry, ship, study = time.monotonic(), job.entry, job.ship, job.study
+    left = None if job.end is None else job.end - time.time()  # of all machines alike
+    again = entry.model == "calibrated" and "hybrid" in study.models
+    known = job.store.load(entry.file) if job.store and not again else None
+    if known:
+        return entry.filled(known[0]), None
+    if job.stop.exists() or (left is not None and left < MINIMUM_SECONDS):
+        return replace(entry, status="not begun"), None
+    model: Simulator | Forecaster | None = None
+    try:
+        if entry.model == "captive":
+            entry = replace(entry, status="finished")
+        elif entry.model == "calibrated":
+            start = with_instruments(ship, study.instruments, job.trials)
+            found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
+            ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
+        else:
+            model, entry = _trained(job, left)
+    except UserError as error:
+        return replace(entry, status=str(error), took=time.monotonic() - began), None
+    model, tests = model or Simulator(ship), study.test
+    scored = score(model, tests, pooled_sigma(tests), "the test trials")
+    if scored.diverged:
+        status = f"no score: the prediction diverges on {', '.join(scored.diverged)}"
+        return replace(entry, status=status, took=time.monotonic() - began), ship
+    entry = replace(entry, score=scored, growth=growth(model, tests))
+    entry = replace(entry, took=time.monotonic() - began)
+    if job.store and entry.status == "finished":
+        job.store.save(entry.file, entry.to_dict())
+    return entry, ship
+
+
+def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Entry]:
+    """A hybrid or black box of one seed, and its entry before it is scored."""
+    study, ship, entry, hybrid = job.study, job.ship.without_network(), job.entry, job.entry.model == "hybrid"
+    assert entry.seed is not None
+    values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
+    values |= {"epochs": study.epochs} if study.epochs else {}
+    settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
+    tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, job.trials, settings, judged_apart=False)
+    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=job.stop)
+    outcome = train_one(task)
+    if outcome.status == "diverged":
+        raise UserError("diverged, also at lower rates")
+    entry = replace(entry, status=outcome.status, held_out=outcome.after[0])
+    if hybrid:
+        return Simulator(ship.with_network(network_of(task, [outcome]))), entry
+    return box_of(task, [outcome]), entry
+
+
+def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
+    """The ``trials`` of a ``subset``: whole, or evenly spread blocks of about BLOCK seconds as trials of their own.
+
+    Raises UserError where nothing is left.
+    """
+    kept = [t for t in trials if subset.random or not is_random(t)]
+    if subset.fraction < 1:
+        cut = [block for trial in kept for block in blocks_of(trial)]
+        edges = np.floor(np.arange(len(cut) + 1) * subset.fraction + 0.5)
+        kept = [block for block, wanted in zip(cut, np.diff(edges) > 0, strict=True) if wanted]
+    if not kept:
+        raise UserError(f"nothing is left of the training trials at {subset.words}; leave that share out")
+    return tuple(kept)
+
+
+def is_random(trial: Trial) -> bool:
+    """Whether ``trial`` is a run of random manoeuvres, by its kind or its name."""
+    return "random" in (trial.kind.lower() or trial.name.lower())
+
+
+def blocks_of(trial: Trial) -> list[Trial]:
+    """A ``trial`` cut evenly into blocks of about BLOCK seconds."""
+    count = max(1, int(trial.duration / BLOCK))
+    edges = np.linspace(0, len(trial), count + 1).round().astype(int)
+    return [
+        replace(trial, name=f"{trial.name} part {k + 1}", columns={n: c[a:b] for n, c in trial.columns.items()})
+        for k, (a, b) in enumerate(pairwise(edges))
+    ]
+
+
+def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> np.ndarray:
+    """Rms of position [m] and heading [rad] errors (horizons, 2) of ``model`` on ``trials`` over windows in a row."""
+    squares: list[list[tuple[float, float]]] = [[] for _ in HORIZONS]
+    for trial, (windows, _) in zip(trials, predict_all(model, trials, PAPER_WINDOW, PAPER_WINDOW), strict=True):
+        for w in windows:
+            t = trial.t[w.first : w.last + 1] - trial.t[w.first]
+            error = w.error(trial.states)
+            for found, horizon in zip(squares, HORIZONS, strict=True):
+                if t[-1] >= horizon - trial.dt:
+                    k = int(np.abs(t - horizon).argmin())
+                    found.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
+    return np.array([np.sqrt(np.mean(found, axis=0)) if found else (np.nan, np.nan) for found in squares])
+
+
+TABLE_9 = {
+    "captive MMG": ((0.272,), (0.858,), (1.015,), (0.036,), (0.189,), (0.100,)),
+    "Type-1: rnn-window, state loss, TZRB+": (
+        (0.236, 0.003), (0.713, 0.011), (0.086, 0.063), (0.052, 0.024), (0.069, 0.014), (0.138, 0.023)
+    ),
+    "Type-2: rnn, state loss, TZRB+": (
+        (0.241, 0.005), (0.728, 0.017), (0.124, 0.141), (0.058, 0.031), (0.140, 0.101), (0.167, 0.053)
+    ),
+    "Type-3: rnn-window, acceleration loss, TZRB+": (
+        (4834, 4041), (0.864, 0.100), (761.1, 1519), (634.8, 1264), (91.76, 124.6), (1.163, 0.617)
+    ),
+    "Type-4: rnn-window, state loss, TZB": (
+        (0.488, 0.022), (0.701, 0.019), (0.122, 0.054), (0.144, 0.053), (0.246, 0.107), (0.302, 0.062)
+    ),
+    "Type-5: rnn-window, state loss, TZRB": (
+        (0.262, 0.007), (0.785, 0.024), (0.856, 0.288), (0.055, 0.030), (0.182, 0.047), (0.294, 0.043)
+    ),
+}  # fmt: skip
+"""Wakita et al. (2022), Table 9: mean and standard deviation over five seeds of Eq. 25, per record of TABLE_9_TEST."""
+TABLE_9_TEST = ("Random", "Turning", "Zigzag", "Berthing1", "Berthing2", "Berthing3")
+TABLE_9_NOTE = (
+    "As published by Wakita et al. (2022, Table 9), not like for like: its six test records are not those tested here "
+    "unless --test test names them; sigma is pooled over its own test set; only the random and the turning record are "
+    "restarted every 100 s, the others run in one piece; a windowed network is given the first second as measured."
+)
+METRICS = {"window": "30 s windows every 15 s", "paper": "100 s restarts, Wakita et al. (2022) Eq. 25"}
+
+
+def mean_and_std(values: Sequence[float], digits: int = 3) -> str:
+    """Mean and standard deviation of ``values`` with so many ``digits``, "-" without any or where one is no number."""
+    if not len(values) or not np.isfinite(values).all():
+        return "-"
+    mean = float(np.mean(values))
+    return f"{mean:.{digits}f}" + (f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else "")
+
+
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table of ``rows`` below a ``header``, its columns aligned."""
+    widths = [max(len(row[i]) for row in (header, *rows)) for i in range(len(header))]
+    lines = [" | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in (header, *rows)]
+    return [f"| {lines[0]} |", "|" + "|".join("-" * (w + 2) for w in widths) + "|", *[f"| {x} |" for x in lines[1:]]]
+
+
+def accuracy(found: Comparison, metric: str) -> list[str]:
+    """One ``metric`` of the comparison ``found`` per test trial and pooled, over the models, on all data."""
+    models = found.study.models
+    rows = []
+    for i, name in enumerate([*(t.name for t in found.study.test), "all rows pooled"]):
+        scores = [[(*e.score.trials, e.score)[i] for e in found.of(m) if e.score] for m in models]
+        rows.append([name, *[mean_and_std([getattr(s, metric) for s in some]) for some in scores]])
+    return markdown(["test trial", *models], rows)
+
+
+def efficiency(found: Comparison) -> list[str]:
+    """Pooled 30 s windows of ``found`` over the amount of training data."""
+    models, rows = [m for m in found.study.models if m != "captive"], []
+    for subset in found.study.subsets:
+        seconds = next((e.seconds for e in found.entries if e.subset == subset and e.model != "captive"), float("nan"))
+        values = [mean_and_std([e.score.window for e in found.of(m, subset) if e.score]) for m in models]
+        rows.append([subset.words, f"{seconds:.0f}", *values])
+    return markdown(["training data", "seconds", *models], rows)
+
+
+def horizon(found: Comparison, column: int) -> list[str]:
+    """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``found``."""
+    models = found.study.models
+    factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
+    rows = [
+        [f"{seconds:g}", *[mean_and_std([factor * e.growth[k, column] for e in found.of(m)], digits) for m in models]]
+        for k, seconds in enumerate(HORIZONS)
+    ]
+    return markdown(["after [s]", *models], rows)
+
+
+def published() -> list[str]:
+    """Table 9 of Wakita et al. (2022)."""
+    rows = [
+        [name, *[f"{cell[0]:g}" + (f" ± {cell[1]:g}" if len(cell) > 1 else "") for cell in cells]]
+        for name, cells in TABLE_9.items()
+    ]
+    return markdown(["published", *TABLE_9_TEST], rows)
+
+
+def tables_text(found: Comparison) -> str:
+    """All tables of the comparison ``found`` with what has to be known to read them."""
+    study = found.study
+    placed = [e for e in found.entries if e.score]
+    sigma = "" if not placed else ", ".join(f"{v:.4g}" for v in placed[0].score.sigma)  # type: ignore[union-attr]
+    lines = [
+        f"Trained on {len(study.train)} trials ({sum(t.duration for t in study.train):.0f} s), tested on "
+        f"{len(study.test)}; {study.seeds} seed(s), mean ± standard deviation over them. Mean squared error summed "
+        f"over x, y, psi, u, v, r over sigma = ({sigma}), pooled over the test trials. "
+        "Nothing was chosen by the test trials; each seed stops by another part of the training trials. No model uses "
+        "the past of a window.",
+    ]
+    for metric, words in METRICS.items():
+        lines += ["", f"### {words}", "", *accuracy(found, metric)]
+    lines += ["", "### Growth of the position error, rms [m]", "", *horizon(found, 0)]
+    lines += ["", "### Growth of the heading error, rms [deg]", "", *horizon(found, 1)]
+    if len(study.subsets) > 1:
+        lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(found)]
+    lines += ["", "### Published", "", *published(), "", TABLE_9_NOTE]
+    if notes := _noted(found):
+        lines += ["", "### What mmg check says of the trials", "", *[f"* {note}" for note in notes]]
+    troubles: dict[tuple[str, str], list[str]] = {}
+    for e in found.entries:
+        if e.status != "finished":
+            troubles.setdefault((e.subset.words, e.status), []).append(e.name)
+    lines += [""] * bool(troubles)
+    lines += [f"* {', '.join(who)} on {words}: {status}" for (words, status), who in troubles.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _noted(found: Comparison) -> list[Message]:
+    """What mmg check says of the trials of the comparison ``found``, and what her ship assumes of them."""
+    trials = [*found.study.train, *found.study.test]
+    return [*remarks(trials), *assumed(trials, found.study.ship.inputs)]
+
+
+def comparison_dict(found: Comparison, command: str) -> dict:
+    """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
+    return {
+        "kind": "comparison",
+        "command": command,
+        "models": list(found.study.models),
+        "seeds": [found.study.seed + i for i in range(found.study.seeds)],
+        "epochs": found.study.epochs,
+        "train": data_rows(found.study.train),
+        "test": data_rows(found.study.test),
+        "messages": [{"level": "warning", **row} for row in message_rows(_noted(found))],
+        "seconds": found.seconds,
+        "interrupted": found.interrupted,
+        "horizons_s": list(HORIZONS),
+        "past_s": 0.0,
+        "entries": [e.to_dict() for e in found.entries],
+        "published_table_9": {"test": TABLE_9_TEST, "values": TABLE_9, "note": TABLE_9_NOTE},
+    }

@@ -1,0 +1,84 @@
+"""Figures of a comparison: scores of the models, growth of the error, error over the amount of data."""
+
+from __future__ import annotations
+
+import itertools
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fitting.report.plot_style import DASHES, MEASURED, FigureFolder, dress, new_figure
+from residual.papers.comparison import HORIZONS, Comparison
+
+COLOURS = {
+    "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
+    "rnn-window": "#C0305A",
+}  # fmt: skip
+DASHED = dict(zip(COLOURS, DASHES, strict=True))
+MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))
+"""Of the lines of the models: they differ without their colours too."""
+
+
+def _look(model: str) -> dict[str, Any]:
+    return {"color": COLOURS[model], "marker": MARKERS[model], "markersize": 4}
+
+
+def score_plot(found: Comparison) -> Figure:
+    """Pooled 30 s windows and 100 s restarts of each model of the comparison ``found``, a point per seed."""
+    figure = new_figure(3.2)
+    axes = figure.subplots(1, 2)
+    for ax, metric, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
+        dress(ax, "", "mean squared error", title)
+        shown = [m for m in found.study.models if found.of(m)]
+        for i, model in enumerate(shown):
+            values = [getattr(e.score, metric) for e in found.of(model)]
+            ax.bar(i, np.mean(values), color=COLOURS[model], width=0.6)
+            ax.plot([i] * len(values), values, ".", color=MEASURED, markersize=4)
+        ax.set_xticks(range(len(shown)), shown, rotation=25, ha="right")
+        ax.set_ylim(bottom=0)
+    return figure
+
+
+def growth_plot(found: Comparison) -> Figure:
+    """Position and heading error over the horizon, of ``found``; mean and range over the seeds."""
+    figure = new_figure(3.2)
+    axes = figure.subplots(1, 2)
+    panels = ("position error, rms [m]", 1.0, "Growth of the error"), ("heading error, rms [deg]", np.degrees(1.0), "")
+    for column, (words, factor, title) in enumerate(panels):
+        ax = dress(axes[column], "time since the start [s]", words, title)
+        for model in found.study.models:
+            rows = [factor * e.growth[:, column] for e in found.of(model)]
+            if rows:
+                ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[model], label=model, **_look(model))
+                ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
+        ax.set_ylim(bottom=0)
+    axes[0].legend(fontsize=7.5, frameon=False)
+    return figure
+
+
+def efficiency_plot(found: Comparison) -> Figure:
+    """Pooled 30 s windows over the seconds of training data, of ``found``; dashed without random manoeuvres."""
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
+    style = {True: "-", False: "--"}
+    for model, random in itertools.product((m for m in found.study.models if m != "captive"), style):
+        parts = [found.of(model, subset) for subset in found.study.subsets if subset.random is random]
+        points = sorted((p[0].seconds, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
+        if points:
+            label = model if random else None
+            ax.plot(*zip(*points, strict=True), style[random], label=label, **_look(model))
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.legend(fontsize=7.5, frameon=False, title="dashed: without random", title_fontsize=7.5)
+    return figure
+
+
+def write_figures(written: FigureFolder, found: Comparison) -> None:
+    """Write the figures of the comparison ``found``. written: where to."""
+    plots = {"scores": score_plot, "growth": growth_plot}
+    if len(found.study.subsets) > 1:
+        plots["efficiency"] = efficiency_plot
+    for name, plot in plots.items():
+        written.write(name, partial(plot, found), name, "")

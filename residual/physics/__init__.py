@@ -1,1 +1,0 @@
-"""The calibrated ship as a torch operator with exact derivatives."""

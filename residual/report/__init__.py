@@ -1,1 +1,0 @@
-"""Run folders, figures and report pages of trainings."""

@@ -1,0 +1,218 @@
+"""Trials as gap-free pieces on a grid, and what each seed trains on, stops by and is judged by. Needs no torch.
+
+Rotating fifths of the runs judge, or single runs of a few. What judges takes no part in the training, not even in the
+choice of the weights: those chosen on the windows that then decide look better than they are (Cawley and Talbot, 2010,
+J Mach Learn Res 11). Of fewer than WHOLE runs blocks of time judge, which cannot tell how another run would be
+predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cases.inputs import step_means
+from cases.trial import Trial
+from fitting.nlp.grid import Grid, default_step, grids
+from mmg.errors import UserError
+from mmg.ship import AIR, Ship
+from residual.settings import BlackBoxSettings, TrainSettings
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of one run on the grid, rows ``first`` .. ``last`` (inclusive) of it."""
+
+    run: int
+    grid: Grid
+    first: int
+    last: int
+
+    @property
+    def steps(self) -> int:
+        return self.last - self.first
+
+
+def pieces_of(
+    trials: Sequence[Trial], h: float, inputs: Sequence[str], means: Callable[..., np.ndarray] = step_means
+) -> list[Piece]:
+    """The gap-free pieces of ``trials`` on a grid of ``h`` [s] with these ``inputs``, numbered by their run.
+
+    means: how samples of the inputs (N, C) become means over steps, as of ``fitting.nlp.grid.grids``.
+    """
+    return [Piece(i, g, 0, len(g.controls)) for i, trial in enumerate(trials) for g in grids(trial, h, inputs, means)]
+
+
+def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
+    """``pieces`` on a grid of ``h`` [s] cut evenly into blocks of about ``seconds`` that share only their end rows."""
+    result = []
+    for piece in pieces:
+        parts = max(1, round(piece.steps * h / seconds))
+        edges = piece.first + np.linspace(0, piece.steps, parts + 1).round().astype(int)
+        result += [Piece(piece.run, piece.grid, a, b) for a, b in pairwise(edges.tolist())]
+    return result
+
+
+WINDOW = 30.0
+"""Windows by which trainings are stopped and judged [s]."""
+FOLDS = 5
+"""Parts into which the runs are split, or the blocks of fewer runs."""
+WHOLE = 3
+"""Fewest runs of which whole ones judge."""
+GAP = 30.0
+"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
+SHORTER = (120.0, 90.0, 75.0)
+"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
+
+
+class Split(NamedTuple):
+    """Pieces to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
+
+    train: list[Piece]
+    stop: list[Piece]
+    judge: list[Piece]
+    fold: int
+
+
+def split_pieces(
+    pieces: Sequence[Piece], turn: int, settings: TrainSettings, least: float, judge: bool = True
+) -> Split:
+    """The split of the training number ``turn`` = 0, 1, ..., in which one part of ``pieces`` judges after the other.
+
+    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of WHOLE, one run judges and blocks of the
+    others, as long as ``settings`` say, stop; of fewer all are blocks, GAP apart. judge: without it only one part is
+    taken away, to stop by. A part is empty where the data are too few.
+    """
+    h = settings.step
+    assert h is not None
+    runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
+    if len(runs) >= FOLDS:
+        fold = turn % FOLDS
+        of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
+        parts = [(p, of_run.get(p.run, 0)) for p in pieces]
+    elif len(runs) >= WHOLE and judge:
+        fold = turn % len(runs)
+        others = [p for p in pieces if p.run != runs[fold]]
+        cut, _ = _blocks_by_role(others, turn, settings.block, h, least + GAP, judge=False)
+        parts = [*_joined(_with_gaps(cut, _half_gap(h))), *((p, 2) for p in pieces if p.run == runs[fold])]
+    else:
+        parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
+        parts = _joined(_with_gaps(parts, _half_gap(h)))
+    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
+    return Split(train, stop, judging, fold)
+
+
+def _half_gap(h: float) -> int:
+    return math.ceil(GAP / 2 / h - 1e-9)
+
+
+def _role(number: int, turn: int, folds: int, judge: bool) -> int:
+    """What a run or block serves for: 0 to train, 1 to stop, 2 to judge. Later rounds stop by other parts."""
+    part, fold = number % folds, turn % folds
+    stop = (fold + 1 + turn // folds % (folds - 1)) % folds if judge else fold
+    return 1 if part == stop else 2 if judge and part == fold else 0
+
+
+def _blocks_by_role(
+    pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
+) -> tuple[list[tuple[Piece, int]], int]:
+    """Blocks and what each is for; those shorter than ``least`` [s] are trained on."""
+    for length in (seconds, *(s for s in SHORTER if s < seconds)):
+        cut = blocks(pieces, length, h)
+        long = [b.steps * h >= least - 1e-9 for b in cut]
+        if sum(long) >= FOLDS:
+            break
+    folds = max(3, min(FOLDS, sum(long)))
+    roles = [
+        _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
+    ]
+    return list(zip(cut, roles, strict=True)), turn % folds
+
+
+def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
+    """Blocks cut short by ``rows`` wherever the next one of the same run serves differently."""
+    result = []
+    for k, (block, part) in enumerate(parts):
+        before, after = (
+            rows if 0 <= j < len(parts) and parts[j][0].run == block.run and parts[j][1] != part else 0
+            for j in (k - 1, k + 1)
+        )
+        if block.steps > before + after:
+            result.append((Piece(block.run, block.grid, block.first + before, block.last - after), part))
+    return result
+
+
+def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
+    """Neighbouring blocks that are trained on, joined again."""
+    result: list[tuple[Piece, int]] = []
+    for block, part in parts:
+        last = result[-1][0] if result else None
+        if last and part == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
+            result[-1] = (Piece(last.run, last.grid, last.first, block.last), 0)
+        else:
+            result.append((block, part))
+    return result
+
+
+def check_enough(ship: Ship, trials: Sequence[Trial], settings: TrainSettings, held_out: Sequence[Trial] = ()) -> None:
+    """Raises UserError where ``trials`` are too few to train on by ``settings``. Needs no torch.
+
+    ship: whose inputs count; held_out: trials that judge instead.
+    """
+    black_box = isinstance(settings, BlackBoxSettings)
+    inputs = (*ship.actuators, *AIR) if black_box else ship.without_network().inputs
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    pieces, judging = (pieces_of(some, h, inputs) for some in (trials, held_out))
+    splits_of(replace(settings, step=h), pieces, judging, judged_apart=not black_box)
+
+
+def splits_of(
+    settings: TrainSettings, pieces: Sequence[Piece], held_out: Sequence[Piece], judged_apart: bool
+) -> list[Split]:
+    """What each seed of a training is trained on, stopped by and judged by. Needs no torch.
+
+    settings: with the step; pieces: of the training trials; held_out: pieces that judge instead; judged_apart: the
+    windows that judge are not those that stop. Raises UserError where that is too little.
+    """
+    splits = []
+    for i in range(settings.seeds):
+        if held_out and not judged_apart:
+            split = Split(list(pieces), list(held_out), list(held_out), 0)
+        else:
+            split = split_pieces(pieces, i, settings, WINDOW, judge=judged_apart and not held_out)
+            if held_out:
+                split = split._replace(judge=list(held_out), fold=0)
+            elif not judged_apart:
+                split = split._replace(judge=split.stop)
+        _check(split, settings, bool(held_out))
+        splits.append(split)
+    return splits
+
+
+def _check(split: Split, settings: TrainSettings, given: bool) -> None:
+    """Raises UserError unless a window fits into each part; given: whether what judges is of other trials."""
+    h = settings.step
+    assert h is not None
+    shortest, rows = settings.curriculum[0][0], round(WINDOW / h)
+    longest = max((p.steps * h for p in split.train), default=0.0)
+    what = "a network" if isinstance(settings, BlackBoxSettings) else "a residual"
+    if given and all(p.steps < rows for p in split.judge):
+        raise UserError(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
+    if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
+        every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
+        total = sum(p.steps * h for p in every.values())
+        raise UserError(
+            f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "
+            f"or three blocks of {WINDOW + GAP:g} s, are needed to train, to stop and to judge by different ones. Keep "
+            "the calibrated ship, or give more trials"
+        )
+    if longest < shortest:
+        raise UserError(
+            f"too little data for {what}: the longest piece to train on is {longest:.0f} s, shorter than the "
+            f"first rollouts of {shortest:g} s; keep the calibrated ship or give longer trials"
+        )

@@ -1,0 +1,495 @@
+"""Training from several seeds: Adam on rollouts that grow, the best weights on the stop windows are kept.
+
+Learning rate along a half cosine, gradients clipped, windows drawn anew in every epoch. Where the penalty has several
+weights, each goes on from where the one before ended, so that the stop windows choose the weight of the penalty as they
+choose the epoch. What judges the result are other windows, which the training never sees (``residual.splits``): they
+judge the choice as well. A loss that is not finite, or a stop error that explodes, starts the training again at a lower
+rate, twice; then it is given up. Under a later weight it ends the training, and what was best stands. Finished seeds
+are kept as they finish; ``--resume`` continues from them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.optim.adam import adam
+
+from cases.trial import Trial
+from fitting.nlp.grid import default_step
+from fitting.parallel import run_all, width
+from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
+from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.ship import Ship
+from residual.settings import TrainSettings
+from residual.splits import WINDOW, Piece, Split, pieces_of, splits_of
+from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, state_loss
+from residual.windows import STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
+
+
+class Adam:
+    """Steps of ``parameters`` as ``torch.optim.Adam`` takes them (Kingma & Ba 2015), bit for bit.
+
+    By the function of torch: its class imports torch's compiler, 1.4 s of processor time in each process that trains.
+    """
+
+    def __init__(self, parameters: Iterable[torch.nn.Parameter]) -> None:
+        self.moments = [(p, torch.zeros_like(p), torch.zeros_like(p), torch.zeros(())) for p in parameters]
+
+    @torch.no_grad()
+    def step(self, rate: float) -> None:
+        """One step at a ``rate`` of learning of the parameters that have a gradient."""
+        some = [(p, p.grad, *rest) for p, *rest in self.moments if p.grad is not None]
+        values, gradients, means, squares, steps = (list(column) for column in zip(*some, strict=True))
+        constants = {"beta1": 0.9, "beta2": 0.999, "eps": 1e-8, "weight_decay": 0.0}
+        adam(values, gradients, means, squares, [], steps, amsgrad=False, maximize=False, lr=rate, **constants)
+
+
+RESTARTS, LOWER = 2, 0.2
+"""How often a diverged training starts again, and the factor on its learning rate."""
+HORIZON, APART = 100, 15
+"""Steps of the windows of a calibration (``fitting.settings.Settings.window``), and between their starts: they overlap
+so that an epoch on them takes as long as one on windows of 30 steps every 5."""
+Stage = tuple[float, RolloutBatch, int]
+"""Length of rollouts [s], their windows, epochs."""
+BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
+"""Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One training: build(ship, scales, settings, seed) makes the system, which trains, stops and is judged by
+    ``split``. seconds: limit of this one; stop: a file that ends it.
+    """
+
+    build: BuildSystem
+    ship: Ship
+    scales: Scales
+    settings: TrainSettings
+    seed: int
+    split: Split
+    seconds: float | None = None
+    stop: Path | None = None
+
+    @property
+    def h(self) -> float:
+        """Step of grid and integration [s]."""
+        assert self.settings.step is not None
+        return self.settings.step
+
+    def system(self) -> TrainableSystem:
+        """The untrained system."""
+        return self.build(self.ship, self.scales, self.settings, self.seed)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a training ended with.
+
+    status: "finished", "stopped" (limit or Ctrl-C: best weights so far) or "diverged". before, after: errors of the
+    judged windows (30 s windows, 100 s restarts) of the untrained and of the best system; history: rows (epoch, length
+    of rollouts [s], loss, error of the stop windows); state: name -> array of the best system's parameters; judged: the
+    judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); fold: of the task;
+    path: per weight of the penalty the least error of the stop windows under it.
+    """
+
+    seed: int
+    status: str
+    before: tuple[float, float]
+    after: tuple[float, float]
+    history: tuple[tuple[int, float, float, float], ...]
+    state: dict[str, np.ndarray] = field(repr=False)
+    rate: float
+    restarts: int
+    seconds: float
+    windows: int
+    held_out_windows: int
+    judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
+    fold: int = 0
+    path: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def penalty(self) -> float | None:
+        """The weight of the penalty under which the best system was found; None where that is the untrained one."""
+        weight, least = min(self.path, key=lambda pair: pair[1], default=(None, math.inf))
+        return weight if self.history and least < self.history[0][3] else None
+
+
+class _Diverged(Exception):
+    """The loss is not finite, or the held-out error exploded."""
+
+
+def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
+    """How the training of a ``task`` ended; a training that fails raises nothing. progress: called after each epoch."""
+    torch.set_num_threads(1)
+    began, settings = time.perf_counter(), task.settings
+    with interrupts_noted():
+        for restart in range(RESTARTS + 1):
+            rate = settings.rate * LOWER**restart
+            attempt = _Attempt(task, began, rate, progress)
+            try:
+                status = attempt.run()
+                break
+            except _Diverged:
+                status = "diverged"
+    attempt.system.load_state_dict(attempt.best, strict=False)
+    systems = task.system(), attempt.system
+    judged, before, after = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
+    return Outcome(
+        seed=task.seed,
+        status=status,
+        before=before,
+        after=after,
+        history=tuple(attempt.history),
+        state={name: value.numpy().copy() for name, value in attempt.best.items()},
+        rate=rate,
+        restarts=restart,
+        seconds=time.perf_counter() - began,
+        windows=attempt.count,
+        held_out_windows=len(judged),
+        judged=judged,
+        fold=task.split.fold,
+        path=tuple(attempt.path),
+    )
+
+
+class _Attempt:
+    """One attempt at one learning rate."""
+
+    def __init__(self, task: Task, began: float, rate: float, progress: OnProgress | None) -> None:
+        self.task, self.began, self.rate, self.progress = task, began, rate, progress
+        self.system = task.system()
+        self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
+        self.draw = torch.Generator().manual_seed(task.seed)
+        self.stages = stages(task, self.system.past)
+        self.later = later_stages(task, self.stages, self.system.past)
+        self.count = max((len(batch) for _, batch, _ in self.stages), default=0)
+        h = task.h
+        held = windows(task.split.stop, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
+        assert held is not None
+        self.held, self.best = held, self._state()
+        self.before = self.least = self._stop_error()
+        self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
+        self.path: list[tuple[float, float]] = []
+
+    def _state(self) -> dict[str, torch.Tensor]:
+        return {name: p.detach().clone() for name, p in self.system.named_parameters()}
+
+    def _stop_error(self) -> float:
+        """Mean squared normalised error of the windows to stop by."""
+        return float(window_errors(self.system, self.held, self.score, self.task.settings.method).mean())
+
+    def run(self) -> str:
+        """Train through the stages of each weight of the penalty; "finished" or "stopped"."""
+        weights = self.task.settings.weights
+        every = (self.stages, *[self.later] * (len(weights) - 1))
+        plans = [[(seconds, batch) for seconds, batch, n in some for _ in range(n)] for some in every]
+        for number, (weight, plan) in enumerate(zip(weights, plans, strict=True)):
+            try:
+                if not self._pass(plan, weight, sum(map(len, plans))):
+                    return "stopped"
+            except _Diverged:
+                if not number:
+                    raise
+                break
+        return "finished"
+
+    def _pass(self, plan: Sequence[tuple[float, RolloutBatch]], weight: float, epochs: int) -> bool:
+        """Train through a ``plan`` under a ``weight`` of the penalty, one of so many ``epochs`` in all; False where it
+        was stopped."""
+        t, optimizer = self.task.settings, Adam(self.system.learned())
+        self.path.append((weight, math.inf))
+        for done, (seconds, batch) in enumerate(plan):
+            cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
+            rate = t.last_rate + (self.rate - t.last_rate) * cosine
+            loss = self._epoch(optimizer, rate, batch, weight)
+            epoch = len(self.history)
+            self._keep(epoch, seconds, loss)
+            self.path[-1] = weight, min(self.path[-1][1], self.history[-1][3])
+            if self.progress:
+                values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
+                self.progress(Progress(f"seed {self.task.seed}", epoch, epochs, values))
+            if self._stopped():
+                return False
+        return True
+
+    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch, weight: float) -> float:
+        """One pass over the windows in random order at a ``rate`` and a ``weight`` of the penalty; mean loss."""
+        t, scales = self.task.settings, self.task.scales
+        parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
+        losses = []
+        for which in parts:
+            some = batch.chosen(which)
+            if t.jitter:
+                some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
+            self.system.zero_grad()
+            loss = self._loss(some, weight)
+            loss.backward()
+            norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
+            if not torch.isfinite(loss) or not torch.isfinite(norm):
+                raise _Diverged
+            optimizer.step(rate)
+            losses.append(float(loss.detach()))
+            if self._stopped():
+                break
+        return float(np.mean(losses))
+
+    def _loss(self, batch: RolloutBatch, weight: float) -> torch.Tensor:
+        t = self.task.settings
+        if t.loss == "acceleration":
+            loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
+        else:
+            loss = state_loss(self.system, batch, self.sigma, t.method)
+        return loss + weight * self.system.penalty() if weight else loss
+
+    @torch.no_grad()
+    def _keep(self, epoch: int, seconds: float, loss: float) -> None:
+        """Note the error of the stop windows and keep the weights if they are the best so far."""
+        error = self._stop_error()
+        self.history.append((epoch, seconds, loss, error))
+        if not math.isfinite(error) or error > 100 * self.before + 1e-9:
+            raise _Diverged
+        if error < self.least:
+            self.least, self.best = error, self._state()
+
+    def _stopped(self) -> bool:
+        task = self.task
+        late = task.seconds is not None and time.perf_counter() - self.began > task.seconds
+        return late or INTERRUPTED.requested or (task.stop is not None and task.stop.exists())
+
+
+def stages(task: Task, past: int) -> list[Stage]:
+    """Length of the rollouts [s], windows and epochs of each stage of the curriculum of ``task`` for which windows fit.
+
+    past: rows before each window that the system reads.
+    """
+    t, h = task.settings, task.h
+    result = []
+    for seconds, share in t.curriculum:
+        if t.augment:
+            noise = torch.as_tensor(task.scales.noise)
+            batch = augmented(task.split.train, h, round(seconds / h), t.augment, noise, task.seed, past)
+        else:
+            batch = windows(task.split.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
+        if batch is not None:
+            result.append((seconds, batch, max(1, round(share * t.epochs))))
+    return result
+
+
+def later_stages(task: Task, first: Sequence[Stage], past: int) -> list[Stage]:
+    """The stages under each weight of the penalty of ``task`` but the first: the last of those under the ``first``,
+    half of its epochs on windows as long as those of a calibration, where such fit.
+
+    past: rows before each window that the system reads.
+    """
+    t, h = task.settings, task.h
+    if len(t.weights) < 2 or not first:
+        return []
+    seconds, batch, epochs = first[-1]
+    long = windows(task.split.train, h, HORIZON, max(round(t.stride / h), APART), past)
+    if long is None or epochs < 2:
+        return [first[-1]]
+    return [(seconds, batch, epochs - epochs // 2), (HORIZON * h, long, epochs // 2)]
+
+
+def restored(task: Task, outcomes: Sequence[Outcome]) -> list[TrainableSystem]:
+    """The systems that trainings like ``task`` ended with, by their ``outcomes``; those that diverged are left out."""
+    systems = []
+    for o in outcomes:
+        if o.status != "diverged":
+            system = replace(task, seed=o.seed).system()
+            system.load_state_dict({name: torch.as_tensor(a) for name, a in o.state.items()}, strict=False)
+            systems.append(system)
+    return systems
+
+
+class ModelKind(NamedTuple):
+    """A kind of model that is trained, such as a residual on a ship.
+
+    build: makes the untrained system; scales(ship, pieces, trials, h): of the training data; inputs(ship): their names;
+    features(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M).
+    """
+
+    build: BuildSystem
+    scales: Callable[[Ship, Sequence[Piece], Sequence[Trial], float], Scales]
+    inputs: Callable[[Ship], tuple[str, ...]]
+    features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
+
+
+def tasks_of(
+    kind: ModelKind,
+    ship: Ship,
+    trials: Sequence[Trial],
+    settings: TrainSettings,
+    validation: Sequence[Trial] = (),
+    judged_apart: bool = True,
+) -> list[Task]:
+    """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
+
+    trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
+    as of ``training_tasks``. Raises UserError where there is too little data.
+    """
+    h = settings.step or default_step(trials, ship.particulars["L"])
+    pieces, held_out = (pieces_of(some, h, kind.inputs(ship)) for some in (trials, validation))
+    settings = replace(settings, step=h)
+    splits_of(settings, pieces, held_out, judged_apart)  # too few data are refused before scales are estimated
+    scales = kind.scales(ship, pieces, trials, h)
+    return training_tasks(kind.build, ship, scales, settings, pieces, held_out, judged_apart)
+
+
+def training_tasks(
+    build: BuildSystem,
+    ship: Ship,
+    scales: Scales,
+    settings: TrainSettings,
+    pieces: Sequence[Piece],
+    held_out: Sequence[Piece] = (),
+    judged_apart: bool = True,
+) -> list[Task]:
+    """One training per seed of ``settings``, on a grid of its step.
+
+    build, ship, scales: make the system; pieces: of the training trials, parts of which take turns to stop by and to
+    judge by; held_out: pieces that judge instead; judged_apart: the windows that judge are not those that stop, which
+    would flatter. Raises UserError where data are too few.
+    """
+    splits = splits_of(settings, pieces, held_out, judged_apart)
+    return [Task(build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
+
+
+FREE = ("workers", "time_limit")
+"""Settings that may change between an interrupted run and its continuation: they do not change its numbers."""
+
+
+def training_store(
+    out: Path,
+    ship: Ship,
+    trials: Sequence[Trial],
+    validation: Sequence[Trial],
+    settings: TrainSettings,
+    resume: bool = False,
+) -> Store:
+    """Where the finished seeds of a training are, or will be, kept, with what must be the same to continue it.
+
+    out: its run folder; ship, trials, validation, settings: as given to ``residual.pipeline.train``, the trials without
+    those held out by their role; resume: continue where ``out`` is there.
+    """
+    about = {
+        "--model": getattr(settings, "kind", "hybrid"),
+        "settings": {name: value for name, value in asdict(settings).items() if name not in FREE},
+        "ship": hash_of_ship(ship),
+        "trial files": hashes_of_trials(trials),
+        "--validate": hashes_of_trials(validation),
+    }
+    return Store(out / "training", about, resume and out.exists())
+
+
+def save_outcome(store: Store, outcome: Outcome) -> None:
+    """Keep the ``outcome`` of a seed in ``store``."""
+    o, arrays = outcome, {f"state.{name}": value for name, value in outcome.state.items()}
+    arrays |= {"errors": np.array([o.before, o.after]), "history": np.array(o.history), "judged": o.judged}
+    arrays |= {"times": np.array([o.rate, o.seconds]), "path": np.array(o.path).reshape(-1, 2)}
+    store.save(f"seed_{o.seed}", {name: getattr(o, name) for name in _WORDS}, arrays)
+
+
+def load_outcome(store: Store, seed: int) -> Outcome | None:
+    """The training of a ``seed`` as ``store`` kept it, to the last bit; None where it is not complete."""
+    found = store.load(f"seed_{seed}")
+    if found is None:
+        return None
+    words, arrays = found
+    (before, after), (rate, seconds) = arrays["errors"].tolist(), arrays["times"].tolist()
+    history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
+    path = tuple((weight, least) for weight, least in arrays["path"].tolist())
+    state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
+    return Outcome(
+        before=tuple(before), after=tuple(after), history=history, state=state, rate=rate, seconds=seconds,
+        judged=arrays["judged"], path=path, **{name: words[name] for name in _WORDS},
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+_WORDS = ("seed", "status", "restarts", "windows", "held_out_windows", "fold")
+"""What of an outcome is no array."""
+
+
+STARTED = "started_"
+"""Beginning of the names of files by which a process says that it trains."""
+
+
+def train_seeds(
+    tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
+) -> tuple[list[Outcome], bool]:
+    """Outcomes of the ``tasks`` of a training in their order, and whether Ctrl-C ended them early.
+
+    progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
+    trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and
+    those not begun are left out. Raises KeyboardInterrupt where none was begun, UserError where the store is of another
+    run.
+    """
+    if store:
+        store.open()
+    settings = tasks[0].settings
+    known = {task.seed: load_outcome(store, task.seed) for task in tasks} if store else {}
+    missing = [task for task in tasks if not known.get(task.seed)]
+    for seed in [task.seed for task in tasks if known.get(task.seed)]:
+        LOGGER.info("seed %d: already trained", seed)
+    workers = max(1, min(width(settings.workers), len(missing)))
+    if missing:
+        LOGGER.info("training from seed(s) %s in %d process(es)", ", ".join(str(t.seed) for t in missing), workers)
+    limit = settings.time_limit / -(-len(missing) // workers) if settings.time_limit and missing else None
+    done = len(tasks) - len(missing)
+    with tempfile.TemporaryDirectory() as scratch:
+        stop = Path(scratch) / "stop"
+
+        def interrupted() -> None:
+            stop.touch()
+            if not any(stop.parent.glob(f"{STARTED}*")):
+                raise KeyboardInterrupt  # nothing to keep: do not wait for processes that are still starting
+            LOGGER.info("interrupted: keeping the best weights so far")
+
+        def note(outcome: Outcome | None) -> None:
+            nonlocal done
+            if outcome:
+                done += 1
+                better = f"judged 30 s windows {outcome.before[0]:.4f} -> {outcome.after[0]:.4f}"
+                again = f", restarted {outcome.restarts} time(s) at a lower rate" if outcome.restarts else ""
+                weight = "" if len(outcome.path) < 2 else f", weight of the penalty {outcome.penalty}"
+                words = f"{outcome.status} in {outcome.seconds:.0f} s, {better}{again}{weight}"
+                LOGGER.info(f"seed {outcome.seed}: {words}")
+                if progress:
+                    progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
+
+        with interrupts_noted(interrupted):
+            jobs = [(replace(task, stop=stop, seconds=limit), store) for task in missing]
+            work = partial(_trained, progress=progress) if workers == 1 else _trained
+            made = run_all(work, jobs, workers, note)
+        broken = stop.exists()
+    found = known | {o.seed: o for o in made if o}
+    outcomes = [o for o in (found.get(task.seed) for task in tasks) if o]
+    if not outcomes:
+        raise KeyboardInterrupt
+    return outcomes, broken
+
+
+def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None) -> Outcome | None:
+    """One training, kept where it came to its end; None where it was stopped before it began."""
+    task, store = job
+    assert task.stop is not None
+    if task.stop.exists():
+        return None
+    with contextlib.suppress(OSError):  # a worker of another machine has no such folder
+        task.stop.with_name(f"{STARTED}{task.seed}").touch()
+    outcome = train_one(task, progress)
+    if store and outcome.status != "stopped":
+        save_outcome(store, outcome)
+    return outcome

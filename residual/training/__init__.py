@@ -1,1 +1,0 @@
-"""Training by rollouts: windows, folds, trainer, acceptance on held-out windows."""

@@ -1,0 +1,190 @@
+"""Windows of pieces as tensors: to train on, to judge by; the scales that are known from them.
+
+Slicing and jittering follow Wakita et al. (2024, sections 3.1 to 3.4): a window of I rows every I (ref) or every S rows
+(sli), and normal noise of the instruments on the states (jit).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from cases.checks.motion import white_noise
+from cases.trial import Trial
+from fitting.prediction.score import pooled_sigma
+from mmg.errors import UserError
+from mmg.motion.froude import length_scale
+from mmg.ship import Ship
+from residual.settings import SETS
+from residual.splits import WINDOW, Piece
+from residual.system import Past, RolloutBatch, TrainableSystem, measured_accelerations, rollout, squares
+
+
+def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: int = 0) -> RolloutBatch | None:
+    """Slices of ``steps`` steps of ``h`` [s] every ``stride`` rows of each of ``pieces``; None where none fits.
+
+    None reaches out of its piece; ``past`` rows before each start, inside the piece, are given along.
+    """
+    starts = [(p.grid, k) for p in pieces for k in range(p.first + past, p.last - steps + 1, stride)]
+    if not starts:
+        return None
+    targets = _stacked(g.states[k : k + steps + 1] for g, k in starts)
+    before = None
+    if past:
+        before = Past(*(_stacked(getattr(g, name)[k - past : k] for g, k in starts) for name in ("states", "controls")))
+    return RolloutBatch(
+        h,
+        _stacked(g.controls[k : k + steps] for g, k in starts),
+        torch.nan_to_num(targets),
+        torch.isfinite(targets).double(),
+        before,
+    )
+
+
+def _stacked(rows: Iterable[np.ndarray]) -> torch.Tensor:
+    """Rows (N, C) of M windows side by side, (N, C, M)."""
+    return torch.as_tensor(np.stack(list(rows), axis=2), dtype=torch.float64)
+
+
+def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) -> RolloutBatch:
+    """The ``batch`` with independent normal noise on its states (Wakita et al. 2024, Eq. 20).
+
+    noise: (6,) standard deviations; draw: the random numbers.
+    """
+
+    def noisy(states: torch.Tensor) -> torch.Tensor:
+        return torch.randn(states.shape, generator=draw, dtype=torch.float64) * noise[:, None]
+
+    targets, past = batch.targets + noisy(batch.targets) * batch.mask, batch.past
+    return replace(batch, targets=targets, past=past and Past(past.logged + noisy(past.logged), past.controls))
+
+
+def augmented(
+    pieces: Sequence[Piece], h: float, rows: int, name: str, noise: torch.Tensor, seed: int, past: int = 0
+) -> RolloutBatch | None:
+    """Windows of I = ``rows`` rows of ``pieces`` on a grid of ``h`` [s], as the set of that ``name`` cuts and copies
+    them (Wakita et al. 2024, Eq. 15 to 23); None where none fits.
+
+    noise: of the instruments (6,), of which that of u, v and r is drawn by ``seed`` (Table 5); past: rows before each
+    start that are given along.
+    """
+    slices, copies = SETS[name]
+    batch = windows(pieces, h, rows - 1, max(1, rows // slices), past)
+    if batch is None or not copies:
+        return batch
+    velocities = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
+    copied = batch.chosen(torch.arange(len(batch)).repeat(copies))
+    return jittered(copied, velocities, torch.Generator().manual_seed(seed))
+
+
+STRIDE, RESTART = 15.0, 100.0
+"""Seconds between the starts of stop and judged windows; length of the restarts of the second metric."""
+
+
+def compare_errors(
+    systems: tuple[TrainableSystem, TrainableSystem], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str
+) -> tuple[np.ndarray, tuple[float, float], tuple[float, float]]:
+    """Errors of two ``systems`` on 30 s windows every 15 s and on 100 s windows side by side.
+
+    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration. Returns the rows of
+    the 30 s windows (run, first row of its piece, error of each system), and the mean errors (30 s windows, 100 s
+    restarts; NaN where none fits) of the first and of the second system.
+    """
+    past, scale = systems[0].past, torch.as_tensor(sigma)
+    errors = []
+    for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
+        batch = windows(pieces, h, round(length / h), round(stride / h), past)
+        errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
+    counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
+    where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
+    (a, b), (c, d) = (e.mean(axis=1).tolist() if e.size else (np.nan, np.nan) for e in errors)
+    return np.column_stack([where, errors[0].T]), (a, c), (b, d)
+
+
+@torch.no_grad()
+def window_errors(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str) -> np.ndarray:
+    """Mean squared normalised error of ``system`` on each window of ``batch`` (M,), on the grid.
+
+    sigma: (6,) by which errors are divided; method: of the integration.
+    """
+    return squares(rollout(system, batch, method), batch, sigma).numpy()
+
+
+POSITION, HEADING = 1.0, 0.3
+"""Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad]; those of u, v, r are taken from the data."""
+LEAST_SCALE = 1e-9
+"""Scale of what never changes in the training rows."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What is known of the training data before training.
+
+    feature (F,), output (3,): scales of a network; mean, std (F,): of its features; sigma (6,): of the loss; score
+    (6,): of stop and judged windows; acceleration, acceleration_mean (3,): deviation, as of Eq. 16, and mean of the
+    measured accelerations; noise (6,): of the instruments, for jittering; features (F, R): of the training rows.
+    """
+
+    feature: np.ndarray
+    output: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    sigma: np.ndarray
+    score: np.ndarray
+    acceleration: np.ndarray
+    acceleration_mean: np.ndarray
+    noise: np.ndarray
+    features: np.ndarray
+
+
+def training_scales(
+    ship: Ship,
+    pieces: Sequence[Piece],
+    trials: Sequence[Trial],
+    h: float,
+    features_at: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
+) -> Scales:
+    """Scales of the measured rows of ``pieces``, which are those of ``trials`` of ``ship`` on a grid of ``h`` [s].
+
+    features_at: (logged columns (6, M), inputs (C, M)) -> what the network is fed (F, M). Its output is scaled by the
+    deviation of the measured accelerations (Wakita et al. 2025, Eq. 14). Raises UserError where there are no rows, or
+    nothing moves in them.
+    """
+    rows = windows(pieces, h, 1, 1)
+    if rows is None:
+        raise UserError("too little data to train on: no piece of a trial is longer than a step without a gap")
+    measured, mask = measured_accelerations(rows)
+    known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
+    states = [p.grid.states[p.first : p.last + 1] for p in pieces]
+    sigma = _loss_sigma(states, ship.particulars["L"])
+    placed = [t for t in trials if t.has_position]
+    features = features_at(rows.targets[0], rows.controls[0]).numpy()
+    rms, std = np.sqrt((features**2).mean(axis=1)), features.std(axis=1)
+    acceleration = np.maximum(known.std(axis=1), LEAST_SCALE)
+    return Scales(
+        feature=np.where(rms > LEAST_SCALE, rms, 1.0),
+        output=acceleration,
+        mean=features.mean(axis=1),
+        std=np.where(std > LEAST_SCALE, std, 1.0),
+        sigma=sigma,
+        score=pooled_sigma(placed) if placed else sigma,
+        acceleration=acceleration,
+        acceleration_mean=known.mean(axis=1),
+        noise=white_noise(states),
+        features=features,
+    )
+
+
+def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
+    """Sigma of the loss (6,): a third of a ship length, 0.3 rad, and the standard deviation of each velocity.
+
+    The deviation of positions over a whole pond would make the drift of a window invisible.
+    """
+    std = np.nanstd(np.vstack(states)[:, 3:], axis=0)
+    if not (std > 0).all():
+        raise UserError("u, v or r never changes in the training trials, so there is nothing to learn from")
+    position = POSITION * length_scale(length)
+    return np.array([position, position, HEADING, *std])

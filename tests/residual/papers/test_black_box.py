@@ -1,0 +1,419 @@
+"""Black boxes: the papers' equations against plain loops, exact gradients, sets of augmentation, files, prediction."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+
+from cases.trial import Trial
+from fitting.prediction.predict import predict_all, record_of
+from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.stretches import Stretch
+from mmg.errors import UserError
+from residual.hybrid import Hybrid, Residual
+from residual.papers.black_box import BlackBox, box_scales, build_box, gridded, load_box, save_box
+from residual.papers.networks import (
+    Feedforward,
+    InitialState,
+    Standard,
+    Windowed,
+    advance_columns,
+    features,
+    kinematics,
+)
+from residual.physics import Physics
+from residual.pipeline import train
+from residual.settings import KINDS, BlackBoxSettings
+from residual.splits import pieces_of
+from residual.system import Past, RolloutBatch, TrainableSystem, acceleration_loss, rollout, state_loss
+from residual.windows import augmented, windows
+from tests.support import hybrids
+from tests.support.quick import first_quick
+
+QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
+SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
+
+
+@lru_cache(maxsize=1)
+def runs() -> tuple[Trial, ...]:
+    return tuple(hybrids.trials(hybrids.ship(), 5, 200))
+
+
+def batch_of(past: int, steps: int = 12) -> RolloutBatch:
+    batch = windows(pieces_of(runs()[:2], 1.0, hybrids.ship().inputs), 1.0, steps, steps, past)
+    assert batch is not None
+    return batch
+
+
+def scales():  # type: ignore[no-untyped-def]
+    return box_scales(hybrids.ship(), pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0)
+
+
+def box(kind: str, seed: int = 0, **options: object) -> TrainableSystem:
+    """An untrained black box whose last layer is not zero."""
+    system = build_box(hybrids.ship(), scales(), replace(QUICK, kind=kind, **options), seed)  # type: ignore[arg-type]
+    inner = system.inner if isinstance(system, InitialState) else system
+    with torch.no_grad():
+        if not isinstance(inner, Feedforward):
+            inner.W3.normal_(generator=torch.Generator().manual_seed(seed))
+        if isinstance(system, InitialState):
+            system.net[-1].weight.normal_(generator=torch.Generator().manual_seed(seed))
+    return system
+
+
+def numpy_features(row: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """Features (F,) of one row, written out."""
+    psi, u, v, r = row[2:]
+    n, delta, north, east = inputs
+    wind = (north + 1j * east) * np.exp(-1j * psi)
+    return np.array([u, v, r, n, delta, wind.real - u, wind.imag - v])
+
+
+def numpy_network(system: Standard | Windowed, seen: list[np.ndarray], z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations and z1 of Eq. 7 after rows of features, from z1 = z."""
+    p = {name: value.detach().numpy() for name, value in system.named_parameters()}
+    for q in seen:
+        z = np.tanh(p["W0"] @ (q / system.feature_scale.numpy()) + p["Wr"] @ z + p["b0"]) - np.tanh(p["b0"])
+    z2 = np.tanh(p["W1"] @ z + p["b1"]) - np.tanh(p["b1"])
+    z3 = np.tanh(p["W2"] @ z2 + p["b2"]) - np.tanh(p["b2"])
+    return system.scale.numpy() * (p["W3"] @ z3), z
+
+
+def numpy_step(row: np.ndarray, a: np.ndarray, h: float) -> np.ndarray:
+    """Eq. 20 to 22, Euler."""
+    x, y, psi, u, v, r = row
+    rates = [u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r, *a]
+    return np.array([x, y, psi, u, v, r]) + h * np.array(rates)
+
+
+def test_features_are_motion_inputs_and_the_air_relative_to_the_hull() -> None:
+    rng = np.random.default_rng(0)
+    row, inputs = rng.normal(size=6), rng.normal(size=4)
+    seen = features(torch.as_tensor(row)[:, None], torch.as_tensor(inputs)[:, None])[:, 0]
+    np.testing.assert_allclose(seen.numpy(), numpy_features(row, inputs), atol=1e-14)
+
+
+@pytest.mark.parametrize("memory", [1, 4])
+def test_the_standard_network_is_equation_7(memory: int) -> None:
+    system, batch = box("rnn", memory=memory), batch_of(memory - 1)
+    found = rollout(system, batch, "euler").detach().numpy()[:, :, 1]
+    z, seen = np.zeros(system.width), []  # type: ignore[arg-type]
+    if batch.past:
+        seen = [numpy_features(*pair) for pair in zip(*(p[..., 1].numpy() for p in batch.past), strict=True)]
+    row = batch.targets[0, :, 1].numpy()
+    for k, inputs in enumerate(batch.controls[:, :, 1].numpy()):
+        a, z = numpy_network(system, [*seen, numpy_features(row, inputs)], z)  # type: ignore[arg-type]
+        seen, row = [], numpy_step(row, a, 1.0)
+        np.testing.assert_allclose(found[k + 1], row, atol=1e-12)
+
+
+@pytest.mark.parametrize("memory", [1, 2, 5])
+def test_the_windowed_network_is_equation_9(memory: int) -> None:
+    system, batch = box("rnn-window", memory=memory), batch_of(memory - 1)
+    found = rollout(system, batch, "euler").detach().numpy()[:, :, 0]
+    seen = []
+    if batch.past:
+        seen = [numpy_features(*pair) for pair in zip(*(p[..., 0].numpy() for p in batch.past), strict=True)]
+    row = batch.targets[0, :, 0].numpy()
+    for k, inputs in enumerate(batch.controls[:, :, 0].numpy()):
+        seen = [*seen, numpy_features(row, inputs)][-memory:]
+        a, _ = numpy_network(system, seen, np.zeros(system.width))  # type: ignore[arg-type]
+        row = numpy_step(row, a, 1.0)
+        np.testing.assert_allclose(found[k + 1], row, atol=1e-12)
+
+
+def test_one_row_of_memory_is_a_network_without_any() -> None:
+    batch = batch_of(0)
+    assert box("rnn-window", memory=1).past == 0
+    one, same_start = (
+        box(kind, memory=1).accelerations(batch.targets[:-1], batch.controls) for kind in ("rnn-window", "rnn")
+    )
+    np.testing.assert_array_equal(one[0].detach(), same_start[0].detach())
+    assert (one[1:] - same_start[1:]).abs().max() > 1e-6, "the standard one remembers"
+    backwards = box("rnn-window", memory=1).accelerations(batch.targets[:-1].flip(0), batch.controls.flip(0))
+    np.testing.assert_allclose(backwards.flip(0).detach(), one.detach(), atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["rnn", "rnn-window"])
+def test_accelerations_at_measured_rows_are_those_of_equations_13_and_15(kind: str) -> None:
+    memory = 3
+    system, batch = box(kind, memory=memory), batch_of(memory - 1)
+    found = system.accelerations(batch.targets[:-1], batch.controls, batch.past).detach().numpy()
+    assert batch.past is not None
+    rows = np.concatenate([batch.past.logged.numpy(), batch.targets[:-1].numpy()])[..., 0]
+    inputs = np.concatenate([batch.past.controls.numpy(), batch.controls.numpy()])[..., 0]
+    seen = [numpy_features(*pair) for pair in zip(rows, inputs, strict=True)]
+    for k in range(len(found)):
+        last = k + memory
+        window = seen[:last] if kind == "rnn" else seen[last - memory : last]
+        a, _ = numpy_network(system, window, np.zeros(system.width))  # type: ignore[arg-type]
+        np.testing.assert_allclose(found[k, :, 0], a, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_ship_at_rest_in_calm_air_stays_there(kind: str) -> None:
+    system = box(kind, memory=3)
+    rest = torch.zeros(20, 4, 2, dtype=torch.float64)
+    past = Past(torch.zeros(2, 6, 2, dtype=torch.float64), rest[:2]) if system.past else None
+    targets = torch.zeros(21, 6, 2, dtype=torch.float64)
+    out = rollout(system, RolloutBatch(1.0, rest, targets, torch.ones_like(targets), past))
+    assert out.abs().max() == 0.0
+
+
+def test_without_the_constraint_it_does_not() -> None:
+    zero = torch.zeros(7, 1, dtype=torch.float64)
+    assert box("fnn", zero=False).acceleration(zero).abs().max() > 1e-6  # type: ignore[operator]
+
+
+def test_the_output_of_the_untrained_network_is_standardised_to_the_measured_accelerations() -> None:
+    known, system = scales(), box("fnn", zero=False)
+    draw = torch.randn(7, 20000, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
+    at = known.mean[:, None] + known.std[:, None] * draw.numpy()
+    a = system.acceleration(torch.as_tensor(at)).detach().numpy()  # type: ignore[operator]
+    np.testing.assert_allclose(a.std(axis=1), known.acceleration, rtol=0.05)
+    np.testing.assert_allclose((a.mean(axis=1) - known.acceleration_mean) / known.acceleration, 0, atol=0.05)
+    velocities = np.vstack([np.diff(t.states[:, 3:], axis=0) for t in runs()])
+    np.testing.assert_allclose(known.acceleration, velocities.std(axis=0), rtol=0.02)
+
+
+@pytest.mark.parametrize("method", ["rk4", "euler"])
+@pytest.mark.parametrize(
+    "system",
+    [
+        box("fnn"),
+        box("rnn", memory=3),
+        box("rnn-window", memory=3),
+        box("fnn", initial=2),
+        box("rnn-window", initial=4),
+    ],
+    ids=["fnn", "rnn", "rnn-window", "fnn initial", "rnn-window initial"],
+)
+def test_gradients_agree_with_finite_differences(system: TrainableSystem, method: str) -> None:
+    batch = batch_of(system.past)
+
+    def loss() -> torch.Tensor:
+        a = acceleration_loss(system, batch, torch.full((3,), 0.1, dtype=torch.float64))
+        return state_loss(system, batch, SIGMA, method) + 0.1 * a + 1e-3 * system.penalty()
+
+    system.zero_grad()
+    loss().backward()
+    for name, parameter in system.named_parameters():
+        at, step = tuple(s // 2 for s in parameter.shape), 1e-6
+        assert parameter.grad is not None, name
+        found = parameter.grad[at].item()
+        with torch.no_grad():
+            parameter[at] += step
+            up = loss().item()
+            parameter[at] -= 2 * step
+            down = loss().item()
+            parameter[at] += step
+        assert found == pytest.approx((up - down) / (2 * step), rel=1e-4, abs=1e-6), name
+
+
+def test_held_accelerations_move_the_ship_along_its_circle() -> None:
+    row = torch.tensor([0.0, 0.0, 0.3, 0.5, 0.0, 0.05], dtype=torch.float64)[:, None]
+    out, radius = advance_columns(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "rk4")[:, 0], 0.5 / 0.05
+    exact = [radius * (np.sin(0.35) - np.sin(0.3)), radius * (np.cos(0.3) - np.cos(0.35)), 0.35]
+    np.testing.assert_allclose(out[:3].numpy(), exact, atol=1e-4)
+    euler = advance_columns(row, torch.zeros(3, 1, dtype=torch.float64), 1.0, "euler")[:, 0]
+    np.testing.assert_allclose(euler[:3, None], row[:3] + kinematics(row), atol=0)
+
+
+@pytest.mark.parametrize(("name", "steps"), [("ref", 100), ("sli2", 50), ("sli10", 10)])
+@pytest.mark.parametrize("rows", [501, 1802, 100, 99])
+def test_slices_are_as_many_as_in_wakita_2024(name: str, steps: int, rows: int) -> None:
+    """Eq. 17 for ref, Eq. 19 for the others, with I = 100."""
+    t = np.arange(float(rows))
+    motion = {c: np.sin(t / (7 + i)) for i, c in enumerate(("x", "y", "psi", "u", "v", "r", "n", "delta"))}
+    pieces = pieces_of([Trial("one", {"t": t, **motion})], 1.0, hybrids.ship().inputs)
+    batch = augmented(pieces, 1.0, 100, name, torch.zeros(6), 0)
+    expected = rows // 100 if name == "ref" else max(0, (rows - 100) // steps + (rows >= 100))
+    assert (0 if batch is None else len(batch)) == expected
+    if batch is not None:
+        assert len(batch.targets) == 100
+        np.testing.assert_allclose(batch.targets[0, 0].numpy(), np.sin(steps * np.arange(len(batch)) / 7))
+
+
+def test_jittering_replaces_windows_by_noisy_copies_of_the_velocities() -> None:
+    pieces = pieces_of(runs(), 1.0, hybrids.ship().inputs)
+    noise = torch.tensor([1.0, 1.0, 1.0, 0.01, 0.02, 0.003], dtype=torch.float64)
+    plain, noisy = (augmented(pieces, 1.0, 50, name, noise, 3, 2) for name in ("ref", "jit10"))
+    assert plain is not None and noisy is not None and len(noisy) == 10 * len(plain)
+    added = noisy.targets - plain.targets.repeat(1, 1, 10)
+    np.testing.assert_allclose(added[:, 3:].std(dim=(0, 2)).numpy(), noise[3:].numpy(), rtol=0.05)
+    assert added[:, :3].abs().max() == 0.0, "no noise on position and heading (Table 5)"
+    assert torch.equal(noisy.controls, plain.controls.repeat(1, 1, 10))
+    M = len(plain)
+    copies = torch.corrcoef(torch.stack([added[:, 3, :M].flatten(), added[:, 3, M : 2 * M].flatten()]))[0, 1]
+    assert abs(float(copies)) < 0.2, "every copy has noise of its own"
+    assert noisy.past is not None and noisy.past.logged.shape[2] == len(noisy)
+
+
+def test_the_initial_state_starts_as_measured_and_never_goes_far() -> None:
+    batch = batch_of(4)
+    fresh = build_box(hybrids.ship(), scales(), replace(QUICK, kind="fnn", initial=4), 0)
+    assert fresh.past == 4
+    start = fresh.start(batch.targets[0], batch.controls[0], batch.past)
+    assert torch.equal(start, batch.targets[0])
+    wild = box("fnn", initial=4)
+    away = wild.start(batch.targets[0], batch.controls[0], batch.past) - batch.targets[0]
+    assert away[:3].abs().max() == 0.0 and away[3:6].abs().max() > 0
+    assert (away[3:6].abs() <= wild.reach + 1e-15).all()  # type: ignore[operator]
+
+
+def test_any_system_can_be_started_from_an_estimate() -> None:
+    known, batch = scales(), batch_of(3)
+    residual = Residual(np.ones(7), np.array([1e-3, 1e-3, 1e-4]))
+    hybrid = Hybrid(Physics(hybrids.ship(), compiled=False), residual, np.ones((7, 4)))
+    wrapped = InitialState(hybrid, 3, known.mean, known.std, 0.1 * known.std[:3])
+    assert (rollout(wrapped, batch) - rollout(hybrid, batch)).abs().max() < 1e-12
+    with torch.no_grad():
+        wrapped.net[-1].bias.fill_(1.0)  # type: ignore[operator, union-attr]
+    away = (rollout(wrapped, batch) - rollout(hybrid, batch))[0, 3:6].detach().numpy()
+    np.testing.assert_allclose(away, np.tile(0.1 * known.std[:3, None] * np.tanh(1.0), (1, len(batch))), atol=1e-12)
+    state_loss(wrapped, batch, SIGMA).backward()
+    grad = wrapped.net[-1].bias.grad  # type: ignore[union-attr]
+    assert isinstance(grad, torch.Tensor) and grad.abs().min() > 0.0, "the estimate is trained through the physics"
+
+
+@pytest.mark.slow
+def test_an_initial_state_network_finds_velocities_under_noise() -> None:
+    """Starts are measured with much noise; rows before them tell better where the ship is going."""
+    noise, rng = np.array([0, 0, 0, 0.05, 0.03, 0.004]), np.random.default_rng(0)
+    noisy = [
+        t.with_columns(
+            **{c: t[c] + s * rng.normal(size=len(t)) for c, s in zip(("u", "v", "r"), noise[3:], strict=True)}
+        )
+        for t in hybrids.trials(hybrids.ship(), 5, 300)
+    ]
+    errors = {}
+    for rows in (0, 6):
+        trained = train(hybrids.ship(), noisy, settings=replace(QUICK, kind="rnn-window", initial=rows, epochs=15))
+        errors[rows] = trained.per_seed[0]["judged_window"]["after"]
+    assert errors[6] < errors[0]
+
+
+@pytest.mark.parametrize("kind", first_quick(KINDS))
+def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    settings = replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0)
+    trained = train(hybrids.ship(), runs(), settings=settings)
+    assert all(e["after"] < 0.7 * e["before"] for e in (row["judged_window"] for row in trained.per_seed))
+    assert trained.black_box is not None
+    path = tmp_path / "network.safetensors"
+    save_box(path, trained.black_box)
+    loaded = load_box(path, hybrids.ship())
+    assert loaded.settings == trained.settings and loaded.actuators == ("n", "delta") and len(loaded.systems) == 2
+    tests = hybrids.trials(hybrids.ship(), 1, 200, seed=8)
+    sigma = pooled_sigma(tests)
+    assert score(loaded, tests, sigma).window == score(trained.black_box, tests, sigma).window
+    with pytest.raises(UserError):
+        load_box(path, replace(hybrids.ship(), particulars={**hybrids.ship().particulars, "L": 4.0}))
+
+
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path, system = tmp_path / "network.safetensors", box("rnn-window")
+    known = BlackBox(QUICK, ("n", "delta"), 1.0, (system,), scales=scales())
+    with pytest.raises(UserError):
+        save_box(path, known)  # settings of a feedforward network
+        load_box(path)
+    path.write_bytes(b"nothing")
+    with pytest.raises(UserError):
+        load_box(path)
+    good = replace(known, settings=replace(QUICK, kind="rnn-window", memory=2))
+    save_box(path, good)
+    load_box(path)
+    for change in (
+        {"members": "9" * 18},
+        {"training": "[" * 90_000},
+        {"training": "[]"},
+        {"actuators": "3"},
+        {"width": 10**6},
+    ):
+        with safe_open(path, framework="pt") as file:
+            about, arrays = file.metadata(), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if "width" in change:
+            change = {"training": json.dumps(json.loads(about["training"]) | change)}
+        save_file(arrays, tmp_path / "lies.safetensors", about | change)
+        began = time.perf_counter()
+        with pytest.raises(UserError):
+            load_box(tmp_path / "lies.safetensors")
+        assert time.perf_counter() - began < 2
+    with torch.no_grad():
+        system.b0[0] = 1e30  # type: ignore[index]
+    save_box(path, good)
+    with pytest.raises(UserError, match="1e"):
+        load_box(path)
+    with torch.no_grad():
+        system.b0[0] = float("nan")  # type: ignore[index]
+    with pytest.raises(UserError, match=r"0\.b0"):
+        save_box(path, known)
+
+
+def test_too_little_data_and_an_input_that_a_trial_lacks_are_one_sentence() -> None:
+    short = hybrids.trials(hybrids.ship(), 1, 25)
+    with pytest.raises(UserError):
+        train(hybrids.ship(), short, settings=QUICK)
+    black = BlackBox(QUICK, ("n", "delta", "pitch"), 1.0, (box("fnn"),))
+    with pytest.raises(UserError, match="pitch"):
+        predict_all(black, runs()[:1], 30.0, 15.0)
+
+
+def test_predictions_do_not_depend_on_what_comes_after_their_window_or_long_before() -> None:
+    system = box("rnn-window", memory=3)
+    black = BlackBox(replace(QUICK, kind="rnn-window"), ("n", "delta"), 1.0, (system,))
+    trial = runs()[0]
+    changed = {c: np.where((trial.t > 130) | (trial.t < 90), 0.3, trial[c]) for c in ("u", "v", "r", "delta")}
+    other = trial.with_columns(**changed)
+    stretches = [Stretch(record_of(t, black.inputs), 100, 130) for t in (trial, other)]
+    a, b = (black.forecast([s]) for s in stretches)
+    np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(a[0, :, 0], trial.states[100])
+    before = other.with_columns(u=np.where(trial.t == 99, 0.0, trial["u"]))
+    assert np.abs(black.forecast([Stretch(record_of(before, black.inputs), 100, 130)]) - a).max() > 1e-6
+
+
+def test_a_forecast_at_other_samples_is_the_rollout_between() -> None:
+    system = box("fnn")
+    black, trial = BlackBox(QUICK, ("n", "delta"), 2.0, (system,)), runs()[1]
+    stretch = Stretch(record_of(trial, black.inputs), 20, 61)
+    out = black.forecast([stretch])
+    batch = gridded([stretch], 2.0, 0)
+    assert len(batch.controls) == 21 and out.shape == (42, 6, 1)
+    np.testing.assert_allclose(
+        batch.controls[3, :2, 0].numpy(), np.mean([trial["n"][26:28], trial["delta"][26:28]], axis=1)
+    )
+    path = rollout(system, batch).detach().numpy()
+    np.testing.assert_allclose(out[2::2, :, 0], path[1:21, :, 0], atol=1e-12)
+    np.testing.assert_allclose(out[1, :, 0], path[:2, :, 0].mean(axis=0), atol=1e-12)
+
+
+def test_a_start_with_too_few_rows_before_it_uses_the_oldest() -> None:
+    trial = runs()[0]
+    record = record_of(trial, ("n", "delta", "wind_north", "wind_east"))
+    past = gridded([Stretch(record, 0, 10), Stretch(record, 2, 10), Stretch(record, 50, 60)], 1.0, 4).past
+    assert past is not None
+    np.testing.assert_allclose(past.logged[:, :, 0].numpy(), np.tile(trial.states[0], (4, 1)))
+    np.testing.assert_allclose(past.logged[:, :, 1].numpy(), trial.states[[0, 0, 0, 1]])
+    np.testing.assert_allclose(past.logged[:, :, 2].numpy(), trial.states[46:50])
+    np.testing.assert_allclose(past.controls[:, 0, 2].numpy(), trial["n"][46:50])
+
+
+def test_rows_before_a_gap_are_not_read() -> None:
+    trial = runs()[0].with_columns(u=np.where(np.arange(201) == 48, np.nan, runs()[0]["u"]))
+    past = gridded([Stretch(record_of(trial, ("n", "delta", "wind_north", "wind_east")), 50, 60)], 1.0, 4).past
+    assert past is not None
+    np.testing.assert_allclose(past.logged[:, :, 0].numpy(), np.tile(trial.states[49], (4, 1)))
+
+
+def test_windows_of_a_black_box_are_those_of_a_ship() -> None:
+    black = BlackBox(QUICK, ("n", "delta"), 1.0, (box("fnn"),))
+    (found, notes), *_ = predict_all(black, runs()[:1], 30.0, 15.0, False)
+    assert [w.first for w in found] == list(range(0, 171, 15)) and not notes

@@ -1,0 +1,310 @@
+"""``mmg compare`` and black boxes on the command line: subsets, tables, growth, limits, one line for bad input."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cases.published_splits import SPLITS
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from fitting.parallel import run_all
+from fitting.prediction.score import Score, TrialScore
+from fitting.prediction.stretches import Stretch
+from fitting.report.run_folder import read_result
+from mmg.errors import UserError
+from mmg_ident.commands.main import main
+from residual.papers.black_box import load_box
+from residual.papers.comparison import (
+    HORIZONS,
+    TABLE_9,
+    TABLE_9_TEST,
+    Comparison,
+    Entry,
+    Study,
+    Subset,
+    accuracy,
+    blocks_of,
+    compare,
+    efficiency,
+    growth,
+    horizon,
+    mean_and_std,
+    published,
+    subset_of,
+    tables_text,
+)
+from tests.mmg_ident.commands.test_main import refused
+from tests.support import hybrids
+
+QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Synthetic trials to train on, one to test on, the run folder of a black box."""
+    folder = tmp_path_factory.mktemp("compare")
+    (folder / "train").mkdir()
+    for k, trial in enumerate(hybrids.trials(hybrids.ship(), 5, 200)):
+        name = f"{'random' if k < 2 else 'turn'}_{k}"
+        write_trial(replace(trial, name=name), folder / "train" / f"{name}.csv")
+    write_trial(hybrids.trials(hybrids.ship(), 1, 220, seed=7)[0], folder / "test.csv")
+    options = ["--model", "rnn-window", "--memory", "3", *QUICK, "--augment", "sli2", "--loss", "state"]
+    assert main(["train", "esso_osaka_3m", str(folder / "train"), *options, "--out", str(folder / "box")]) == 0
+    return folder
+
+
+def test_a_black_box_run_is_scored_and_predicts_like_a_ship(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = read_result(folder / "box")
+    assert content["kind"] == "training" and content["model"] == "rnn-window" and content["seeds"] == [0, 1]
+    assert content["settings"]["memory"] == 3 and content["settings"]["augment"] == "sli2"
+    assert [system.past for system in load_box(folder / "box").systems] == [2, 2]
+    names = {p.name for p in (folder / "box").iterdir()}
+    assert {"network.safetensors", "start.toml", "result.json", "figures"} <= names and "ship.toml" not in names
+    capsys.readouterr()
+    assert main(["score", "esso_osaka_3m", str(folder / "box"), str(folder / "test.csv"), "--json"]) == 0
+    models = json.loads(capsys.readouterr().out)["models"]
+    ship, box = models["esso_osaka_3m"], models[str(folder / "box")]
+    assert box["window"] > ship["window"] and box["trials"][0]["windows"] == ship["trials"][0]["windows"]
+    out = tmp_path / "out.csv"
+    assert main(["predict", str(folder / "box"), str(folder / "test.csv"), "--window", "30", "--out", str(out)]) == 0
+    rows = np.loadtxt(out, delimiter=",", skiprows=1)
+    assert len(np.unique(rows[:, 0])) == 8 and np.isfinite(rows).all()
+
+
+def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    box, test = folder / "box", folder / "test.csv"
+    refused(capsys, "simulate", box, "--maneuver", "turning:35")
+    refused(capsys, "fit", box, test, "--out", tmp_path / "run")
+    line = refused(capsys, "predict", box, test, "--adapt", "20", "--out", tmp_path / "p.csv")
+    assert "--adapt" in line
+    other = tmp_path / "other"
+    other.mkdir()
+    for name in ("network.safetensors", "result.json"):
+        (other / name).write_bytes((box / name).read_bytes())
+    from cases.shipfiles.ship_file import dump_ship
+
+    (other / "start.toml").write_text(dump_ship(load_ship("vectwin_3m"), "another"))
+    refused(capsys, "score", other, test)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--model", "fnn", "--memory", "3"], "--memory"),
+        (["--layers", "3"], "--layers"),
+        (["--model", "fnn", "--loss", "huber"], "--loss"),
+        (["--model", "rnn", "--augment", "sli3"], "--augment sli3: unknown; choose one of ref, sli2"),
+        (["--model", "rnn", "--memory", "0"], "--memory 0"),
+        (["--model", "rnn", "--initial", "-1"], "--initial -1"),
+    ],
+)
+def test_options_of_black_boxes_that_make_no_sense(
+    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capsys, "train", "esso_osaka_3m", folder / "train", *options, "--out", tmp_path / "run")
+    assert words in line and not (tmp_path / "run").exists()
+
+
+def test_a_run_shorter_than_the_rollout_is_one_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_trial(hybrids.trials(hybrids.ship(), 1, 9)[0], tmp_path / "short.csv")
+    line = refused(
+        capsys, "train", "esso_osaka_3m", tmp_path / "short.csv", "--validate", folder / "test.csv", "--model", "fnn",
+        "--step", "1", "--out", tmp_path / "run",
+    )  # fmt: skip
+    assert "10" in line
+
+
+@pytest.mark.slow
+def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "compare",
+        "--train",
+        str(folder / "train"),
+        str(folder / "test.csv"),
+        "--test",
+        str(folder / "test.csv"),
+    ]
+    arguments += [*QUICK, "--models", "captive,fnn,rnn-window", "--fractions", "0.5,1", "--no-random", "--workers", "1"]
+    capsys.readouterr()
+    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json"]) == 0
+    captured = capsys.readouterr()
+    content = json.loads(captured.out)
+    assert content["past_s"] == 0.0, "no model uses the past of a window"
+    assert [row["name"] for row in content["test"]] == ["test"] and len(content["train"]) == 5, "tests are taken out"
+    entries = content["entries"]
+    assert {(e["model"], e["fraction"], e["random"], e["seed"]) for e in entries} == {
+        ("captive", 1.0, True, None),
+        *((m, f, r, s) for m in ("fnn", "rnn-window") for f in (1.0, 0.5) for r in (True, False) for s in (0, 1)),
+    }
+    tables = (tmp_path / "cmp" / "tables.md").read_text()
+    assert "0.236 ± 0.003" in tables
+    assert {p.name for p in (tmp_path / "cmp").iterdir()} == {
+        "tables.md", "result.json", "scores.png", "growth.png", "efficiency.png", "entries",
+    }  # fmt: skip
+    (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
+    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json", "--resume"]) == 0
+    again = json.loads(capsys.readouterr().out)["entries"]
+    assert [e["score"] for e in again] == [e["score"] for e in entries]
+    other = [*arguments, "--epochs", "3", "--out", tmp_path / "cmp", "--resume"]
+    refused(capsys, *other)
+    seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
+    assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
+
+
+def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() -> None:
+    trials = tuple(hybrids.trials(hybrids.lacking(), 5, 150))
+    tests = tuple(hybrids.trials(hybrids.lacking(), 1, 120, seed=5))
+    study = Study(hybrids.ship(), trials, tests, ("captive", "calibrated", "hybrid"), seeds=1, epochs=1, step=1.0)
+    found = compare(study)
+    assert [(e.model, e.seed, e.status) for e in found.entries] == [
+        ("captive", None, "finished"), ("calibrated", None, "finished"), ("hybrid", 0, "finished"),
+    ]  # fmt: skip
+    captive, calibrated, hybrid = (e.score.window for e in found.entries if e.score)
+    assert calibrated < captive and hybrid < 1.2 * calibrated
+
+
+@pytest.mark.slow
+def test_the_time_limit_keeps_what_is_done() -> None:
+    trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
+    study = Study(
+        hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=2, epochs=3000, step=1.0, time_limit=12.0
+    )
+    found = compare(study)
+    assert [(e.model, e.status) for e in found.entries] == [
+        ("captive", "finished"),
+        ("fnn", "stopped"),
+        ("fnn", "not begun"),
+    ]
+    assert found.interrupted and found.entries[1].score is not None and found.entries[2].score is None
+    assert "100%" in tables_text(found)
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
+    arguments = ["compare", "--train", str(folder / "train"), "--test", str(folder / "test.csv"), "--seeds", "2"]
+    arguments += ["--models", "captive,rnn", "--epochs", "3000", "--step", "1", "--out", str(tmp_path / "cmp")]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "mmg_ident.commands.main", *arguments],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3],
+        start_new_session=True,
+    )  # fmt: skip
+    assert process.stderr is not None and process.stderr.readline().startswith("captive")
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    _, _words = process.communicate(timeout=120)
+    assert process.returncode == 130
+    content = json.loads((tmp_path / "cmp" / "result.json").read_text())
+    assert content["interrupted"] and [e["status"] for e in content["entries"]] == ["finished", "stopped", "not begun"]
+
+
+def test_outcomes_are_handed_over_as_they_come() -> None:
+    seen: list[int] = []
+    assert run_all(abs, [-1, -2, -3], 1, seen.append) == seen == [1, 2, 3]
+
+
+class Drifting:
+    """Predicts what was measured, and a position and heading that are off by a known rate."""
+
+    inputs = ("n", "delta", "wind_north", "wind_east")
+
+    def forecast(self, stretches: Sequence[Stretch]) -> np.ndarray:
+        rows = max(s.last - s.first for s in stretches) + 1
+        out = np.full((rows, 6, len(stretches)), np.nan)
+        for i, s in enumerate(stretches):
+            t = s.record.t[s.first : s.last + 1] - s.record.t[s.first]
+            out[: len(t), :, i] = s.logged + np.outer(t, [0.03, -0.04, 0.01, 0, 0, 0])
+        return out
+
+
+def test_growth_is_read_at_the_horizons_from_windows_that_are_long_enough() -> None:
+    found = growth(Drifting(), hybrids.trials(hybrids.ship(), 2, 140))
+    np.testing.assert_allclose(found[:, 0], 0.05 * np.array(HORIZONS), rtol=1e-9)
+    np.testing.assert_allclose(found[:, 1], 0.01 * np.array(HORIZONS), rtol=1e-9)
+    short = growth(Drifting(), hybrids.trials(hybrids.ship(), 1, 40))
+    assert np.isfinite(short[:4]).all() and np.isnan(short[4:]).all()
+
+
+def trial(name: str, seconds: int, kind: str = "") -> Trial:
+    t = np.arange(seconds + 1.0)
+    return Trial(name, {"t": t, "u": t}, kind=kind)
+
+
+def test_shares_of_the_data_are_blocks_spread_evenly() -> None:
+    trials = [trial("turn", 650), trial("random_1", 660), trial("zigzag", 70)]
+    assert subset_of(trials, Subset()) == tuple(trials)
+    assert [t.name for t in subset_of(trials, Subset(1.0, False))] == ["turn", "zigzag"]
+    assert [t.name for t in subset_of([trial("a", 70, "random"), *trials[:1]], Subset(1.0, False))] == ["turn"]
+    third = subset_of(trials, Subset(0.3))
+    assert sum(t.duration for t in third) == pytest.approx(0.3 * 1380, rel=0.1)
+    assert {t.name.split()[0] for t in third} == {"turn", "random_1"} or len(third) == 6
+    rows = np.concatenate([b["u"] for b in blocks_of(trials[0])])
+    np.testing.assert_array_equal(rows, trials[0]["u"])
+    assert all(b.duration >= 60 for b in blocks_of(trials[0]))
+    with pytest.raises(UserError):
+        subset_of(trials[1:2], Subset(1.0, False))
+
+
+def entry(model: str, seed: int | None, value: float, subset: Subset = Subset()) -> Entry:
+    row = TrialScore("one", 2 * value, np.zeros(6), value, np.zeros(6), 3)
+    found = Score((row,), 20 * value, 10 * value, np.ones(6), "")
+    return Entry(model, subset, seed, "finished", 100.0, 1.0, found, np.full((len(HORIZONS), 2), value))
+
+
+def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
+    half = Subset(0.5)
+    study = Study(hybrids.ship(), (trial("a", 10),), (trial("one", 10),), ("captive", "fnn"), (Subset(), half), seeds=2)
+    entries = (entry("captive", None, 3.0), entry("fnn", 0, 1.0), entry("fnn", 1, 2.0), entry("fnn", 0, 5.0, half))
+    found = Comparison(study, entries, 1.0, False)
+    assert [c.strip() for c in accuracy(found, "window")[2].split("|")[1:-1]] == ["one", "3.000", "1.500 ± 0.707"]
+    pooled = [c.strip() for c in accuracy(found, "paper")[3].split("|")[1:-1]]
+    assert pooled == ["all rows pooled", "60.000", "30.000 ± 14.142"]
+    assert [line.split("|")[3].strip() for line in efficiency(found)[2:]] == ["15.000 ± 7.071", "50.000"]
+    assert horizon(found, 1)[2].split("|")[2].strip() == f"{np.degrees(3.0):.1f}"
+    assert mean_and_std([]) == "-" and mean_and_std([1.0, float("nan")]) == "-"
+
+
+def test_table_9_is_complete() -> None:
+    assert len(TABLE_9_TEST) == 6 and all(len(cells) == 6 for cells in TABLE_9.values())
+    assert len(published()) == 2 + 6 and "4834 ± 4041" in "\n".join(published())
+    assert "train-tzrb" in SPLITS and "development-holdout" in SPLITS
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--models", "captive,oracle"], "unknown oracle; choose from captive"),
+        (["--fractions", "0,1"], "--fractions 0,1"),
+        (["--fractions", "all"], "--fractions"),
+        (["--seeds", "0"], "--seeds 0"),
+        (["--time-limit", "0"], "--time-limit"),
+        (["--ship", "nothing"], "no such ship"),
+        (["--train", "nowhere"], "nowhere"),
+    ],
+)
+def test_bad_input_is_one_line(
+    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [] if "--train" in options else ["--train", folder / "train"]
+    line = refused(capsys, "compare", *given, "--test", folder / "test.csv", *options, "--out", tmp_path / "cmp")
+    assert words in line and not (tmp_path / "cmp").exists()
+
+
+def test_nothing_is_left_to_train_on(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    refused(capsys, "compare", "--train", folder / "test.csv", "--test", folder / "test.csv")
