@@ -117,14 +117,15 @@ def started(folder: Path, verb: str, out: str, *more: str) -> Process:
     return Process(folder, [*VERBS[verb].replace("OUT", out).split(), *more])
 
 
-def alone(folder: Path, verb: str) -> tuple[Any, float]:
-    """What a ``verb`` makes that is left alone in ``folder``, and its seconds. Raises RuntimeError where it fails."""
+def alone(folder: Path, verb: str, out: str) -> tuple[Any, float]:
+    """What a ``verb`` that is left alone makes as ``out`` in ``folder``, and its seconds. Raises RuntimeError where it
+    fails."""
     began = time.perf_counter()
-    process = started(folder, verb, f"{verb}_whole")
+    process = started(folder, verb, out)
     if process.wait(600.0) != 0:
         raise RuntimeError(process.said())
     process.said()
-    return made(folder, f"{verb}_whole"), time.perf_counter() - began
+    return made(folder, out), time.perf_counter() - began
 
 
 def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float) -> Ended:
@@ -234,8 +235,8 @@ def main() -> None:
         folder = Path(scratch)
         trials(folder)
         for verb in given.verb or VERBS:
-            alone(folder, verb)  # compiles what it needs
-            whole, seconds = alone(folder, verb)
+            alone(folder, verb, f"{verb}_first")  # compiles what it needs
+            whole, seconds = alone(folder, verb, f"{verb}_whole")
             for k in range(given.kills):
                 one = ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.02, 1.0), whole, seconds)
                 found.append(one)

@@ -51,14 +51,13 @@ class Cut:
 
     step: usual time between rows [s]; length: of a window [s]; windows: in order of time; seconds: of what became of
     the log, by words: "manoeuvring", "steady", "moored", "missing values", "too short", "gaps", and what was broken or
-    touched; speed: usual speed under way [m/s]; rows, begin, end: of the log.
+    touched; rows, begin, end: of the log.
     """
 
     step: float = 0.0
     length: float = 0.0
     windows: list[LogWindow] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
-    speed: float = 0.0
     rows: int = 0
     begin: float = np.nan
     end: float = np.nan
@@ -68,29 +67,21 @@ class Cut:
         self.seconds[what] = self.seconds.get(what, 0.0) + seconds
 
 
-def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float, revolutions: float = 0.0) -> Cut:
+def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float) -> Cut:
     """Returns how a log given in ``pieces`` of canonical columns (N,), of a ship of this ``length`` [m], is cut.
 
-    revolutions: largest usual ones [1/s]; 0: those of what was read so far. What is left over at the end of a piece is
-    cut with the next one.
+    What is left over at the end of a piece is cut with the next one. The largest usual revolutions are those of what
+    was read so far.
     """
-    cut, rest = Cut(), dict[str, np.ndarray]()
+    cut, rest, revolutions = Cut(), dict[str, np.ndarray](), 0.0
     slowest = STOPPED * reference_speed(length)
-    speeds: list[float] = []
     for piece in pieces:
         t = piece["t"]
         if not cut.rows:
             cut.step, cut.begin = float(np.median(np.diff(t))) if len(t) > 1 else 1.0, float(t[0])
             cut.length = max(WINDOW * length / (USUAL * reference_speed(length)), 30 * cut.step)
         cut.rows, cut.end = cut.rows + len(t), float(t[-1])
-        columns = (
-            {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
-        )
-        fast = np.hypot(piece["u"], piece["v"])
-        fast = fast[fast > 5 * slowest]
-        if len(fast):
-            speeds.append(float(np.median(fast)))
-        cut.speed = float(np.median(speeds)) if speeds else USUAL * reference_speed(length)
+        columns = _after(rest, piece)
         most = np.abs(columns["n"])
         revolutions = max(revolutions, float(np.quantile(most[np.isfinite(most)], 0.95)) if len(most) else 0.0)
         left = _cut_piece(columns, cut, slowest, revolutions)
@@ -179,6 +170,11 @@ def _runs(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
     yield from ((a, b) for a, b in pairwise(bounds) if b > a)
 
 
+def _after(rest: Mapping[str, np.ndarray], piece: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns (N,) of a ``piece`` behind the ``rest`` of the one before, which may be empty."""
+    return {name: np.concatenate([rest[name], values]) if rest else values for name, values in piece.items()}
+
+
 def _mean(values: np.ndarray, width: int) -> np.ndarray:
     """Means of ``values`` (N,) over ``width`` neighbours."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
@@ -195,9 +191,7 @@ def window_rows(
     for piece in pieces:
         if at == len(windows):
             return
-        columns = (
-            {name: np.concatenate([rest[name], values]) for name, values in piece.items()} if rest else dict(piece)
-        )
+        columns = _after(rest, piece)
         t = columns["t"]
         while at < len(windows) and windows[at].end <= t[-1]:
             rows = slice(int(np.searchsorted(t, windows[at].begin)), int(np.searchsorted(t, windows[at].end, "right")))

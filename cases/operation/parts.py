@@ -29,11 +29,10 @@ PIECE = 100_000
 
 @dataclass(frozen=True)
 class Part:
-    """One Parquet file of a log. path: of it; begin: time of its first row [s]; rows: in it."""
+    """One Parquet file of a log. path: of it; begin: time of its first row [s]."""
 
     path: Path
     begin: float
-    rows: int
 
 
 @dataclass
@@ -47,11 +46,6 @@ class OperationLog:
     parts: list[Part] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
-
-    @property
-    def rows(self) -> int:
-        """Rows of all parts."""
-        return sum(part.rows for part in self.parts)
 
     def pieces(self) -> Iterator[dict[str, np.ndarray]]:
         """Canonical columns (N,) of at most PIECE rows: SI, radians, frames of the product, time increasing.
@@ -152,7 +146,7 @@ def read_log(folder: str | Path) -> OperationLog:
             times = _numbers(path, header[index], first)
             scale = 1.0 if pa.types.is_timestamp(first.type) else to_si("t", unit, f"{path}: column '{header[index]}'")
             begin = float(np.nanmin(times, initial=math.inf)) * scale
-            log.parts.append(Part(path, begin, file.metadata.num_rows))
+            log.parts.append(Part(path, begin))
         except UserError as error:
             log.left_out.append(str(error))
         except (OSError, ValueError, StopIteration, pa.ArrowException) as error:

@@ -102,9 +102,9 @@ def spells(log: Innovations, begin: float, end: float, explained: np.ndarray | N
 class DatedChange:
     """A change of a candidate.
 
-    begin, end: first and last day of it, with their 90 % intervals; half: day when half of it was reached; step:
-    whether both are one; size: of the change, std: its standard error; gain: of the log likelihood; p_value: of it,
-    for this candidate alone; profile: share of the change that was reached in each spell (B,).
+    begin, end: first and last day of it, with their 90 % intervals; step: whether both are one; size: of the change,
+    std: its standard error; gain: of the log likelihood; p_value: of it, for this candidate alone; profile: share of
+    the change that was reached in each spell (B,).
     """
 
     begin: float
@@ -117,11 +117,6 @@ class DatedChange:
     gain: float
     p_value: float
     profile: np.ndarray
-
-    @property
-    def half(self) -> float:
-        """Day when half of the change was reached."""
-        return 0.5 * (self.begin + self.end)
 
 
 @dataclass(frozen=True)

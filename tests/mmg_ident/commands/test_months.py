@@ -63,6 +63,7 @@ def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
     assert (run / "ship.toml").exists()
 
 
+@pytest.mark.slow
 def test_the_same_command_finds_the_same(log: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["months", str(log), "--ship", "esso_osaka_3m", "--out", str(log.parent / "again"), "--no-fit", "--json"]
     assert main(words) == 0
