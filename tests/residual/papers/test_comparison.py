@@ -108,7 +108,7 @@ def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
         (["--model", "fnn", "--memory", "3"], "--memory"),
         (["--layers", "3"], "--layers"),
         (["--model", "fnn", "--loss", "huber"], "--loss"),
-        (["--model", "rnn", "--augment", "sli3"], "--augment sli3: unknown; choose one of ref, sli2"),
+        (["--model", "rnn", "--augment", "sli3"], "sli3"),
         (["--model", "rnn", "--memory", "0"], "--memory 0"),
         (["--model", "rnn", "--initial", "-1"], "--initial -1"),
     ],
