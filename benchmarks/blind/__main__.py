@@ -14,6 +14,7 @@ from pathlib import Path
 
 from benchmarks.blind.cases import answered, dealt, folders, opened
 from benchmarks.blind.generator.deal import KINDS
+from benchmarks.blind.generator.strangers import STRANGERS
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.score import Pair, figures, scored
 from benchmarks.measured import Record, code_version
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
     except UserError as error:
         print(error, file=sys.stderr)
         return 2
-    lines = scored(pairs)
+    lines = scored(pairs, given.world)
     (given.out / "score.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -58,7 +59,12 @@ def _answered(given: argparse.Namespace) -> list[Pair]:
 
 
 def _parsed(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.blind", description="Blind benchmark of mmg diagnose.")
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.blind",
+        description="Blind benchmark of mmg diagnose.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="strangers:\n" + "\n".join(f"  {e.name}: {(e.__doc__ or '').splitlines()[0]}" for e in STRANGERS),
+    )
     parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)

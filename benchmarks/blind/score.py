@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -88,35 +88,6 @@ def cell(k: int, n: int) -> str:
     return f"{100 * k / n:.0f} [{100 * low:.0f}, {100 * high:.0f}] {k}/{n}"
 
 
-def measures(pairs: Sequence[Pair]) -> list[list[str]]:
-    """The lines of the table: a measure, by strength and over all."""
-    parts = [[p for p in pairs if p[0].strength == s] for s in STRENGTHS] + [list(pairs)]
-
-    def line(words: str, of: Callable[[Sequence[Pair]], str]) -> list[str]:
-        return [words, *map(of, parts)]
-
-    def rate(kind: str, hit: Callable[[Pair], bool]) -> Callable[[Sequence[Pair]], str]:
-        def of(some: Sequence[Pair]) -> str:
-            mine = [hit(p) for p in some if kind in ("", *_kinds(p[0]))]
-            return cell(sum(mine), len(mine))
-
-        return of
-
-    def middle(some: Sequence[Pair]) -> str:
-        known = [x for p in some if p[0].truth and (x := closure(p)) is not None]
-        return f"{np.median(known):.2f} (n {len(known)})" if known else ""
-
-    lines = [line(f"{kind}: {words}", rate(kind, right)) for kind, words in KINDS.items()]
-    lines += [line("wrong name, with nothing left over", rate("", wrong))]
-    lines += [line("failed", rate("", lambda p: bool(p[1]["answer"][0] == "error")))]
-    lines += [line("parameters inside 90 % intervals", lambda some: cell(*covered(some)))]
-    return [row for row in [*lines, line("closure, median", middle)] if any(row[1:])]
-
-
-def _kinds(case: Case) -> tuple[str, ...]:
-    return (FOREIGN[0],) if case.kind in FOREIGN else (case.kind,)
-
-
 def misses(pairs: Sequence[Pair]) -> list[str]:
     """A table of the cases that were not answered as they should be."""
     lines = []
@@ -130,14 +101,20 @@ def misses(pairs: Sequence[Pair]) -> list[str]:
     )
 
 
-def scored(pairs: Sequence[Pair]) -> list[str]:
-    """The whole score in markdown: how long it took, the table, the misses."""
+def scored(pairs: Sequence[Pair], name: str) -> list[str]:
+    """The score of the world ``name`` in markdown: how long it took, the rates with their intervals, the misses."""
     spent = [row["processor"] for _, row in pairs]
+    rows = [[f.what, cell(int(f.value), f.of or 0)] for f in figures(pairs, name).values()]
+    rows += [["failed", cell(sum(row["answer"][0] == "error" for _, row in pairs), len(pairs))]]
+    rows += [["true parameters of named effects inside their 90 % intervals", cell(*covered(pairs))]]
+    closed = [x for p in pairs if p[0].truth and (x := closure(p)) is not None]
+    if closed:
+        rows += [["share of the gap that is closed, median", f"{np.median(closed):.2f} (n {len(closed)})"]]
     return [
         f"{len(pairs)} cases; seconds of processor per case: median {np.median(spent):.0f}, most {max(spent):.0f}. "
         "Rates in per cent with 95 % intervals (Clopper-Pearson) and counts.",
         "",
-        *table(["measure", *STRENGTHS, "all"], measures(pairs)),
+        *table(["measure", "rate"], rows),
         "",
         "Cases not answered as they should be:",
         "",
@@ -149,13 +126,12 @@ def figures(pairs: Sequence[Pair], name: str) -> dict[str, Figure]:
     """Figures for the record, their anchors ending with ``name``: what each kind is to be answered."""
     made = {}
     for kind, words in KINDS.items():
+        some = [p for p in pairs if kind == (FOREIGN[0] if p[0].kind in FOREIGN else p[0].kind)]
         for strength in STRENGTHS if kind == "library" else ("",):
-            part = [p for p in pairs if kind in _kinds(p[0]) and strength in ("", p[0].strength)]
+            part = [p for p in some if strength in ("", p[0].strength)]
             if part:
                 mark = "_".join(word for word in ("blind", kind, strength, name) if word)
                 what = f"blind cases, {name}: {strength + ' ' if strength else ''}{words}"
                 made[mark] = Figure(what, sum(map(right, part)), of=len(part))
-    count = sum(map(wrong, pairs))
-    return made | {
-        f"blind_wrong_{name}": Figure(f"blind cases, {name}: a name that is not there", count, of=len(pairs))
-    }
+    what = f"blind cases, {name}: a name that is not there"
+    return made | {f"blind_wrong_{name}": Figure(what, sum(map(wrong, pairs)), of=len(pairs))}
