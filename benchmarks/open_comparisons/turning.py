@@ -1,22 +1,19 @@
 """A turning of KVLCC2, alone and 10,000 times with scattered coefficients, and the same turning with shipmmg.
 
 Run from the repository root: python -m benchmarks.open_comparisons.turning [--record]
-For the comparison install shipmmg, in an environment of its own: python -m venv X; X/bin/pip install shipmmg; then
-SHIPMMG_PYTHON=X/bin/python python -m benchmarks.open_comparisons.turning
+For the comparison install shipmmg beside this package.
 """
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -34,6 +31,21 @@ SPEED, RUDDER, RATE, SECONDS = 1.179, math.radians(35.0), math.radians(15.82), 3
 """Approach speed [m/s], rudder angle [rad] and rate [rad/s] of the free-running tests of the 7 m model; duration."""
 STEP, MANY, SPREAD, GOAL = 0.75, 10_000, 0.05, 1e-4
 """Runge-Kutta step [s]; ships side by side, and the share by which coefficients differ; error [L] to compare at."""
+
+
+SETTINGS: tuple[dict[str, Any], ...] = (
+    {},
+    {"rtol": 1e-4},
+    {"rtol": 1e-5},
+    {"rtol": 1e-6},
+    {"rtol": 1e-7},
+    {"rtol": 1e-6, "atol": 1e-8},
+    {"rtol": 1e-7, "atol": 1e-8},
+    {"rtol": 1e-8, "atol": 1e-9},
+    {"method": "LSODA", "rtol": 1e-6, "atol": 1e-8},
+    {"method": "DOP853", "rtol": 1e-6, "atol": 1e-8},
+)
+"""Options of solve_ivp that shipmmg is tried with."""
 
 
 def best_of(count: int, work: Callable[[], object]) -> float:
@@ -78,7 +90,10 @@ def reference(simulator: Simulator, plan: Maneuver, t: np.ndarray) -> np.ndarray
 
 
 def shipmmg(ship: Ship, plan: Maneuver, t: np.ndarray) -> list[dict[str, Any]]:
-    """Rows of ``shipmmg_turning``. Raises RuntimeError where shipmmg is not to be had."""
+    """A row for each of SETTINGS: words, seconds with the places at ``t``, calls of the right-hand side, and largest
+    error of a place [m] against shipmmg's model solved exactly. Raises ImportError where it is not to be had."""
+    from shipmmg import mmg_3dof
+
     p, c = ship.particulars, {s: x.value for s, x in ship.coefficients.items()}
     unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
     basic = {
@@ -93,16 +108,23 @@ def shipmmg(ship: Ship, plan: Maneuver, t: np.ndarray) -> list[dict[str, Any]]:
     maneuvering = {s: c[s] for s in ("k_0", "k_1", "k_2")} | {f"{s}_dash": c[s] for s in hull}
     fine = np.linspace(0.0, SECONDS, 3001)
     path = ramps(plan, plan.orders(), fine).at(fine)
-    given = {
-        "basic": basic, "maneuvering": maneuvering, "t": fine.tolist(), "n": path[:, 0].tolist(),
-        "delta": path[:, 1].tolist(), "u0": plan.speed, "rho": p["rho"], "at": t.tolist(), "repeats": 7,
-    }  # fmt: skip
-    python = os.environ.get("SHIPMMG_PYTHON", sys.executable)
-    script = str(Path(__file__).with_name("shipmmg_turning.py"))
-    run = subprocess.run([python, script], input=json.dumps(given), capture_output=True, text=True)
-    if run.returncode:
-        raise RuntimeError((run.stderr.strip().splitlines() or ["no message"])[-1])
-    return list(json.loads(run.stdout))
+    basic_params = mmg_3dof.Mmg3DofBasicParams(**{normalize("NFKC", k): v for k, v in basic.items()})
+    maneuvering_params = mmg_3dof.Mmg3DofManeuveringParams(**maneuvering)
+
+    def turned(**options: Any) -> tuple[np.ndarray, int]:
+        solution = mmg_3dof.simulate_mmg_3dof(
+            basic_params, maneuvering_params, fine, path[:, 1], path[:, 0], u0=plan.speed, ρ=p["rho"], **options
+        )
+        return np.array(solution.sol(t)[3:5]), solution.nfev
+
+    exact, rows = turned(method="DOP853", rtol=1e-11, atol=1e-12, max_step=0.1)[0], []
+    for options in SETTINGS:
+        seconds = best_of(7, partial(turned, **options))
+        places, calls = turned(**options)
+        words = ", ".join(f"{k} {v if isinstance(v, str) else f'{v:g}'}" for k, v in options.items())
+        error = float(np.hypot(*(places - exact)).max())
+        rows.append({"words": words or "its defaults (RK45, rtol 1e-3)", "s": seconds, "calls": calls, "error": error})
+    return rows
 
 
 def main() -> None:
@@ -119,7 +141,7 @@ def main() -> None:
     print(f"one turning {1e3 * one:.2f} ms, error {error:.1e} L; {MANY} scattered {many:.2f} s on two threads")
     try:
         rows = shipmmg(ship, plan, t)
-    except RuntimeError as reason:
+    except ImportError as reason:
         print(f"shipmmg was not measured ({reason}); see the docstring of this module")
     else:
         body = [[r["words"], f"{1e3 * r['s']:.1f}", str(r["calls"]), f"{r['error'] / L:.1e}"] for r in rows]
