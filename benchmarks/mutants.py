@@ -25,14 +25,10 @@ from pathlib import Path
 from benchmarks.faults import Fault, faults
 from benchmarks.measured import done
 from benchmarks.record import Figure, keep
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from benchmarks.toml import tables
 
 ROOT = Path(__file__).parents[1]
-KEPT = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+KEPT = tables(Path(__file__).with_suffix(".toml"))
 """Tests by room, and faults that change nothing."""
 ROOMS: dict[str, list[str]] = KEPT["rooms"]
 QUIET = ("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--tb=line", "-m", "not slow")

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # pragma: no cover
-    import tomli as tomllib
-
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
+from benchmarks.toml import tables
 
 
 @dataclass(frozen=True)
@@ -36,8 +31,7 @@ DEG = math.pi / 180
 
 
 def _sets() -> Iterator[tuple[str, Set]]:
-    text = Path(__file__).with_suffix(".toml").read_text(encoding="utf-8")
-    for name, row in tomllib.loads(text).items():
+    for name, row in tables(Path(__file__).with_suffix(".toml")).items():
         yield name, Set(**{**row, "hull": Hull(*row["hull"]), "maneuvers": tuple(row["maneuvers"])})
 
 

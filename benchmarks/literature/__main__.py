@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.literature.ships import FIGURES, SHIPS, LiteratureShip, in_ship_units, known_figures
+from benchmarks.literature.ships import FIGURES, SHIPS, LiteratureShip, in_ship_units
 from benchmarks.record import Figure, keep, table
 from cases.criteria.batch_figures import figures_of_each
 from cases.criteria.scatter import draw_coefficients
@@ -33,11 +33,11 @@ Key = tuple[str, str]
 def figures(ship: Ship, real: LiteratureShip, given: Mapping[str, np.ndarray], count: int) -> dict[Key, np.ndarray]:
     """(Manoeuvre, figure) -> (count,) of ``ship`` with the coefficients ``given``, symbol -> (count,), in the
     manoeuvres that are known of the ``real`` one; NaN where a figure is not reached."""
-    L, simulator, known = real.particulars["L"], Simulator(ship), known_figures(real.name)
+    L, simulator, known = real.particulars["L"], Simulator(ship), real.figures
     found = {key: np.full(count, np.nan) for key in known}
     for text in dict.fromkeys(text for text, _ in known):
         longest = {"duration": 60 * L / real.speed} if text == "turning:15" else {}
-        plan = parse_maneuver(text, ship, speed=real.speed, rudder_rate=real.rudder_rate, **longest)
+        plan = parse_maneuver(text, ship, speed=real.speed, rudder_rate=math.radians(real.rudder_rate), **longest)
         runs = simulate_batch(simulator, plan, given, 0.25 * time_scale(L))
         for m, reached in enumerate(figures_of_each(runs, plan)):
             for figure, value in in_ship_units(reached, L).items():
@@ -49,7 +49,7 @@ def figures(ship: Ship, real: LiteratureShip, given: Mapping[str, np.ndarray], c
 def judged(real: LiteratureShip, hull: str) -> tuple[dict[Key, float], int]:
     """Errors (logarithms) of the figures of a starting ship with this hull, and how many of the known ones lie in their
     90 % intervals over draws of her priors."""
-    ship, known = new_ship("start", {**real.particulars, "U_0": real.speed}, hull), known_figures(real.name)
+    ship, known = new_ship("start", {**real.particulars, "U_0": real.speed}, hull), real.figures
     plain = {s: np.array([c.value]) for s, c in ship.coefficients.items()}
     errors = {key: float(np.log(v[0] / known[key])) for key, v in figures(ship, real, plain, 1).items()}
     inside = 0

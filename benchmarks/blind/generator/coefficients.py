@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # pragma: no cover
-    import tomli as tomllib
-
 from benchmarks.blind.generator.world import ESSO, MODEL, World
+from benchmarks.toml import tables
 
 SHIPS = Path(__file__).parents[3] / "cases" / "ships"
 DRAWN = ESSO
@@ -33,8 +28,7 @@ def scaled_ship(world: World) -> tuple[dict[str, float], dict[str, float]]:
 
 def ship_numbers(name: str = "esso_osaka_3m") -> tuple[dict[str, float], dict[str, float]]:
     """Particulars (SI) and nominal coefficients of a ship file."""
-    with (SHIPS / f"{name}.toml").open("rb") as file:
-        data = tomllib.load(file)
+    data = tables(SHIPS / f"{name}.toml")
     particulars = {key: float(value) for key, value in data["ship"].items() if not isinstance(value, str)}
     return particulars, {name: float(entry["value"]) for name, entry in data["coefficients"].items()}
 

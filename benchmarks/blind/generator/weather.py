@@ -6,11 +6,6 @@ import numpy as np
 
 Array = np.ndarray
 
-FORCE_SIZE = (0.05, 0.15, 0.10)
-"""Nominal standard deviations of the random force X, Y [N] and N [N m]."""
-MEMORY = (3.0, 8.0)
-"""Range of its correlation time [s]."""
-
 
 def wander(count: int, dt: float, tau: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
     """Ornstein-Uhlenbeck processes of unit variance, (count, *shape); tau [s] broadcasts to ``shape``."""
@@ -51,8 +46,8 @@ def random_force(
     dt: float,
     runs: int,
     rng: np.random.Generator,
-    nominal: tuple[float, float, float] = FORCE_SIZE,
-    memory: tuple[float, float] = MEMORY,
+    nominal: tuple[float, float, float],
+    memory: tuple[float, float],
 ) -> tuple[Array, dict[str, float]]:
     """Unmodelled force (count, 3, runs) [N, N, N m] and what it was drawn with (sizes and tau of the case)."""
     sizes = np.array(nominal) * rng.uniform(0.7, 1.4, 3)

@@ -5,7 +5,6 @@ A world is integrated for a ship of 3 m; ``length`` is that of the ship in the f
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,13 +12,9 @@ from types import ModuleType
 
 import numpy as np
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:  # pragma: no cover
-    import tomli as tomllib
-
 from benchmarks.blind.generator import forces, forces_standard, forces_vectwin
 from benchmarks.blind.generator.surroundings import DRAUGHT
+from benchmarks.toml import tables
 
 Array = np.ndarray
 MODEL = 3.0
@@ -98,8 +93,7 @@ class World:
 def _narrow() -> dict[str, World]:
     """The worlds of worlds.toml, by name."""
     found: dict[str, World] = {}
-    text = Path(__file__).with_name("worlds.toml").read_text(encoding="utf-8")
-    for name, row in tomllib.loads(text).items():
+    for name, row in tables(Path(__file__).with_name("worlds.toml")).items():
         start = found[row.pop("like")] if "like" in row else World("")
         row = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
         if "forces" in row:
