@@ -40,11 +40,6 @@ class Fault:
         """What names it as long as its line is not changed."""
         return f"{self.path}: {self.line} -> {self.faulty}" + (f" ({self.again + 1})" if self.again else "")
 
-    @property
-    def place(self) -> str:
-        """Path and line, as an editor takes them."""
-        return f"{self.path}:{self.number}"
-
 
 def faults(path: str, text: str) -> list[Fault]:
     """Every fault of the ``text`` of the file ``path``, in the order of its lines."""
