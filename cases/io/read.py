@@ -44,8 +44,7 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
     problems = [one for one in found if isinstance(one, UserError)]
     if problems:
         several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
-        kinds = {type(one) for one in problems}
-        raise (kinds.pop() if len(kinds) == 1 else BadValue)(several + "; ".join(dict.fromkeys(map(str, problems))))
+        raise type(problems[0])(several + "; ".join(dict.fromkeys(map(str, problems))))
     return [one for one in found if isinstance(one, Trial)]
 
 
