@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -28,6 +26,7 @@ import numpy as np
 
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
+from benchmarks.measured import done
 from benchmarks.record import Figure, keep
 from cases import published_splits as splits
 from cases.criteria.assessment import imo_figures
@@ -56,15 +55,12 @@ REPLICATES, DRAWS = 200, 200
 """Of a bootstrap, and of the interval of a figure."""
 RUNS = (("zigzag:20/20", 120.0), ("zigzag:-10/10", 110.0), ("turning:35", 140.0), ("turning:-20", 140.0))
 """Manoeuvres and durations [s] of a 3 m ship whose figures are judged."""
-T, R = TypeVar("T"), TypeVar("R")
+R = TypeVar("R")
 
 
-def spread(work: Callable[[T], R], tasks: Iterable[T], workers: int) -> list[R]:
-    """What ``work`` makes of each of ``tasks``, on so many processes."""
-    if workers == 1:
-        return [work(task) for task in tasks]
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        return list(pool.map(work, tasks))
+def spread(work: Callable[[int], R], seeds: Iterable[int], workers: int) -> list[R]:
+    """What ``work`` makes of each of ``seeds``, on so many processes, in any order."""
+    return [made for _, made in done(work, [(seed, (seed,)) for seed in seeds], workers)]
 
 
 # Intervals of coefficients

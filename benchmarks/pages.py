@@ -43,7 +43,6 @@ ROWS = (
     ("the same: nothing is there, and \"none\" is the answer",
      "{blind_null_basin}; {blind_null_kvlcc2}; {blind_null_vectwin}"),
     ("the same: a name that is not there", "{blind_wrong_basin}; {blind_wrong_kvlcc2}; {blind_wrong_vectwin}"),
-    ("exported code against the simulation, largest difference over 60 s", "{export_difference}"),
     ("faults planted in trial files and named by `mmg check`", "{files_foreign}; {files_own}"),
     ("commands ended at a random moment: nothing half-written, resumed to the same values", "{kill}"),
     ("faults in the physics that the tests notice", "{mutants}"),

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from benchmarks.ablation import diagnoses, fits
-from benchmarks.ablation.record import Record, code_version
 from benchmarks.ablation.table import write_table
+from benchmarks.measured import Record
 
 WORK = Path(tempfile.gettempdir()) / "mmg_ablation"
 grounds = cache(fits.grounds)
@@ -31,44 +29,24 @@ def diagnosis_task(work: Path, number: int) -> dict[str, Any]:
     return diagnoses.answers(cases(work)[number], diagnoses.RULES + rare)
 
 
-def done(
-    task: Callable[..., Any], work: Path, todo: Sequence[tuple[dict[str, Any], tuple]], workers: int
-) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Each of ``todo``, its place in the record and arguments of the ``task``, with what it gives, as they come."""
-    if workers < 2:
-        yield from ((place, task(work, *given)) for place, given in todo)
-        return
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        places = {pool.submit(task, work, *given): place for place, given in todo}
-        yield from ((places[one], one.result()) for one in as_completed(places))
-
-
 def measure_fits(record: Record, work: Path, names: Sequence[str], workers: int) -> None:
-    """Measures the switches ``names``, all where none is named, on all folds, but what the ``record`` holds."""
-    todo = []
-    for switch in fits.SWITCHES:
-        for number, fold in enumerate(grounds(work)):
-            place = {"row": switch.name, "ground": fold.ground, "fold": fold.name}
-            wanted = fits.is_for(switch, fold) and (not names or switch.name in names)
-            if wanted and not record.of(code=code_version(), **place):
-                todo.append((place, (switch.name, number)))
-    for place, made in done(fit_task, work, todo, workers):
-        record.keep(**place, **made)
-        print(", ".join(place.values()), f"{made['processor']:.0f} s of processor", flush=True)
+    """Measures the switches ``names``, all where none is named, on all folds."""
+    tasks = [
+        ({"row": switch.name, "ground": fold.ground, "fold": fold.name}, (work, switch.name, number))
+        for switch in fits.SWITCHES
+        for number, fold in enumerate(grounds(work))
+        if fits.is_for(switch, fold) and (not names or switch.name in names)
+    ]
+    record.measure(fit_task, tasks, workers)
 
 
 def measure_diagnoses(record: Record, work: Path, most: int | None, workers: int) -> None:
-    """Answers the first ``most`` cases, all for None, but those in the ``record``."""
-    todo = []
-    for number, case in enumerate(cases(work)[:most]):
-        place = {"world": case.world, "kind": case.kind, "case": case.folder.name}
-        if not record.of(code=code_version(), **place):
-            todo.append((place, (number,)))
-    for place, made in done(diagnosis_task, work, todo, workers):
-        record.keep(**place, **made)
-        said = ", ".join([made["answer"][0], *made["answer"][1]])
-        hidden = "+".join(made["truth"]) or place["kind"]
-        print(*place.values(), f"{hidden}: {said} ({made['processor']:.0f} s of processor)", flush=True)
+    """Answers the first ``most`` cases, all for None."""
+    tasks = [
+        ({"world": case.world, "kind": case.kind, "case": case.folder.name}, (work, number))
+        for number, case in enumerate(cases(work)[:most])
+    ]
+    record.measure(diagnosis_task, tasks, workers)
 
 
 def main() -> None:

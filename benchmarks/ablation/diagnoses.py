@@ -7,10 +7,9 @@ switched off is judged by a replay of the decision, with new fits only where the
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,18 +17,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
+from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from benchmarks.blind.generator.write import generate
-from benchmarks.blind.solve import blind_ship
-from cases.io.read import read_trials
-from cases.io.site import read_site
-from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.estimation.prior_width import Width
-from diagnosis.findings import Findings
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
-from mmg.errors import UserError
 
 KINDS = {"null": 8, "library": 20, "strangers": 12}
 """Cases of each kind in each world."""
@@ -186,34 +179,16 @@ RARE = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Case:
-    """A case of a world: its folder and what is hidden in it."""
-
-    world: str
-    kind: str
-    folder: Path
-    truth: tuple[str, ...]
-    strength: str
-
-
 def cases(work: Path) -> list[Case]:
     """All cases, in an order in which any first part of them holds all worlds and kinds; those that are not there are
     generated in ``work``."""
-    parts = [list(_of_part(work, world, kind)) for world in WORLDS for kind in KINDS]
+    parts = []
+    for number, world in enumerate(WORLDS):
+        for kind, count in KINDS.items():
+            folder = work / "diagnoses" / f"{world}_{kind}"
+            parts.append(opened(folder, dealt(folder, world, kind, count, SEED + number)))
     placed = [((i + 0.5) / len(part), n, case) for n, part in enumerate(parts) for i, case in enumerate(part)]
     return [case for *_, case in sorted(placed, key=lambda row: row[:2])]
-
-
-def _of_part(work: Path, world: str, kind: str) -> Iterator[Case]:
-    folder = work / "diagnoses" / f"{world}_{kind}"
-    if not (folder / "key.json").is_file():
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        generate(folder, KINDS[kind], SEED + list(WORLDS).index(world), kind, "mixed", WORLDS[world])
-    for entry in json.loads((folder / "key.json").read_text(encoding="utf-8"))["cases"]:
-        effects = entry["effects"]
-        known = tuple(e["name"] for e in effects) if kind == "library" else ()
-        yield Case(world, kind, folder / entry["case"], known, effects[0]["strength"] if effects else "")
 
 
 def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
@@ -221,10 +196,7 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
     names, whether something is left over."""
     global WHOLE
     used, memo, seconds = time.process_time(), Memo(), {}
-    ship, site = blind_ship(WORLDS[case.world].ship), None
-    site = read_site([case.folder], ship)
-    trials, tests = read_trials(case.folder / "train"), read_trials(case.folder / "test")
-    ask = partial(diagnose, ship, trials, tests, site, DiagnosisOptions(learn=False))
+    ask = question(case.folder)
     found: dict[str, Any] = {}
     whole, remembered = WHOLE, {target: memo.of(target) for target in REMEMBERED}
     remembered[PREPARED] = partial(_anew, remembered[PREPARED])
@@ -234,15 +206,15 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
             for rule in rules:
                 began, memo.switch = time.process_time(), rule
                 with replaced(rule.replaced):
-                    found[rule.name] = _answer(ask)
+                    found[rule.name] = answer(ask)
                 seconds[rule.name] = round(time.process_time() - began, 2)
         finally:
             WHOLE = whole
     first = found.pop("as it is")
     kept = {rule: answer[:3] for rule, answer in found.items()}
     return {
-        "truth": case.truth, "strength": case.strength, "answer": first[:3], "evidence": first[3], "without": kept,
-        "processor": round(time.process_time() - used, 1), "each": seconds,
+        "truth": list(case.truth), "strength": case.strength, "answer": first[:3], "evidence": first[3],
+        "without": kept, "processor": round(time.process_time() - used, 1), "each": seconds,
     }  # fmt: skip
 
 
@@ -250,19 +222,3 @@ def _anew(prepared: Callable[..., tuple[Any, ...]], *given: Any) -> tuple[Any, .
     """What ``prepared`` gives, with a search that knows nothing yet."""
     *rest, ready = prepared(*given)
     return *rest, replace(ready, problem=replace(ready.problem, known=KnownResults()))
-
-
-def _answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str, Any]]:
-    """Verdict, names, remainder and evidence of a diagnosis; the verdict "error" where it fails."""
-    try:
-        found = ask()
-    except (UserError, np.linalg.LinAlgError) as error:
-        return "error", [], False, {"error": str(error)}
-    rows = [[c.name, c.delta_bic, c.p_value, c.score] for c in found.candidates if c.delta_bic is not None]
-    evidence = {
-        "candidates": rows,
-        "unnamed": [dict(found.unnamed.before), dict(found.unnamed.after)],
-        "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
-        "codes": sorted({getattr(m, "code", "") for m in found.warnings}),
-    }
-    return found.verdict, [e.name for e in found.effects], bool(found.remainder), evidence

@@ -20,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.switches import Switch, constantly, replaced
+from benchmarks.blind.cases import blind_ship, dealt, folders
 from benchmarks.blind.generator.world import WORLDS
-from benchmarks.blind.generator.write import generate
-from benchmarks.blind.solve import blind_ship
 from benchmarks.coverage import figure_hits
 from benchmarks.left_out import NORMAL, PAST, SHIP, Fold, inside_bands, records
 from cases import published_splits as splits
@@ -111,9 +110,8 @@ def gunnerus(work: Path) -> Iterator[Fold]:
 def generated(work: Path, world: str) -> Iterator[Fold]:
     """Cases of a ``world`` of ``benchmarks/blind``, of all kinds."""
     folder = work / f"fits_{world}"
-    if not (folder / "key.json").is_file():
-        generate(folder, GENERATED[world], SEED, "mix", "mixed", WORLDS[world])
-    for case in sorted(p for p in folder.glob("case_*") if p.is_dir()):
+    dealt(folder, world, "mix", GENERATED[world], SEED)
+    for case in folders(folder):
         train, out = (without_broken(read_trials(case / part)) for part in ("train", "test"))
         sealed = json.loads((folder / "sealed" / f"{case.name}.json").read_text(encoding="utf-8"))
         true = {s: v for s, v in sealed["nominal_true_coefficients"].items() if s in WORLDS[world].drawn}

@@ -12,8 +12,10 @@ import numpy as np
 
 from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
 from benchmarks.ablation.fits import BANDS, FIGURES, METRICS, SWITCHES, change
-from benchmarks.ablation.record import ROOT, Record
 from benchmarks.ablation.switches import Switch
+from benchmarks.blind.score import Answer, is_right, is_wrong
+from benchmarks.measured import ROOT, Record
+from benchmarks.record import table
 
 KEPT = ROOT / "benchmarks" / "ablation.json"
 PAGE = KEPT.with_suffix(".md")
@@ -43,8 +45,6 @@ MIDDLE = """## Diagnosis
 Answers to open cases of all worlds of `benchmarks/blind`. Right: of effects of the library the first name, of strangers
 that something without a name is there, of nothing hidden that nothing is missing. Wrong names: with nothing left over.
 Change of right answers [%], with its paired error; worlds in which it is 1 % or more."""
-Answer = Sequence[Any]
-"""Verdict, names, whether something is left over."""
 
 
 def write_table(fits: Record, diagnoses: Record) -> None:
@@ -122,23 +122,6 @@ def two_numbers(evidence: Mapping[str, Any]) -> Answer:
     return ("unknown" if most > UNNAMED else "none"), [], False
 
 
-def is_right(kind: str, truth: Sequence[str], answer: Answer) -> bool:
-    """Whether an ``answer`` is as it should be: nothing said of nothing, something without a name seen of a stranger,
-    the first name that of the truth."""
-    verdict, names, left = answer
-    if kind == "null":
-        return bool(verdict == "none")
-    if kind == "strangers":
-        return verdict == "unknown" or (verdict == "named" and left)
-    return verdict == "named" and names[0] in truth
-
-
-def is_wrong(kind: str, truth: Sequence[str], answer: Answer) -> bool:
-    """Whether a name that is not there is given with nothing left over."""
-    verdict, names, left = answer
-    return verdict == "named" and not left and names[0] not in truth
-
-
 def diagnosis_rows(record: Record) -> dict[str, Any]:
     """What the ``record`` holds of each rule, of the code that answered last."""
     if not record.rows:
@@ -190,16 +173,12 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO}
     lines = [HEAD.format(date=date), ""]
     head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
-    lines += _lines(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
+    lines += table(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
     lines += ["", "Share of what 90 % intervals and bands hold:", "", *_coverage(kept["fits"]), "", MIDDLE, ""]
     head = ["rule switched off", "cases", "weak", "medium", "strong", "strangers", "nothing", "wrong names",
             "gained", "lost", "change", "worlds", "commit"]  # fmt: skip
-    lines += _lines(head, [_diagnosis_cells(n, row, n in own[1]) for n, row in kept["diagnoses"].items()])
+    lines += table(head, [_diagnosis_cells(n, row, n in own[1]) for n, row in kept["diagnoses"].items()])
     return "\n".join([*lines, ""])
-
-
-def _lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)]
 
 
 def _percent(value: float | None, error: float | None) -> str:
@@ -237,7 +216,7 @@ def _coverage(rows: Mapping[str, Any]) -> list[str]:
             for length in ("30 s", "100 s"):
                 cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
                 lines.append([f"{name}: bands {part}, {length}", *cells])
-    made = _lines(["", *GROUNDS], [row for row in lines if any(row[1:])])
+    made = table(["", *GROUNDS], [row for row in lines if any(row[1:])])
     for name, row in rows.items():
         if "figures" in row:
             inside, outside = map(_share, row["figures"])

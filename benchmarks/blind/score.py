@@ -1,28 +1,77 @@
-"""The score of the answers to blind cases: rates by strength with their intervals, medians, the misses."""
+"""What the answers to opened cases got right: rates by kind and strength with their intervals, and the misses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.rows import (
-    MISFIT,
-    Row,
-    closure,
-    covered,
-    in_group,
-    one_too_many,
-    right,
-    rightly_named,
-    top1,
-    unnamed_seen,
-    wrongly_named,
-)
+from benchmarks.blind.cases import FOREIGN, MISFIT, Case
 from benchmarks.record import Figure, table
 
 STRENGTHS = ("weak", "medium", "strong")
+GAP = 1.15
+"""Error before / floor above which there is a gap to close."""
+Z90 = 1.645
+Answer = Sequence[Any]
+"""Verdict, names, whether something is left over."""
+Pair = tuple[Case, Mapping[str, Any]]
+"""A case, and the row of its answer."""
+KINDS = {"null": "nothing there: none", "foreign": "a cause without a name: unknown or a remainder",
+         "pair": "two effects: both named, nothing else", "library": "an effect: named",
+         MISFIT: "an effect on a ship of another structure: named"}  # fmt: skip
+"""What each kind is to be answered."""
+
+
+def is_right(kind: str, truth: Sequence[str], answer: Answer) -> bool:
+    """Whether an ``answer`` is as it should be: nothing said of nothing, something without a name seen of a stranger,
+    both of a pair, else the first name that of the truth."""
+    verdict, names, left = answer
+    if kind == "null":
+        return bool(verdict == "none")
+    if kind in FOREIGN:
+        return verdict == "unknown" or (verdict == "named" and left)
+    return verdict == "named" and (set(names) == set(truth) if kind == "pair" else names[0] in truth)
+
+
+def is_wrong(kind: str, truth: Sequence[str], answer: Answer) -> bool:
+    """Whether a name that is not there is given with nothing left over."""
+    verdict, names, left = answer
+    return verdict == "named" and not left and names[0] not in truth
+
+
+def right(pair: Pair) -> bool:
+    """Whether a case is answered as it should be."""
+    return is_right(pair[0].kind, tuple(pair[0].truth), pair[1]["answer"])
+
+
+def wrong(pair: Pair) -> bool:
+    """Whether a case is given a name that is not there."""
+    return is_wrong(pair[0].kind, tuple(pair[0].truth), pair[1]["answer"])
+
+
+def closure(pair: Pair) -> float | None:
+    """Share of the held-out error above the floor that what is named takes away; None without a gap. The diagnosis
+    measures from logged, noisy states, so that this is a bound from below."""
+    case, row = pair
+    errors = row["evidence"].get("held_out")
+    if errors is None or errors[0] / case.floor <= GAP:
+        return None
+    return float((errors[0] - errors[1]) / (errors[0] - case.floor)) if row["answer"][0] == "named" else 0.0
+
+
+def covered(pairs: Sequence[Pair]) -> tuple[int, int]:
+    """How many true parameters of named effects lie inside the 90 % intervals, of how many."""
+    inside = [
+        abs(value - case.truth[name][s]) <= Z90 * std
+        for case, row in pairs
+        for name, sizes in row["evidence"].get("sizes", {}).items()
+        for s, (value, std) in sizes.items()
+        if row["answer"][0] == "named" and s in case.truth.get(name, {})
+    ]
+    return sum(inside), len(inside)
 
 
 def interval(k: int, n: int) -> tuple[float, float]:
@@ -39,121 +88,50 @@ def cell(k: int, n: int) -> str:
     return f"{100 * k / n:.0f} [{100 * low:.0f}, {100 * high:.0f}] {k}/{n}"
 
 
-def rate(label: str, rows: Sequence[Row], hit: Callable[[Row], bool]) -> list[str]:
-    return _line(label, rows, lambda part: cell(sum(map(hit, part)), len(part)))
-
-
-def middle(label: str, rows: Sequence[Row], value: Callable[[Row], float | None], digits: int = 2) -> list[str]:
-    """A line of medians over the cases that have the value."""
-
-    def words(part: Sequence[Row]) -> str:
-        known = [x for x in map(value, part) if x is not None]
-        return f"{np.median(known):.{digits}f} (n {len(known)})" if known else ""
-
-    return _line(label, rows, words)
-
-
-def _line(label: str, rows: Sequence[Row], words: Callable[[Sequence[Row]], str]) -> list[str]:
-    return [label, *(words([r for r in rows if r.strength == s]) for s in STRENGTHS), words(rows)]
-
-
-def measures(rows: Sequence[Row]) -> list[list[str]]:
-    """The lines of the table: a measure, by strength and over all."""
-    of = {k: [r for r in rows if r.kind == k] for k in ("library", "null", "foreign", "pair", MISFIT)}
-    lines: list[list[str]] = []
-    for kind, make in (("library", _library), ("null", _null), ("foreign", _foreign), ("pair", _pair)):
-        lines += make(of[kind]) if of[kind] else []
-    if of[MISFIT]:
-        lines += [rate("misfit: its effect named first", of[MISFIT], rightly_named)]
-        lines += [rate("misfit: its effect named, nothing else", of[MISFIT], lambda r: set(r.named) == set(r.truth))]
-        lines += [rate("misfit: something left over noticed", of[MISFIT], unnamed_seen)]
-    lines.append(rate("all: wrong name, with nothing left over", rows, wrongly_named))
-    lines.append(rate("all: any name that is not there, also behind a right one", rows, one_too_many))
-    lines.append(rate("all: answered as it should be", rows, right))
-    return [*lines, rate("all: failed", rows, lambda r: r.verdict == "error")]
-
-
-def _library(rows: Sequence[Row]) -> list[list[str]]:
-    named = [r for r in rows if rightly_named(r)]
-    return [
-        rate("library: first candidate right (top-1)", rows, top1),
-        rate("library: verdict named", rows, lambda r: r.verdict == "named"),
-        rate("library: named, and the right one first", rows, rightly_named),
-        rate("library: verdict none", rows, lambda r: r.verdict == "none"),
-        rate("library: truth in the equivalence class", rows, in_group),
-        _line("library: size of the class, mean", rows, _mean_size),
-        _line("rightly named: parameters inside 90 % intervals", named, lambda part: cell(*covered(part))),
-        middle("library: closure, median", rows, closure),
-        middle("rightly named: closure, median", named, closure),
-    ]
-
-
-def _mean_size(rows: Sequence[Row]) -> str:
-    return f"{np.mean([len(r.group) for r in rows]):.2f}" if rows else ""
-
-
-def _null(rows: Sequence[Row]) -> list[list[str]]:
-    return [
-        rate("null: false alarm", rows, lambda r: r.verdict != "none"),
-        rate("null: of these, named", rows, lambda r: r.verdict == "named"),
-        rate("null: of these, unknown", rows, lambda r: r.verdict == "unknown"),
-    ]
-
-
-def _foreign(rows: Sequence[Row]) -> list[list[str]]:
-    return [
-        rate("foreign: unknown, or named with a remainder", rows, unnamed_seen),
-        rate("foreign: none", rows, lambda r: r.verdict == "none"),
-        rate("foreign: named with nothing left over", rows, wrongly_named),
-    ]
-
-
-def _pair(rows: Sequence[Row]) -> list[list[str]]:
-    return [
-        rate("pair: both named, nothing else", rows, lambda r: set(r.named) == set(r.truth)),
-        rate("pair: both named", rows, lambda r: set(r.truth) <= set(r.named)),
-        rate("pair: the first name is one of the two", rows, rightly_named),
-    ]
-
-
-def misses(rows: Sequence[Row]) -> list[str]:
+def misses(pairs: Sequence[Pair]) -> list[str]:
     """A table of the cases that were not answered as they should be."""
-    wrong = [r for r in rows if not right(r)]
-    names = [" > ".join(c["name"] for c in r.ranking[:3]) for r in wrong]
-    said = [" + ".join(r.named) + (" and more" if r.remainder else "") if r.named else r.verdict for r in wrong]
-    lines = [[r.case, r.kind, r.label, r.strength, s, n] for r, s, n in zip(wrong, said, names, strict=True)]
-    return table(["case", "kind", "truth", "strength", "answer", "first three candidates"], lines) if lines else []
+    lines = []
+    for case, row in (p for p in pairs if not right(p)):
+        verdict, names, left = row["answer"]
+        said = " + ".join(names) + (" and more" if left else "") if names else verdict
+        first = " > ".join(c[0] for c in row["evidence"].get("candidates", [])[:3])
+        lines.append([case.folder.name, case.kind, case.label, case.strength, said, first])
+    return (
+        table(["case", "kind", "truth", "strength", "answer", "first three candidates"], lines) if lines else ["none"]
+    )
 
 
-def scored(rows: Sequence[Row]) -> list[str]:
-    """The whole score in markdown: how long it took, the table, the misses."""
-    seconds = [r.answer["seconds"] for r in rows]
-    codes = {r.answer.get("code", "") for r in rows}
+def scored(pairs: Sequence[Pair], name: str) -> list[str]:
+    """The score of the world ``name`` in markdown: how long it took, the rates with their intervals, the misses."""
+    spent = [row["processor"] for _, row in pairs]
+    rows = [[f.what, cell(int(f.value), f.of or 0)] for f in figures(pairs, name).values()]
+    rows += [["failed", cell(sum(row["answer"][0] == "error" for _, row in pairs), len(pairs))]]
+    rows += [["true parameters of named effects inside their 90 % intervals", cell(*covered(pairs))]]
+    closed = [x for p in pairs if p[0].truth and (x := closure(p)) is not None]
+    if closed:
+        rows += [["share of the gap that is closed, median", f"{np.median(closed):.2f} (n {len(closed)})"]]
     return [
-        f"{len(rows)} cases; seconds per case: median {np.median(seconds):.0f}, most {max(seconds):.0f}. Rates in per "
-        f"cent with 95 % intervals (Clopper-Pearson) and counts. Code {', '.join(sorted(codes))}"
-        + ("." if len(codes) == 1 else ": THE ANSWERS WERE NOT ALL MADE BY THE SAME CODE."),
+        f"{len(pairs)} cases; seconds of processor per case: median {np.median(spent):.0f}, most {max(spent):.0f}. "
+        "Rates in per cent with 95 % intervals (Clopper-Pearson) and counts.",
         "",
-        *table(["measure", *STRENGTHS, "all"], measures(rows)),
+        *table(["measure", "rate"], rows),
         "",
         "Cases not answered as they should be:",
         "",
-        *(misses(rows) or ["none"]),
+        *misses(pairs),
     ]
 
 
-def figures(rows: Sequence[Row], name: str) -> dict[str, Figure]:
-    """Figures for the record of all ``rows``, their anchors ending with ``name``: what each kind is to be answered."""
+def figures(pairs: Sequence[Pair], name: str) -> dict[str, Figure]:
+    """Figures for the record, their anchors ending with ``name``: what each kind is to be answered."""
     made = {}
-    for kind, words in (("null", "nothing there: none"), ("foreign", "a cause without a name: unknown or a remainder"),
-                        ("pair", "two effects: both named, nothing else"), ("library", "an effect: named"),
-                        (MISFIT, "an effect on a ship of another structure: named")):  # fmt: skip
-        some = [r for r in rows if r.kind == kind]
+    for kind, words in KINDS.items():
+        some = [p for p in pairs if kind == (FOREIGN[0] if p[0].kind in FOREIGN else p[0].kind)]
         for strength in STRENGTHS if kind == "library" else ("",):
-            part = [r for r in some if not strength or r.strength == strength]
+            part = [p for p in some if strength in ("", p[0].strength)]
             if part:
                 mark = "_".join(word for word in ("blind", kind, strength, name) if word)
                 what = f"blind cases, {name}: {strength + ' ' if strength else ''}{words}"
                 made[mark] = Figure(what, sum(map(right, part)), of=len(part))
-    wrong = sum(map(wrongly_named, rows))
-    return made | {f"blind_wrong_{name}": Figure(f"blind cases, {name}: a name that is not there", wrong, of=len(rows))}
+    what = f"blind cases, {name}: a name that is not there"
+    return made | {f"blind_wrong_{name}": Figure(what, sum(map(wrong, pairs)), of=len(pairs))}

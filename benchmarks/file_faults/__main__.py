@@ -1,8 +1,9 @@
 """Does ``mmg check`` say of files what is wrong with them, and is what it advises right?
 
-``python -m benchmarks.file_faults [--seeds 1 2 3]``: each fault in each of 8 sets of ship and manoeuvres (3 m to 320 m,
-zigzags of 5 to 20 deg and turns, 1 to 20 Hz, wind, current, rounded columns) of a plant that is not the package's, in
-CSV files. Named: among what is contradictory or doubtful is a code of the fault and no other, in files that have it.
+``python -m benchmarks.file_faults [--plant own] [--seeds 1 2 3]``: each fault in each of 8 sets of ship and manoeuvres
+(3 m to 320 m, zigzags of 5 to 20 deg and turns, 1 to 20 Hz, wind, current, rounded columns) of a plant that is not the
+package's, in CSV files; or, with ``--plant own``, in trials that the package simulated (``simulated.py``). Named: among
+what is contradictory or doubtful is a code of the fault and no other, in files that have it.
 Harmful: the lines that are printed for trials.toml, written there, cannot be read, or leave more than NEARER of the
 distance from the truth. False alarm: anything contradictory or doubtful in files that are as they should be.
 """
@@ -14,11 +15,14 @@ import re
 import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.file_faults import simulated
 from benchmarks.file_faults.faults import FAULTS, Fault
 from benchmarks.file_faults.fleet import SETS, drawn
 from benchmarks.record import Figure, keep
@@ -37,6 +41,9 @@ NEARER = 0.7
 """Advice that leaves more than this share of the distance from the truth is harmful."""
 
 Files = list[dict[str, np.ndarray]]
+Answer = tuple[str, str]
+"""What an answer is worth, and what was said."""
+T = TypeVar("T")
 
 
 def written(folder: Path, files: Files, labels: Mapping[str, str]) -> None:
@@ -137,47 +144,59 @@ def broken(truth: Files, fault: Fault, name: str, seed: int, title: str) -> File
     return out
 
 
+def of_files(truth: Files, title: str, name: str, seed: int) -> tuple[str, str]:
+    """What is said of the files of the set ``name`` with the fault ``title``, "" for none."""
+    fault = FAULTS[title] if title else None
+    return judged(broken(truth, fault, name, seed, title) if fault else truth, truth, fault)
+
+
+def tally(titles: Iterable[str], sets: Mapping[str, T], judge: Callable[[T, str, str], Answer | None]) -> Counter[str]:
+    """How often each of ``titles`` of faults is named, missed and so on; prints a row of each, and what is not as it
+    should be. judge: of a set, a title and the name of the set."""
+    total: Counter[str] = Counter()
+    for title in titles:
+        found = {name: said for name, some in sets.items() if (said := judge(some, title, name))}
+        good = "named" if title else "quiet"
+        notes = [
+            f"     {kind}: {name}: {words or 'nothing said'}" for name, (kind, words) in found.items() if kind != good
+        ]
+        row = Counter(kind for kind, _ in found.values())
+        print(f"{title or 'as they should be':38s} {good} {row[good]} of {len(found)}", *notes, sep="\n", flush=True)
+        total += row
+    return total
+
+
 def main() -> None:
     """Prints a row per fault: in how many sets it is named, missed, taken for something else; and what harms."""
     parser = argparse.ArgumentParser()
+    parser.add_argument("--plant", choices=("foreign", "own"), default="foreign", help="where the trials come from")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEALED))
     parser.add_argument("--faults", default="", help="only those whose name holds these words")
     parser.add_argument("--sets", default="", help="only those whose name holds these words")
     parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     args = parser.parse_args()
-    names = [name for name in SETS if args.sets in name]
-    worlds = {(name, seed): drawn(name, seed) for seed in args.seeds for name in names}
-    alarms: Counter[str] = Counter()
-    for (name, seed), truth in worlds.items():
-        kind, words = judged(truth, truth, None)
-        alarms[kind] += 1
-        if kind == "alarm":
-            print(f"ALARM {name}, seed {seed}: {words}", flush=True)
-    print(f"as they should be: {alarms['alarm']} alarms in {sum(alarms.values())} folders", flush=True)
     total: Counter[str] = Counter()
-    for title, fault in FAULTS.items():
-        if args.faults not in title:
-            continue
-        row: Counter[str] = Counter()
-        notes = []
-        for (name, seed), truth in worlds.items():
-            kind, words = judged(broken(truth, fault, name, seed, title), truth, fault)
-            row[kind] += 1
-            if kind != "named":
-                notes.append(f"     {kind}: {name}, seed {seed}: {words or 'nothing said'}")
-        total += row
-        print(f"{title:38s} named {row['named']} of {len(worlds)}", *notes, sep="\n", flush=True)
+    for seed in args.seeds:
+        if args.plant == "own":
+            titles = [title for title in simulated.FAULTS if args.faults in title]
+            own = {name: some for name, some in simulated.sets(seed).items() if args.sets in name}
+            total += tally(["", *titles], own, lambda some, title, _: simulated.judged(some, title))
+        else:
+            titles = [title for title in FAULTS if args.faults in title]
+            files = {name: drawn(name, seed) for name in SETS if args.sets in name}
+            total += tally(["", *titles], files, partial(of_files, seed=seed))
+    alarms, sound = total["alarm"], total.pop("alarm", 0) + total.pop("quiet", 0)
     count, harms = sum(total.values()), sum(v for k, v in total.items() if "harmful" in k)
     named = sum(v for k, v in total.items() if k.startswith("named"))
-    missed = sum(v for k, v in total.items() if k.startswith("missed"))
-    print(f"named {named} of {count} ({named / max(count, 1):.1%}), missed {missed}, harmful {harms}, {dict(total)}")
+    print(f"named {named} of {count}, {alarms} alarms in {sound} sound sets, harmful {harms}, {dict(total)}")
     if args.record:
-        made = {
-            "files_foreign": Figure("faults of files of another plant named", named, of=count),
-            "files_foreign_harmful": Figure("advice on files of another plant that would harm", harms, of=count),
-            "files_foreign_alarms": Figure("false alarms in sound files", alarms["alarm"], of=sum(alarms.values())),
-        }
-        keep(made, f"python -m benchmarks.file_faults --seeds {' '.join(map(str, args.seeds))}")
+        of = {"foreign": "files of another plant", "own": "simulated trials"}[args.plant]
+        made = {"": Figure(f"faults of {of} named", named, of=count)}
+        made["_alarms"] = Figure(f"false alarms in sound {of}", alarms, of=sound)
+        if args.plant == "foreign":
+            made["_harmful"] = Figure(f"advice on {of} that would harm", harms, of=count)
+        words = f"--plant {args.plant} --seeds {' '.join(map(str, args.seeds))}"
+        keep({f"files_{args.plant}{k}": v for k, v in made.items()}, f"python -m benchmarks.file_faults {words}")
 
 
 if __name__ == "__main__":

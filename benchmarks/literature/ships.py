@@ -1,7 +1,7 @@
 """Ships with public manoeuvring data: main particulars, figures and where they come from.
 
-A figure is one that was published for the ship or her model, or that of a published mathematical model of her (library
-ship, or plant of this folder), simulated here. Port and starboard are averaged: a starting ship has no sides.
+A figure is one that was published for the ship or her model, or that of a published mathematical model of her, which
+was simulated once or is a ship of the library. Port and starboard are averaged: a starting ship has no sides.
 UNVERIFIED: from recollection or second hand.
 """
 
@@ -19,8 +19,6 @@ if sys.version_info >= (3, 11):
 else:  # pragma: no cover
     import tomli as tomllib
 
-from benchmarks.literature import container, tanker
-from benchmarks.literature.plants import Plant
 from cases.criteria.imo import REFERENCES
 from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import parse_maneuver
@@ -40,8 +38,8 @@ class LiteratureShip:
     """One ship.
 
     name, kind: "full" or "fine" of form, in words; particulars [SI] as a user would give them; speed [m/s] and rudder
-    rate [rad/s] of her manoeuvres; model: name of a ship of the library, or a plant, None where only figures are
-    known; published: figures that precede those of the model; group: ships that are the same hull; source; doubts.
+    rate [rad/s] of her manoeuvres; model: name of a ship of the library, None where only figures are known; published:
+    figures that precede those of the model; group: ships that are the same hull; source; doubts.
     """
 
     name: str
@@ -51,7 +49,7 @@ class LiteratureShip:
     rudder_rate: float
     source: str
     group: str
-    model: str | Plant | None = None
+    model: str | None = None
     published: Mapping[tuple[str, str], float] = field(default_factory=dict)
     doubts: str = ""
 
@@ -70,8 +68,6 @@ def _ships() -> Iterator[LiteratureShip]:
         published = {tuple(key.split(" ")): value for key, value in row.pop("published", {}).items()}
         if row.get("model") in REFERENCES:
             published = _both_sides(REFERENCES[row["model"]])
-        if plant := row.pop("plant", ""):
-            row["model"] = {"tanker": tanker.PLANT, "container": container.PLANT}[plant]
         row["rudder_rate"] = math.radians(row["rudder_rate"])
         yield LiteratureShip(**row, published=published)
 
@@ -103,8 +99,6 @@ def known_figures(name: str) -> dict[tuple[str, str], float]:
 def _simulated(ship: LiteratureShip, text: str) -> dict[str, float]:
     """Figures of the ship's mathematical model, in ship units."""
     length = ship.particulars["L"]
-    if isinstance(ship.model, Plant):
-        return in_ship_units(ship.model.figures(text), length)
     model = load_ship(str(ship.model))
     given = {} if str(ship.model) == "mariner" else {"speed": ship.speed}
     plan = parse_maneuver(text, model, rudder_rate=ship.rudder_rate, **given)

@@ -1,8 +1,7 @@
-"""The blind benchmark's runner and score: hand-made answers give hand-computed rates, and a changed key is refused."""
+"""The blind benchmark: what an answer got right, and keys that are read only as they were sealed."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,96 +9,49 @@ from typing import Any
 
 import pytest
 
+from benchmarks import measured
 from benchmarks.blind import __main__ as blind
-from benchmarks.blind import solve as solving
-from benchmarks.blind.rows import Refused, Row, closure, covered, rows_of
-from benchmarks.blind.score import figures, interval, measures, misses, scored
-from benchmarks.blind.solve import solve
+from benchmarks.blind.cases import Case, answer, dealt, folders, opened
+from benchmarks.blind.score import Pair, closure, covered, figures, interval, misses, scored
+from benchmarks.measured import Record
+from mmg.errors import UserError
 
 Parameters = Mapping[str, Mapping[str, float]]
 TOW = {"tow": {"X": 0.1, "Y": 0.0, "N": 0.0}}
 DRAFT = {"draft": {"share": 0.2}}
 
 
-def answer(verdict: str, *names: str, first: str = "", same: tuple[str, ...] = (), **more: Any) -> dict[str, Any]:
-    """An answer that names effects; ``first``: the candidate that leads the ranking where nothing is named."""
+def row(verdict: str, *names: str, left: bool = False, first: str = "", **sizes: Any) -> dict[str, Any]:
+    """A row of the record; ``first``: the candidate that leads the ranking where nothing is named."""
     order = list(dict.fromkeys([n for n in (*names, first, "tow", "draft", "bank", "current") if n]))
-    gains = [20.0, 15.0, 13.0, None]
-    held = {"mse_before": 3.0, "mse_after": 1.5}
-    parameters = more.pop("parameters", {})
-    return {
-        "verdict": verdict,
-        "effects": [{"name": n, "parameters": parameters.get(n, {})} for n in names],
-        "equivalence_class": list(same),
-        "remainder": False,
-        "candidates": [{"name": n, "delta_bic": g} for n, g in zip(order, gains, strict=True)],
-        "held_out": held,
-        "seconds": 2.0,
-        "code": "abc",
-    } | more
+    evidence = {"candidates": [[n, 20.0, 0.1, 1.0] for n in order], "held_out": [3.0, 1.5], "sizes": sizes}
+    return {"answer": [verdict, list(names), left], "evidence": evidence, "processor": 2.0}
 
 
-def row(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak", floor: float = 1.0) -> Row:
-    label = " + ".join(truth) or kind
-    return Row(f"{kind}_{len(given)}", kind, label, "" if kind == "null" else strength, truth, given, floor)
+def pair(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak", floor: float = 1.0) -> Pair:
+    hidden, strength = {name: dict(values) for name, values in truth.items()}, "" if kind == "null" else strength
+    return Case("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength, floor), given
 
 
-def rows() -> list[Row]:
-    failed = {"error": "UserError: no", "seconds": 9.0, "code": "abc"}
+def pairs() -> list[Pair]:
+    failed = {"answer": ["error", [], False], "evidence": {"error": "UserError: no"}, "processor": 9.0}
     return [
-        row("library", TOW, answer("named", "tow", same=("bank",))),  # right
-        row("library", TOW, answer("named", "draft", same=("tow",)), "strong"),  # wrong name, truth in the class
-        row("library", DRAFT, answer("none", first="tow")),  # missed; second candidate, 5 behind the best
-        row("library", DRAFT, failed),
-        row("null", {}, answer("none")),
-        row("null", {}, answer("unknown")),
-        row("null", {}, answer("named", "bank")),
-        row("foreign", {}, answer("unknown")),
-        row("foreign", {}, answer("named", "tow", remainder=True), "strong"),
-        row("foreign", {}, answer("named", "tow"), "strong"),
-        row("foreign", {}, answer("none"), floor=2.9),  # absorbed: 3.0 / 2.9 < 1.1
-        row("pair", TOW | DRAFT, answer("named", "tow", "draft")),
-        row("pair", TOW | DRAFT, answer("named", "tow", "draft", "bank")),
-        row("pair", TOW | DRAFT, answer("named", "tow")),
-        row("misfit", TOW, answer("named", "tow", remainder=True)),
+        pair("library", TOW, row("named", "tow")),  # right
+        pair("library", TOW, row("named", "draft"), "strong"),  # wrong name
+        pair("library", DRAFT, row("none", first="tow")),
+        pair("library", DRAFT, failed),
+        pair("null", {}, row("none")),
+        pair("null", {}, row("unknown")),
+        pair("null", {}, row("named", "bank")),
+        pair("foreign", {}, row("unknown")),
+        pair("strangers", {}, row("named", "tow", left=True), "strong"),
+        pair("foreign", {}, row("named", "tow"), "strong"),
+        pair("strangers", {}, row("none")),
+        pair("pair", TOW | DRAFT, row("named", "tow", "draft")),
+        pair("pair", TOW | DRAFT, row("named", "tow", "draft", "bank")),
+        pair("pair", TOW | DRAFT, row("named", "tow")),
+        pair("misfit", TOW, row("named", "tow", left=True)),
     ]
-
-
-def counts(lines: list[list[str]], label: str) -> tuple[str, ...]:
-    """The counts of a line: weak, medium, strong, all."""
-    found = next(line for line in lines if line[0] == label)
-    return tuple(words.split(" ")[-1] for words in found[1:])
-
-
-@pytest.mark.parametrize(
-    ("label", "weak", "strong", "every"),
-    [
-        ("library: first candidate right (top-1)", "1/3", "0/1", "1/4"),
-        ("library: verdict named", "1/3", "1/1", "2/4"),
-        ("library: named, and the right one first", "1/3", "0/1", "1/4"),
-        ("library: truth in the equivalence class", "2/3", "1/1", "3/4"),
-        ("null: false alarm", "", "", "2/3"),
-        ("null: of these, named", "", "", "1/3"),
-        ("null: of these, unknown", "", "", "1/3"),
-        ("foreign: unknown, or named with a remainder", "1/2", "1/2", "2/4"),
-        ("foreign: none", "1/2", "0/2", "1/4"),
-        ("foreign: named with nothing left over", "0/2", "1/2", "1/4"),
-        ("pair: both named, nothing else", "1/3", "", "1/3"),
-        ("pair: both named", "2/3", "", "2/3"),
-        ("misfit: its effect named first", "1/1", "", "1/1"),
-        ("all: wrong name, with nothing left over", "0/9", "2/3", "3/15"),
-        ("all: any name that is not there, also behind a right one", "1/9", "3/3", "5/15"),
-        ("all: answered as it should be", "4/9", "1/3", "6/15"),
-        ("all: failed", "1/9", "0/3", "1/15"),
-    ],
-)
-def test_rates_are_those_computed_by_hand(label: str, weak: str, strong: str, every: str) -> None:
-    assert counts(measures(rows()), label) == (weak, "", strong, every)
-
-
-def test_sizes_of_classes() -> None:
-    line = next(x for x in measures(rows()) if x[0] == "library: size of the class, mean")
-    assert line[-1] == "1.50"  # 2 (tow, bank), 2 (draft, tow), 2 (20 and 15, not 13), 0 (failed)
 
 
 def test_intervals_are_those_of_the_tables() -> None:
@@ -108,106 +60,84 @@ def test_intervals_are_those_of_the_tables() -> None:
 
 
 def test_intervals_of_sizes_are_counted() -> None:
-    found = {"tow": {s: {"value": v, "std": 0.01} for s, v in (("X", 0.1), ("Y", 0.03), ("N", 0.04))}}
-    assert covered([row("library", TOW, answer("named", "tow", parameters=found))]) == (1, 3)
-    assert covered([row("library", TOW, answer("none"))]) == (0, 0)
+    sizes = {"X": [0.1, 0.01], "Y": [0.03, 0.01], "N": [0.04, 0.01]}
+    assert covered([pair("library", TOW, row("named", "tow", tow=sizes))]) == (1, 3)
+    assert covered([pair("library", TOW, row("none"))]) == (0, 0)
 
 
 def test_closure_counts_only_what_is_named() -> None:
-    right, silent = rows()[0], rows()[2]
-    assert closure(right) == pytest.approx(0.75)  # (3 - 1.5) / (3 - 1)
+    named, silent = pairs()[0], pairs()[2]
+    assert closure(named) == pytest.approx(0.75)  # (3 - 1.5) / (3 - 1)
     assert closure(silent) == 0.0
-    assert closure(row("library", TOW, answer("named", "tow"), floor=2.9)) is None
+    assert closure(pair("library", TOW, row("named", "tow"), floor=2.9)) is None
 
 
-def test_figures_count_what_each_kind_is_to_be_answered() -> None:
-    made = {name: (figure.value, figure.of) for name, figure in figures(rows(), "basin").items()}
-    assert made["blind_null_basin"] == (1, 3) and made["blind_foreign_basin"] == (2, 4)
-    assert made["blind_library_weak_basin"] == (1, 3) and made["blind_library_strong_basin"] == (0, 1)
-    assert made["blind_pair_basin"] == (1, 3) and made["blind_wrong_basin"] == (3, 15)
+def test_figures_are_those_counted_by_hand() -> None:
+    made = {name: (figure.value, figure.of) for name, figure in figures(pairs(), "basin").items()}
+    assert made == {
+        "blind_null_basin": (1, 3), "blind_foreign_basin": (2, 4), "blind_pair_basin": (1, 3),
+        "blind_library_weak_basin": (1, 3), "blind_library_strong_basin": (0, 1), "blind_misfit_basin": (1, 1),
+        "blind_wrong_basin": (3, 15),
+    }  # fmt: skip
 
 
 def test_misses_are_listed_with_their_first_candidates() -> None:
-    text = "\n".join(misses(rows()))
-    assert text.count("\n") + 1 == 2 + 9
-    assert "| library | draft | weak | none | tow > draft > bank |" in text
-    assert "seconds per case: median 2, most 9" in scored(rows())[0]
-
-
-# Files
-
-
-def sealed_folder(folder: Path) -> str:
-    """A benchmark of two cases with one empty trial each; returns the hash of its key."""
-    entries = []
-    for i, (kind, effects) in enumerate([("library", [("tow", TOW["tow"])]), ("null", [])]):
-        name = f"case_{i:04d}"
-        files = {"train/a.csv": folder / name / "train" / "a.csv", "sealed": folder / "sealed" / f"{name}.json"}
-        for path in files.values():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps({"floor": 1.0}))
-        hashes = {k: hashlib.sha256(p.read_bytes()).hexdigest() for k, p in files.items()}
-        listed = [{"name": n, "strength": "weak", "parameters": p} for n, p in effects]
-        entries.append({"case": name, "kind": kind, "effects": listed, "sha256": hashes})
-    content = json.dumps({"cases": entries}).encode()
-    (folder / "key.json").write_bytes(content)
-    return hashlib.sha256(content).hexdigest()
+    lines = misses(pairs())
+    assert len(lines) == 2 + 9 and "| failed | 7 [0, 32] 1/15 |" in scored(pairs(), "basin")
+    assert any("| library | draft | weak | none | tow > draft > bank |" in line for line in lines)
+    assert "median 2, most 9" in scored(pairs(), "basin")[0]
 
 
 def test_a_key_is_read_only_as_it_was_sealed(tmp_path: Path) -> None:
-    digest = sealed_folder(tmp_path)
-    answers = {"case_0000": answer("named", "tow"), "case_0001": answer("none")}
-    assert [(r.kind, r.strength, list(r.truth)) for r in rows_of(tmp_path, digest, answers)] == [
-        ("library", "weak", ["tow"]),
-        ("null", "", []),
-    ]
-    with pytest.raises(Refused, match="case_0001"):
-        rows_of(tmp_path, digest, {"case_0000": answer("none")})
-    trial = tmp_path / "case_0000" / "train" / "a.csv"
+    folder = tmp_path / "cases"
+    digest = dealt(folder, "pond", "library", 1, 11)
+    assert dealt(folder, "pond", "library", 1, 11) == digest
+    (case,) = opened(folder, digest)
+    assert case.kind == "library" and case.label in case.truth and case.floor > 0
+    trial = next((case.folder / "train").iterdir())
+    before = trial.read_bytes()
     trial.write_text("another")
-    with pytest.raises(Refused, match=r"a\.csv"):
-        rows_of(tmp_path, digest, answers)
-    (tmp_path / "key.json").write_text((tmp_path / "key.json").read_text() + " ")
-    with pytest.raises(Refused):
-        rows_of(tmp_path, digest, answers)
+    with pytest.raises(UserError, match=trial.name):
+        opened(folder, digest)
+    trial.write_bytes(before)
+    (folder / "key.json").write_text((folder / "key.json").read_text() + " ")
+    with pytest.raises(UserError, match=r"key\.json"):
+        opened(folder, digest)
 
 
-def test_solving_goes_on_where_it_stopped_and_needs_no_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cases, answers = tmp_path / "cases", tmp_path / "answers"
-    for i in range(3):
-        (cases / f"case_{i:04d}").mkdir(parents=True)
-    answers.mkdir()
-    (answers / "case_0001.json").write_text('{"verdict": "kept"}')
-    asked: list[str] = []
+def test_a_case_that_fails_is_an_answer() -> None:
+    def ask() -> Any:
+        raise ValueError("no such luck")
 
-    def answered(case: Path) -> dict[str, Any]:
-        asked.append(case.name)
-        if case.name == "case_0002":
-            raise ValueError("no such luck")
-        return answer("none")
+    assert answer(ask) == ("error", [], False, {"error": "ValueError: no such luck"})
 
-    monkeypatch.setattr(solving, "answered", answered)
-    found = solve(cases, answers)
-    assert asked == ["case_0000", "case_0002"]
-    assert found["case_0001"] == {"verdict": "kept"}
-    assert found["case_0002"]["error"] == "ValueError: no such luck"
-    assert solve(cases, answers) == found
-    assert asked == ["case_0000", "case_0002"]
+
+def test_a_record_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measured, "code_version", lambda: "abc")
+    record, asked = Record(tmp_path / "answers.jsonl"), []
+
+    def work(case: str) -> dict[str, Any]:
+        asked.append(case)
+        return row("none")
+
+    tasks = [({"case": name}, (name,)) for name in ("a", "b")]
+    record.measure(work, tasks[:1], 1)
+    Record(record.path).measure(work, tasks, 1)
+    assert asked == ["a", "b"] and len(Record(record.path).of(code="abc")) == 2
 
 
 @pytest.mark.slow
 def test_the_whole_run_on_two_cases(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(solving, "answered", lambda case: answer("none"))
+    monkeypatch.setattr(blind, "answered", lambda case: row("none"))
     arguments = ["--cases", "2", "--seed", "910", "--workers", "1", "--kinds", "null", "--out", str(tmp_path)]
     assert blind.main(arguments) == 0
     said = capsys.readouterr().out
-    assert said.index("SHA-256 of the key") < said.index("case_0000: none")
-    assert "| null: false alarm |  |  |  | 0 [0, 84] 0/2 |" in said
-    folder = tmp_path / "cases" / "null_mixed"
-    assert blind.main([*arguments, "--cases", "3"]) == 2
-    assert "holds 2 cases of seed 910" in capsys.readouterr().err
-    (folder / "key.json").write_text("{}")
+    assert said.index("SHA-256 of the key") < said.index("case_0000, none")
+    assert "| 100 [16, 100] 2/2 |" in said
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    next((folders(folder)[0] / "train").iterdir()).write_text("another")
     assert blind.main(arguments) == 2
     assert capsys.readouterr().err.count("\n") == 1
+    assert json.loads((folder / "key.json").read_text())["kind"] == "null"

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from benchmarks.fuzz.__main__ import piece, table
+from benchmarks.fuzz.__main__ import outcome, piece, strict_warnings, table
 from benchmarks.fuzz.damage import numbered
-from benchmarks.fuzz.outcome import outcome, strict_warnings
 from benchmarks.fuzz.readers import BINARY, Reader, readers
 from benchmarks.fuzz.reproducers import REPRODUCERS, reproducers
 from mmg.errors import LONGEST, UserError

@@ -5,5 +5,4 @@ cross-flow; Heun or Runge-Kutta steps), own numerics of every effect, and effect
 the ship files are read. world.py has the worlds, wide.py those where every case draws its own conditions; foreign.py
 and strangers.py have the causes without a name. Whoever works on the diagnosis should not read the effect files of this
 folder, nor a key.
-Run from the repository root: python -m benchmarks.blind.generator OUT --cases 100 --seed 1
 """

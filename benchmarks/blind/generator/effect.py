@@ -95,6 +95,24 @@ class Effect:
         return y
 
 
+class OneNumber(Effect):
+    """An effect with one number, and a few of its shape that are drawn uniformly and that no key holds."""
+
+    number = "size"
+    two_sided = False
+    shape: dict[str, tuple[float, float]] = {}  # noqa: RUF012
+    per_run: dict[str, tuple[float, float]] = {}  # noqa: RUF012
+    """Numbers of the shape that differ from run to run."""
+
+    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
+        size = (sign(rng) if self.two_sided else 1.0) * self.size(strength, rng)
+        inside = {self.number: size, **{k: float(rng.uniform(*limits)) for k, limits in self.shape.items()}}
+        return Drawn({self.number: size}, inside)
+
+    def __init_subclass__(cls) -> None:
+        cls.neutral = {cls.number: 0.0, **{k: 0.5 * (a + b) for k, (a, b) in (cls.shape | cls.per_run).items()}}
+
+
 def scaled(force: Force, X: Any, Y: Any, N: Any) -> Force:
     """A force with factors on its components."""
     return force[0] * X, force[1] * Y, force[2] * N

@@ -6,24 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, scaled, sign
+from benchmarks.blind.generator.effect import Array, Drawn, Effect, OneNumber, scaled, sign
 from benchmarks.blind.generator.instruments import turned
 
 
-class Sized(Effect):
-    """A foreign effect with one signed size and a few shape numbers that are drawn uniformly, some for each run."""
+class Sized(OneNumber):
+    """A foreign effect with one signed size and a few shape numbers, some for each run, that the key holds."""
 
     two_sided = True
-    shape: dict[str, tuple[float, float]] = {}  # noqa: RUF012
-    per_run: dict[str, tuple[float, float]] = {}  # noqa: RUF012
 
     def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
         size = self.size(strength, rng) * (sign(rng) if self.two_sided else 1.0)
         inside = {"size": size, **{k: float(rng.uniform(*limits)) for k, limits in self.shape.items()}}
         return Drawn(dict(inside), inside | {k: rng.uniform(*limits, runs) for k, limits in self.per_run.items()})
-
-    def __init_subclass__(cls) -> None:
-        cls.neutral = {"size": 0.0, **{k: 0.5 * (a + b) for k, (a, b) in (cls.shape | cls.per_run).items()}}
 
 
 class YawDrag(Sized):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, History, sign, vector
+from benchmarks.blind.generator.effect import Array, Drawn, Effect, History, OneNumber, vector
 
 
 def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
@@ -33,15 +33,11 @@ class AntennaOffset(Effect):
         return out
 
 
-class GnssDelay(Effect):
+class GnssDelay(OneNumber):
     """Position and velocity over ground are those of a while ago; heading, and the axes of u and v, are of now."""
 
     name, levels = "gnss_delay", (0.25, 0.5, 1.0)
-    neutral = {"tau": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        tau = self.size(strength, rng)
-        return Drawn({"tau": tau}, {"tau": tau})
+    number = "tau"
 
     def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
         s = history.states
@@ -64,15 +60,11 @@ class GnssDelay(Effect):
         return out
 
 
-class HeadingBias(Effect):
+class HeadingBias(OneNumber):
     """Logged heading off by a constant; u and v come from the velocity over ground and are turned with it."""
 
     name, levels = "heading_bias", tuple(np.radians((0.14, 0.57, 2.0)))
-    neutral = {"psi": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        psi = sign(rng) * self.size(strength, rng)
-        return Drawn({"psi": psi}, {"psi": psi})
+    number, two_sided = "psi", True
 
     def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
         out = y.copy()
@@ -81,15 +73,11 @@ class HeadingBias(Effect):
         return out
 
 
-class LogScale(Effect):
+class LogScale(OneNumber):
     """Logged u off by a share, which is 8 % larger at high than at low speed."""
 
     name, levels = "log_scale", (0.002, 0.01, 0.05)
-    neutral = {"share": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        share = sign(rng) * self.size(strength, rng)
-        return Drawn({"share": share}, {"share": share})
+    number, two_sided = "share", True
 
     def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
         out = y.copy()

@@ -6,18 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, scaled, sign
+from benchmarks.blind.generator.effect import Array, Drawn, Effect, OneNumber, scaled
 
 
-class RudderLag(Effect):
+class RudderLag(OneNumber):
     """Real rudder late by two first-order lags in a row, whose time constants add up to T."""
 
     name, levels = "rudder_lag", (0.25, 0.6, 1.5)
-    neutral = {"T": 0.0, "split": 0.5}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        T = self.size(strength, rng)
-        return Drawn({"T": T}, {"T": T, "split": rng.uniform(0.1, 0.4)})
+    number, shape = "T", {"split": (0.1, 0.4)}
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
         if k == 0:
@@ -37,44 +33,32 @@ def follow(y: Array, x_0: Array, x_1: Array, T: Array, dt: float) -> Array:
     return np.where(T > 0, late, x_1)
 
 
-class RudderBacklash(Effect):
+class RudderBacklash(OneNumber):
     """Play of half width b between logged and real rudder, as true hysteresis: the real one is dragged by the ends."""
 
     name, levels = "rudder_backlash", tuple(np.radians((1.1, 2.9, 5.7)))
-    neutral = {"b": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        b = self.size(strength, rng)
-        return Drawn({"b": b}, {"b": b})
+    number = "b"
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
         memory["at"] = np.clip(memory.get("at", delta[0]), delta[k] - e.b, delta[k] + e.b)
         return n[k], memory["at"]
 
 
-class RudderOffset(Effect):
+class RudderOffset(OneNumber):
     """Real rudder is the logged one plus a constant, a little less of it at large angles (linkage)."""
 
     name, levels = "rudder_offset", tuple(np.radians((1.1, 2.9, 5.0)))
-    neutral = {"delta": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        delta = sign(rng) * self.size(strength, rng)
-        return Drawn({"delta": delta}, {"delta": delta})
+    number, two_sided = "delta", True
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
         return n[k], delta[k] + e.delta * (0.6 + 0.4 * np.cos(delta[k]))
 
 
-class ControlDelay(Effect):
+class ControlDelay(OneNumber):
     """Rudder and revolutions act late by a true transport delay (linear interpolation of the past)."""
 
     name, levels = "control_delay", (0.15, 0.4, 1.2)
-    neutral = {"tau": 0.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        tau = self.size(strength, rng)
-        return Drawn({"tau": tau}, {"tau": tau})
+    number = "tau"
 
     def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
         at = np.maximum(k - e.tau / dt, 0.0)
@@ -116,15 +100,11 @@ class RudderStall(Effect):
         parts["rudder"] = scaled(parts["rudder"], left, left, left)
 
 
-class Fouling(Effect):
+class Fouling(OneNumber):
     """Larger resistance in straight motion; the added part grows with a power of speed a little below two."""
 
     name, levels = "fouling", (0.3, 0.6, 1.0)
-    neutral = {"share": 0.0, "power": 2.0}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        share = self.size(strength, rng)
-        return Drawn({"share": share}, {"share": share, "power": rng.uniform(1.8, 2.0)})
+    number, shape = "share", {"power": (1.8, 2.0)}
 
     def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
         speed = np.sign(m.u) * 0.0625 * (np.abs(m.u) / 0.25) ** e.power
@@ -146,15 +126,11 @@ class Draft(Effect):
         p["d"], p["m"] = p["d"] * (1 + e.share), p["m"] * (1 + 1.05 * e.share)
 
 
-class HullMemory(Effect):
+class HullMemory(OneNumber):
     """Sway force and yaw moment of the hull arrive late: two parts with time constants around their mean T."""
 
     name, levels, states = "hull_memory", (0.5, 1.2, 2.5), 4
-    neutral = {"T": 0.0, "share": 0.5, "quick": 0.5}  # noqa: RUF012
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        T = self.size(strength, rng)
-        return Drawn({"T": T}, {"T": T, "share": rng.uniform(0.55, 0.8), "quick": rng.uniform(0.5, 0.85)})
+    number, shape = "T", {"share": (0.55, 0.8), "quick": (0.5, 0.85)}
 
     def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> Array:
         X, Y, N = parts["hull"]

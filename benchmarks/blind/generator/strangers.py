@@ -2,7 +2,7 @@
 
 With those of ``foreign`` of which the same is true they are the kind "strangers". Not for the eyes of who diagnoses.
 The levels are such that the median case costs, in 30 s errors against the floor, about what the effects of ``foreign``
-do (``python -m benchmarks.blind.generator.calibration``).
+do.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.trial_faults import FAULTS, contradictions
+from benchmarks.file_faults.simulated import FAULTS, contradictions
 from cases.checks import check
 from cases.criteria.simulated_trial import simulated_trial
 from cases.shipfiles.ship_file import load_ship

@@ -1,15 +1,13 @@
-"""Faults of files put into simulated trials of other ships: does mmg check say what it is, and is its advice right?
+"""Faults of trials that the package simulated: 8 sets of ship and manoeuvres (3 m to 320 m, mild to hard, 1 to 20 Hz,
+rounded positions, with and without wind).
 
-``python -m benchmarks.trial_faults [--seed N] [--record]``: 8 sets of ship and manoeuvres (3 m to 320 m, mild to hard,
-1 to 20 Hz, rounded positions, with and without wind), each fault in each set. Named: the contradictions in the reports
-of the set have codes of the fault, and no other. False alarm: a contradiction in a set as it is.
+Named: the contradictions in the reports of the set have codes of the fault, and no other. Alarm: a contradiction in a
+set as it is.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -17,7 +15,6 @@ import numpy as np
 
 from benchmarks.file_faults.faults import FAULTS as OF_FILES
 from benchmarks.file_faults.faults import KNOT, Change, both, earth, scaled, swapped
-from benchmarks.record import Figure, keep
 from cases.checks import check
 from cases.criteria.simulated_trial import simulated_trial
 from cases.shipfiles.ship_file import load_ship
@@ -95,38 +92,16 @@ def contradictions(trials: Sequence[Trial]) -> list[str]:
     return found
 
 
-def main() -> None:
-    """Prints a row per fault: in how many sets it is named, missed, or taken for something else."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seed", type=int, default=17)
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
-    given = parser.parse_args()
-    cases = sets(given.seed)
-    alarms = {name: contradictions(trials) for name, trials in cases.items()}
-    print("false alarms:", {name: codes for name, codes in alarms.items() if codes} or "none")
-    total: Counter[str] = Counter()
-    for fault, (make, codes) in FAULTS.items():
-        row: Counter[str] = Counter()
-        for name, trials in cases.items():
-            broken = [make(trial) for trial in trials]
-            if all(np.array_equal(a[c], b[c]) for a, b in zip(trials, broken, strict=True) for c in a.columns):
-                continue  # a ship without a propeller has no revolutions in a wrong unit
-            said = contradictions(broken)
-            kind = "missed" if not said else "named" if set(said) <= set(codes) else "other"
-            row[kind] += 1
-            if kind != "named":
-                row[f"[{name}: {', '.join(sorted(set(said))) or 'nothing'}]"] += 1
-        total += Counter({k: row[k] for k in ("named", "missed", "other")})
-        count = sum(row[k] for k in ("named", "missed", "other"))
-        print(f"{fault:30s} {row['named']} of {count}", *(k for k in row if k.startswith("[")))
-    print(f"named {total['named']} of {sum(total.values())}, taken for something else {total['other']}")
-    if given.record:
-        named = Figure("faults of simulated trials named", total["named"], of=sum(total.values()))
-        loud = sum(bool(codes) for codes in alarms.values())
-        false = Figure("false alarms in sound simulated trials", loud, of=len(cases))
-        command = f"python -m benchmarks.trial_faults --seed {given.seed}"
-        keep({"files_own": named, "files_own_alarms": false}, command)
-
-
-if __name__ == "__main__":
-    main()
+def judged(trials: list[Trial], title: str) -> tuple[str, str] | None:
+    """("named", "other" or "missed"), and what was said, of ``trials`` with the fault ``title``, "" for none: "alarm"
+    or "quiet". None where the fault changes nothing, as a ship without a propeller has no revolutions."""
+    if not title:
+        said = contradictions(trials)
+        return "alarm" if said else "quiet", ", ".join(said)
+    make, codes = FAULTS[title]
+    wrong = [make(trial) for trial in trials]
+    if all(np.array_equal(a[c], b[c]) for a, b in zip(trials, wrong, strict=True) for c in a.columns):
+        return None
+    said = contradictions(wrong)
+    kind = "missed" if not said else "named" if set(said) <= set(codes) else "other"
+    return kind, ", ".join(sorted(set(said)))

@@ -1,0 +1,117 @@
+"""Cases of the blind benchmark: generated and sealed, answered without their key, and opened."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.generator.write import generate
+from cases.io.read import read_trials
+from cases.io.site import read_site
+from cases.shipfiles.ship_file import load_ship
+from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.findings import Findings
+from mmg.errors import UserError
+from mmg.ship import Ship
+
+PRIOR, LEAST = 0.08, 1e-5
+"""Prior standard deviation of the ship's coefficients: this share of their value, at least ``LEAST``."""
+MISFIT = "misfit"
+FOREIGN = ("foreign", "strangers")
+"""Kinds of cases with a cause that the library does not hold."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """An opened case: world, kind, folder; truth: parameters of the hidden effects that the library holds; label: all
+    of them in words; strength; floor: error of the true model over 30 s windows of the held-out runs, with what is
+    hidden and real actuators, from the true states, without the random force."""
+
+    world: str
+    kind: str
+    folder: Path
+    truth: dict[str, dict[str, float]]
+    label: str
+    strength: str
+    floor: float
+
+
+@cache
+def blind_ship(name: str = "esso_osaka_3m") -> Ship:
+    """The ship as the diagnosis gets it: nominal coefficients, each known to 8 %."""
+    ship = load_ship(name)
+    rows = {s: ship.coefficients[s] for s in ship.free}
+    return ship.with_coefficients({s: c.with_(std=max(PRIOR * abs(c.value), LEAST)) for s, c in rows.items()})
+
+
+def dealt(folder: Path, world: str, kind: str, count: int, seed: int, chosen: str = "mixed") -> str:
+    """Generate ``count`` cases of a ``kind`` and a set of manoeuvres in ``folder``, unless they are there; returns the
+    SHA-256 of their key."""
+    if not (folder / "key.json").is_file():
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        return generate(folder, count, seed, kind, chosen, WORLDS[world])
+    return hashlib.sha256((folder / "key.json").read_bytes()).hexdigest()
+
+
+def folders(folder: Path) -> list[Path]:
+    """The case folders of a benchmark, in order."""
+    return sorted(p for p in folder.glob("case_*") if p.is_dir())
+
+
+def opened(folder: Path, digest: str) -> list[Case]:
+    """The cases of a ``folder``. UserError unless its key, and all files that this commits to, are those of the
+    ``digest``."""
+    content = (folder / "key.json").read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise UserError(f"{folder / 'key.json'} is not the key whose hash was printed ({digest}): nothing is scored")
+    key, found = json.loads(content), []
+    for entry in key["cases"]:
+        case, sealed = folder / entry["case"], folder / "sealed" / f"{entry['case']}.json"
+        for name, wanted in entry["sha256"].items():
+            path = sealed if name == "sealed" else case / name
+            if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
+                raise UserError(f"{path} was changed after the key was sealed: nothing is scored")
+        effects = entry["effects"]
+        truth = {e["name"]: e["parameters"] for e in effects if entry["kind"] not in FOREIGN and e["name"] != MISFIT}
+        kind = entry["kind"] if key["kind"] == "mix" else key["kind"]
+        label, strength = " + ".join(e["name"] for e in effects), effects[0]["strength"] if effects else ""
+        floor = json.loads(sealed.read_text(encoding="utf-8"))["floor"]
+        found.append(Case(key["world"], kind, case, truth, label, strength, floor))
+    return found
+
+
+def question(case: Path) -> Callable[[], Findings]:
+    """The diagnosis of a ``case``: of its folders ``train`` and ``test`` and perhaps ``site.toml``, and no key."""
+    ship = blind_ship(json.loads((case.parent / "ship.json").read_text(encoding="utf-8"))["ship"])
+    site, (train, test) = read_site([case], ship), (read_trials(case / part) for part in ("train", "test"))
+    return partial(diagnose, ship, train, test, site, DiagnosisOptions(learn=False))
+
+
+def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str, Any]]:
+    """Verdict, names, remainder and evidence of a diagnosis; the verdict "error" where it fails, in any way."""
+    try:
+        found = ask()
+    except Exception as error:  # a wrong answer, and the other cases go on
+        return "error", [], False, {"error": f"{type(error).__name__}: {error}"}
+    evidence = {
+        "candidates": [[c.name, c.delta_bic, c.p_value, c.score] for c in found.candidates if c.delta_bic is not None],
+        "unnamed": [dict(found.unnamed.before), dict(found.unnamed.after)],
+        "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
+        "codes": sorted({getattr(m, "code", "") for m in found.warnings}),
+        "sizes": {e.name: {s: [p.value, p.std] for s, p in e.parameters.items()} for e in found.effects},
+    }
+    return found.verdict, [e.name for e in found.effects], bool(found.remainder), evidence
+
+
+def answered(case: Path) -> dict[str, Any]:
+    """The row of a record with the answer to a ``case``, and what led to it."""
+    used = time.process_time()
+    *said, evidence = answer(question(case))
+    return {"answer": said, "evidence": evidence, "processor": round(time.process_time() - used, 1)}
