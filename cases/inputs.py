@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cases.trial import Trial, wraps
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
@@ -53,7 +53,7 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
             why = f" [{unit}] ({words}), which the ship's model needs"
             if name == "delta" and "delta_port" in trial:
                 why = "; its twin rudders need a ship model with two rudders"
-            raise UserError(f"{trial.name}: no column {name}{why}")
+            raise Missing(f"{trial.name}: no column {name}{why}")
     _check_unused(trial, used)
     ignored = [name for name in INPUTS if name in trial and name not in used and np.nan_to_num(trial[name]).any()]
     if ignored:
@@ -82,7 +82,7 @@ def _check_driven(trial: Trial, actuators: Sequence[str]) -> None:
     driving = [name for name in actuators if INPUTS[name][1] == "rps"]
     if driving and set(driving) <= set(_AT_REST) and not set(driving) & set(trial.columns):
         there = ", ".join(name for name in INPUTS if name in trial) or "no actuator"
-        raise UserError(
+        raise Missing(
             f"{trial.name}: no column {' or '.join(driving)}, which drive the ship's model (the file has {there}); "
             "name them in trials.toml (columns), or take a ship that has the file's actuators"
         )
@@ -102,7 +102,7 @@ def _check_unused(trial: Trial, used: set[str]) -> None:
         most = float(np.nanmax(np.abs(trial[name]), initial=0.0))
         if most > 0:
             reaches = f"{most:g} rps" if INPUTS[name][1] == "rps" else f"{math.degrees(most):.3g} deg"
-            raise UserError(
+            raise Conflict(
                 f"{trial.name}: {name} reaches {reaches}, but the ship's model has no such actuator; "
                 "add it to the ship file ([model]) or remove the column"
             )

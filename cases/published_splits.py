@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from mmg.errors import UserError
+from mmg.errors import Missing
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _table:
     _rows = list(csv.DictReader(_table))
@@ -36,13 +36,13 @@ def data_folder() -> Path:
     named = os.environ.get("MMG_DATA")
     if named:
         if not Path(named).is_dir():
-            raise UserError(f"MMG_DATA={named}: no such folder; set it to the folder that holds frt-ds-esso")
+            raise Missing(f"MMG_DATA={named}: no such folder; set it to the folder that holds frt-ds-esso")
         return Path(named)
     places = [Path.cwd() / "../shared/data", Path(__file__).resolve().parents[1] / "../shared/data"]
     for place in places:
         if place.is_dir():
             return place.resolve()
-    raise UserError("no ../shared/data here: set MMG_DATA to the folder that holds frt-ds-esso")
+    raise Missing("no ../shared/data here: set MMG_DATA to the folder that holds frt-ds-esso")
 
 
 def find(names: Iterable[str]) -> list[Path]:
@@ -52,7 +52,7 @@ def find(names: Iterable[str]) -> list[Path]:
     """
     folder = data_folder() / "frt-ds-esso"
     if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder; clone FRT-DS-ESSO there or set MMG_DATA to its parent")
+        raise Missing(f"{folder}: no such folder; clone FRT-DS-ESSO there or set MMG_DATA to its parent")
     at = {path.stem: path for path in sorted(folder.glob("*/*.csv"))}
     wanted = list(names)
     missing = [name for name in wanted if name not in at]
@@ -60,5 +60,5 @@ def find(names: Iterable[str]) -> list[Path]:
         held = sorted(set(missing) & set(TEST))
         reason = f" ({len(held)} of them in the published test set)" if held else ""
         listed = ", ".join(missing)
-        raise UserError(f"{folder}: {len(missing)} of {len(wanted)} records are not there{reason}: {listed}")
+        raise Missing(f"{folder}: {len(missing)} of {len(wanted)} records are not there{reason}: {listed}")
     return [at[name] for name in wanted]

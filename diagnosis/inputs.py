@@ -18,7 +18,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
-from mmg.errors import UserError
+from mmg.errors import Missing, OutOfRange, TooFewData, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -55,7 +55,7 @@ class DiagnosisOptions:
     def __post_init__(self) -> None:
         if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
             least = f"at least {LEAST_CAMPAIGNS} for a probability of 1 %"
-            raise UserError(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
+            raise OutOfRange(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
 
 
 def diagnosis_store(
@@ -103,7 +103,7 @@ def parted(
             "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train, "
             f"{line}"
         )
-        raise UserError(f"{names}: {words}")
+        raise Missing(f"{names}: {words}")
     words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"
     return kept, [*tests, *out], [Message(words, "role_held_out")]
 
@@ -112,10 +112,10 @@ def diagnosable_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Messa
     """The ``trials`` without copies, and messages on these. Raises UserError without any, and where no input ever
     changes: then no force of the ship is told from another."""
     if not trials:
-        raise UserError("no trials to diagnose: name at least one trial file")
+        raise Missing("no trials to diagnose: name at least one trial file")
     if all(inputs_are_constant(t) for t in trials):
         words = "the inputs n and delta never change, so there is nothing to diagnose by; give trials with manoeuvres"
-        raise UserError(f"{', '.join(t.name for t in trials)}: {words}")
+        raise TooFewData(f"{', '.join(t.name for t in trials)}: {words}")
     return without_copies(trials)
 
 

@@ -39,7 +39,7 @@ from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
-from mmg.errors import UserError
+from mmg.errors import Missing
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
@@ -169,7 +169,7 @@ def prepare(
     full = ship_with_all_effects(ship, every, place.held, place.start) if every else ship_with_latent_force(ship)
     base = priors_before(ship, other_trials and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
-        raise UserError(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
+        raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[Message] = []
     steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], step or default_step(trials, length))

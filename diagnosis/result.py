@@ -19,7 +19,7 @@ from diagnosis.report.missing_force import FILE, missing_force, missing_force_te
 from fitting.record import MessageRow
 from fitting.report.run_folder import check_target, of_predictions, read_result, write_json, write_whole
 from mmg.effects import with_present_names
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing
 from mmg.messages import has_code, messages_from
 from mmg.notebook import html_table
 
@@ -107,7 +107,7 @@ def is_complete(folder: Path) -> bool:
         return False
     content = read_result(folder)
     if content["kind"] != "diagnosis":
-        raise UserError(f"{folder}: is no run of mmg diagnose, so there is nothing to resume; choose another --out")
+        raise BadValue(f"{folder}: is no run of mmg diagnose, so there is nothing to resume; choose another --out")
     return content.get("complete") is True
 
 
@@ -139,13 +139,13 @@ def read_diagnosis(folder: Path | str) -> Diagnosis:
 def _checked(kind: Any, path: Path) -> Any:
     """The content of a JSON file as ``kind``."""
     if not path.exists():
-        raise UserError(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
+        raise Missing(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
     try:
         return _adapter(kind).validate_python(with_present_names(read_json(path)))
     except ValidationError as error:
         rows = [(".".join(str(x) for x in e["loc"]) or "it", e["msg"], e["input"]) for e in error.errors()]
         wrong = [f"{key}: {words}" + ("" if isinstance(x, (dict, list)) else f", not {x!r}") for key, words, x in rows]
-        raise UserError(f"{path}: {'; '.join(wrong)}") from None
+        raise BadValue(f"{path}: {'; '.join(wrong)}") from None
 
 
 @cache

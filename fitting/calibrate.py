@@ -37,7 +37,7 @@ from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
-from mmg.errors import UserError
+from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
@@ -234,7 +234,7 @@ def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) ->
 
 def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:
     if options.per_run and options.per_campaign not in ((), ("none",)):
-        raise UserError(
+        raise Conflict(
             f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
             "fitted together; leave out --per-campaign or --per-run"
         )

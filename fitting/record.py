@@ -16,7 +16,7 @@ from cases.trial import Trial
 from fitting.prediction.score_pairs import ScorePair
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg.messages import Message
 from mmg.rollout import Simulator
 
@@ -265,12 +265,12 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     from pydantic import ValidationError
 
     if content.get("kind") != "calibration":
-        raise UserError(
+        raise BadValue(
             f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run folder of mmg fit"
         )
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
-        raise UserError(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
+        raise BadValue(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
     content = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
     if isinstance(settings := content.get("settings"), dict):  # a loss still to be chosen was null in earlier versions
         content["settings"] = {key: value for key, value in settings.items() if value is not None}
@@ -283,4 +283,4 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
             first, *rest = fault["loc"]
             faults.append(f"{'.'.join(map(str, (names.get(str(first), first), *rest)))}: {fault['msg'].lower()}")
         more = f"; and {len(faults) - 8} more" if len(faults) > 8 else ""
-        raise UserError(f"{path}: {'; '.join(faults[:8])}{more}") from None
+        raise BadValue(f"{path}: {'; '.join(faults[:8])}{more}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 
 LOSSES = ("gaussian", "huber", "student")
 """Costs of a residual, explained in fitting/nlp/loss.py."""
@@ -62,4 +62,4 @@ ESTIMATORS = ("both", "windows")
 def check_estimator(name: str) -> None:
     """Raises UserError unless ``name`` is one of ESTIMATORS."""
     if name not in ESTIMATORS:
-        raise UserError(f"estimator {name}: unknown; choose one of {', '.join(ESTIMATORS)}")
+        raise UnknownName(f"estimator {name}: unknown; choose one of {', '.join(ESTIMATORS)}")

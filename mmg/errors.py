@@ -67,6 +67,18 @@ class TargetExists(UserError):
     """A target that would be replaced."""
 
 
+class Unreadable(UserError):
+    """A file that cannot be opened, or is damaged."""
+
+
+class TooFewData(UserError):
+    """A file without rows, or trials that are too short, too few or too still for what is asked of them."""
+
+
+class NoSolution(UserError):
+    """A motion that diverges or misses its event, or a balance or search without a result."""
+
+
 class NotWritable(UserError):
     """A place that cannot be written."""
 

@@ -115,14 +115,14 @@ def simulate(
     from cases.criteria.simulated_trial import simulated_trial
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
-    from mmg.errors import UserError
+    from mmg.errors import Conflict
 
     model = with_effects(_ship(ship), effects)
     if isinstance(maneuver, str):
         plan = parse_maneuver(maneuver, model, seed=seed, duration=duration)
         return simulated_trial(model, plan, None, wind, noise, seed, dt)
     if duration is not None or dt is not None:
-        raise UserError("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
+        raise Conflict("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
     return simulated_trial(model, None, maneuver, wind, noise, seed)
 
 
@@ -205,21 +205,21 @@ def predict(
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.worth_of_past import past_to_use
-    from mmg.errors import UserError
+    from mmg.errors import OutOfRange, TooFewData, Unsupported
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
     from mmg_ident.prediction import Prediction, remarks_on
 
     if adapt is not None and not (0 <= adapt < float("inf")):
-        raise UserError("--adapt must be 0 or a positive number of seconds")
+        raise OutOfRange("--adapt must be 0 or a positive number of seconds")
     if not window >= 0 or (stride is not None and not stride > 0):
-        raise UserError("--window must be 0 or positive and --stride positive")
+        raise OutOfRange("--window must be 0 or positive and --stride positive")
     step = stride or (window if window > 0 else 1.0)
     simulator = predictor(model)
     ship = simulator.ship if isinstance(simulator, Simulator) else None
     if adapt and not ship:
-        raise UserError(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
+        raise Unsupported(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
@@ -237,7 +237,7 @@ def predict(
         results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
     if not any(p.windows for p in results):
         notes = "; ".join(note for p in results for note in p.notes)
-        raise UserError(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
+        raise TooFewData(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
     return results
 
 
@@ -297,7 +297,7 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
     Raises UserError where the folder is none of these, or was changed so that it cannot be read.
     """
     from fitting.report.run_folder import read_result
-    from mmg.errors import UserError
+    from mmg.errors import BadValue
 
     kind = read_result(Path(folder))["kind"]
     if kind == "calibration":
@@ -312,7 +312,7 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
         from diagnosis.result import read_diagnosis
 
         return read_diagnosis(folder)
-    raise UserError(f"{folder}: result.json says kind {kind!r}; known are calibration, training and diagnosis")
+    raise BadValue(f"{folder}: result.json says kind {kind!r}; known are calibration, training and diagnosis")
 
 
 def write_report(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 
 _CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself, or compare models with mmg select"
 _FORCES = "it made no left-out run better; mmg predict --adapt and mmg diagnose estimate a slowly varying force"
@@ -31,7 +31,7 @@ def refuse_gone(values: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> None:
     for name, value in dict(values).items():
         sentence = GONE.get(name) or (GONE.get((name, value)) if isinstance(value, str) else None)
         if sentence:
-            raise UserError(sentence)
+            raise UnknownName(sentence)
 
 
 def refuse_gone_options(arguments: list[str]) -> None:

@@ -12,7 +12,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg_ident.gone import refuse_gone
 
 if TYPE_CHECKING:
@@ -76,5 +76,5 @@ def given_settings(kind: type, line: Mapping[str, Any], file: Path | None) -> di
     _, problems = checked(schema_of(kind), dict(line))
     if problems:
         name, _, rest = problems[0].strip().partition(" = ")
-        raise UserError(f"{option_of(known[name])} {rest}" if name in known else problems[0])
+        raise BadValue(f"{option_of(known[name])} {rest}" if name in known else problems[0])
     return values | dict(line)

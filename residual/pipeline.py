@@ -32,7 +32,7 @@ from fitting.report.run_folder import (
     versions,
 )
 from fitting.result import FitResult
-from mmg.errors import UserError
+from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import Message
 from mmg.network import Network
 from mmg.progress import OnProgress
@@ -73,11 +73,11 @@ def train(
     """
     began = time.perf_counter()
     if keep not in KEEP:
-        raise UserError(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
+        raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
     ship, known, name = _start(ship_or_fit)
     chosen, by_role = training_trials(trials, validation)
     if not chosen:
-        raise UserError("no trials to train on: name at least one trial file")
+        raise Missing("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
     taken = assumed([*chosen, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)

@@ -39,7 +39,7 @@ from fitting.report.run_folder import (
     write_whole,
 )
 from fitting.solvers.interrupts import LEFT_OUT
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
 from mmg.network import Network
 from mmg.notebook import html_table
@@ -264,7 +264,7 @@ def read_training(folder: str | Path) -> TrainResult:
     folder = Path(folder)
     content = read_result(folder)
     if content["kind"] != "training":
-        raise UserError(f"{folder}: is no run of mmg train")
+        raise BadValue(f"{folder}: is no run of mmg train")
     box, network, decision, recommended = None, None, None, ""
     try:
         if content["model"] == HYBRID:
@@ -300,7 +300,7 @@ def read_training(folder: str | Path) -> TrainResult:
         why = f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         why = str(error)
-    raise UserError(f"{folder / RESULT}: is incomplete ({why}); train again")
+    raise BadValue(f"{folder / RESULT}: is incomplete ({why}); train again")
 
 
 def _page(
@@ -327,5 +327,5 @@ def write_report(
         page = _page(runs, full_load, imo)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         names = ", ".join(str(Path(f) / RESULT) for f in folders)
-        raise UserError(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None
+        raise BadValue(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None
     write_page(page, where)

@@ -19,7 +19,7 @@ import numpy as np
 from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, default_step, grids
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.ship import AIR, Ship
 from residual.settings import BlackBoxSettings, TrainSettings
 
@@ -202,17 +202,17 @@ def _check(split: Split, settings: TrainSettings, given: bool) -> None:
     longest = max((p.steps * h for p in split.train), default=0.0)
     what = "a network" if isinstance(settings, BlackBoxSettings) else "a residual"
     if given and all(p.steps < rows for p in split.judge):
-        raise UserError(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
+        raise TooFewData(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
     if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
         every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
         total = sum(p.steps * h for p in every.values())
-        raise UserError(
+        raise TooFewData(
             f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "
             f"or three blocks of {WINDOW + GAP:g} s, are needed to train, to stop and to judge by different ones. Keep "
             "the calibrated ship, or give more trials"
         )
     if longest < shortest:
-        raise UserError(
+        raise TooFewData(
             f"too little data for {what}: the longest piece to train on is {longest:.0f} s, shorter than the "
             f"first rollouts of {shortest:g} s; keep the calibrated ship or give longer trials"
         )

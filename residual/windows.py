@@ -15,7 +15,7 @@ import torch
 from cases.checks.motion import white_noise
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
 from residual.settings import SETS
@@ -155,7 +155,7 @@ def training_scales(
     """
     rows = windows(pieces, h, 1, 1)
     if rows is None:
-        raise UserError("too little data to train on: no piece of a trial is longer than a step without a gap")
+        raise TooFewData("too little data to train on: no piece of a trial is longer than a step without a gap")
     measured, mask = measured_accelerations(rows)
     known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
     states = [p.grid.states[p.first : p.last + 1] for p in pieces]
@@ -185,6 +185,6 @@ def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
     """
     std = np.nanstd(np.vstack(states)[:, 3:], axis=0)
     if not (std > 0).all():
-        raise UserError("u, v or r never changes in the training trials, so there is nothing to learn from")
+        raise TooFewData("u, v or r never changes in the training trials, so there is nothing to learn from")
     position = POSITION * length_scale(length)
     return np.array([position, position, HEADING, *std])

@@ -22,7 +22,7 @@ from cases.checks.trusted import as_they_are, with_doubt, without_broken
 from cases.checks.wind import wind
 from cases.io.sentinels import CODE, without_sentinels
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 
 __all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready", "refuse_contradictory"]
@@ -98,7 +98,7 @@ def _unrefuted(reports: list[CheckReport], anyway: str) -> list[CheckReport]:
     if wrong:
         text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
         names = ", ".join(report.path or report.name for report in wrong)
-        raise UserError(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
+        raise Conflict(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
     return reports
 
 

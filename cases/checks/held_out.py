@@ -12,7 +12,7 @@ from cases.checks.trusted import remarks
 from cases.io.campaigns import campaign_labels
 from cases.io.sidecar import line_for
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing
 from mmg.messages import Message
 
 MOST_LISTED = 5
@@ -32,7 +32,7 @@ def training_trials(trials: Sequence[Trial], judges: Sequence[Trial] = ()) -> tu
         words = (
             "trials.toml gives them the role test or validate; none is left to train on: write for those to train on"
         )
-        raise UserError(f"{names}: {words}, {line}")
+        raise Missing(f"{names}: {words}, {line}")
     messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
     once, copies = without_copies(kept)
     return once, [*remarks([*once, *judges]), *messages, *copies]

@@ -18,7 +18,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.stopping import CODES
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing, NoSolution, UnknownName, UserError
 from mmg.messages import Message, has_code
 from mmg.notebook import html_table
 from mmg.ship import CalibrationMark, Ship
@@ -108,7 +108,7 @@ def imo_figures(
     for text in maneuvers:
         if "order_time" not in parse_maneuver(text, calm, speed=V, rudder_rate=rudder_rate).parameters:
             kinds = "turning, zigzag, spiral, pull-out, crash-stop, coasting"
-            raise UserError(f"manoeuvre '{text}' has no order to judge; use {kinds}")
+            raise UnknownName(f"manoeuvre '{text}' has no order to judge; use {kinds}")
     runs, missed = [], {}
     for text in dict.fromkeys((*STANDARD, *maneuvers)):
         try:
@@ -116,7 +116,7 @@ def imo_figures(
         except UserError as error:
             missed[text] = str(error)
     if not runs:
-        raise UserError(next(iter(missed.values())))
+        raise NoSolution(next(iter(missed.values())))
     L = calm.particulars["L"]
     heading = f"{calm.title}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
     if "n" in calm.actuators:
@@ -152,7 +152,7 @@ def imo_figures_of_trials(
     given, when the trials are not of the ship, and when there is no manoeuvre in any of them.
     """
     if ship is None and length is None:
-        raise UserError("trials need the length of their ship; give ship or length")
+        raise Missing("trials need the length of their ship; give ship or length")
     L = length if length is not None else ship.particulars["L"] if ship else 0.0
     runs, notices = [], [*remarks(trials), *(assumed(trials, ship.inputs) if ship else ())]
     if has_code(notices, CODE):
@@ -169,7 +169,7 @@ def imo_figures_of_trials(
             notices.append(Message(f"left out: {error}", "no_maneuver_found"))
     refused = [note for note in notices if has_code([note], "no_maneuver_found")]
     if not runs:
-        raise UserError(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
+        raise Missing(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
     several = len(trials) - len(refused) < len(runs)
     held = f", {len(runs)} manoeuvres" if several else ""
     title, used = ship.title if ship else "ship", len(trials) - len(refused)

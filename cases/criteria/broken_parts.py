@@ -11,7 +11,7 @@ from cases.criteria.measured_maneuvers import Execute
 from cases.io.leave_out import bridged, inside, spans_left_out
 from cases.io.sidecar import line_for
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg.states import STATES
 
 LARGEST_TURN = math.radians(5.0)
@@ -37,7 +37,7 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
             execute = replace(execute, reversals=tuple(before[:-1]), end=before[-1])
             break
         turns = f"she turns by more than {math.degrees(LARGEST_TURN):g} deg meanwhile"
-        raise UserError(
+        raise BadValue(
             f"{trial.name}: {first:.1f} to {last:.1f} s are left out, in the manoeuvre that is measured, and "
             f"{'something else moved the ship there' if moved else turns}; mend them, add to "
             f"{line_for(trial.path, trial.name, 'exclude = []')}, or add --unchecked"

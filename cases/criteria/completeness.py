@@ -9,7 +9,7 @@ import numpy as np
 from cases.criteria.figures import Since, since
 from cases.maneuvers.definitions import STEADY_CHANGE, Maneuver
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import Message
 
 
@@ -37,7 +37,7 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     else:
         fatal, words = judge[maneuver.kind](since(trial, order_time), maneuver)
     if fatal and not maneuver.partial:
-        raise UserError(words)
+        raise TooFewData(words)
     return (Message(words, "event_not_reached"),) if words else ()
 
 

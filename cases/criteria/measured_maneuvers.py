@@ -20,7 +20,7 @@ from cases.criteria.ordered_steps import nominal, ordered_at_once
 from cases.criteria.rudder_steps import RudderStep, held_stretches
 from cases.criteria.stops import Stop, find_stops
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing, UnknownName
 
 KINDS = ("turning", "zigzag", "crash-stop")
 
@@ -107,7 +107,9 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     the trial says itself that it is something else (random, berthing, ...) and no kind is asked for. trial: the run.
     """
     if not kind and trial.kind and trial.kind not in KINDS:
-        raise UserError(f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one")
+        raise UnknownName(
+            f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one"
+        )
     t = trial.t - trial.t[0]
     stops = [] if kind in ("turning", "zigzag") else find_stops(t, trial["n"], trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, trial.rudder, _ship_time(trial, length))
@@ -120,7 +122,7 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
     found = [execute for execute in found if kind in ("", execute.kind)] if kind else found
     if not found:
-        raise UserError(_nothing(trial, holds, kind))
+        raise Missing(_nothing(trial, holds, kind))
     result, before = [], 0.0
     for execute in sorted(found, key=lambda e: e.order_time):
         result.append(_approached(trial, length, execute, before))

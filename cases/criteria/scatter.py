@@ -13,7 +13,7 @@ from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
-from mmg.errors import UserError
+from mmg.errors import Missing, NoSolution, OutOfRange
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.notebook import html_table
@@ -118,7 +118,7 @@ def draw_coefficients(
     """
     free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
     if not free:
-        raise UserError(f"{ship.name}: no coefficient has a standard deviation; give std in the ship file, or a fit")
+        raise Missing(f"{ship.name}: no coefficient has a standard deviation; give std in the ship file, or a fit")
     matrix = np.eye(len(free))
     if correlation is not None:
         known = {symbol: i for i, symbol in enumerate(correlation[0])}
@@ -174,7 +174,7 @@ def scatter(
     spiral and pull-out, and when no motion is that of a ship. correlation: symbols (Q,) and matrix (Q, Q).
     """
     if not 2 <= count <= MOST:
-        raise UserError(f"scatter {count}: give 2 to {MOST} draws")
+        raise OutOfRange(f"scatter {count}: give 2 to {MOST} draws")
     L = ship.particulars["L"]
     plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
     drawn = draw_coefficients(ship, count, seed, correlation)
@@ -185,7 +185,7 @@ def scatter(
         fast = np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) > 3 * reference_speed(L)
     good = np.flatnonzero(np.isfinite(runs.states).all(axis=(0, 1)) & ~fast)
     if len(good) == 0:
-        raise UserError(f"{ship.name}: every motion diverges; check its coefficients")
+        raise NoSolution(f"{ship.name}: every motion diverges; check its coefficients")
     figures = {int(m): figures_of(runs.trial(int(m)), plan) for m in good}
     own = figures.pop(0, {})
     notices = []

@@ -14,7 +14,7 @@ from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Conflict
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -39,7 +39,7 @@ def simulated_trial(
     event.
     """
     if (maneuver is None) == (controls is None):
-        raise UserError("give either a manoeuvre or controls, one of them")
+        raise Conflict("give either a manoeuvre or controls, one of them")
     air = parse_wind(wind) if isinstance(wind, str) else wind
     if isinstance(maneuver, str) and (own := harbour_seed(maneuver, seed)) is not None:
         maneuver, controls = None, harbour_inputs(ship, None, own, dt)

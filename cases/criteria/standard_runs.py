@@ -17,7 +17,7 @@ from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -51,7 +51,7 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     """
     if speed is not None:
         if not (math.isfinite(speed) and speed > 0):
-            raise UserError(f"test speed {speed:g} m/s must be positive")
+            raise OutOfRange(f"test speed {speed:g} m/s must be positive")
         return speed, "as given"
     own = ship.particulars.get("U_0", 0.0)
     if own > 0:

@@ -21,7 +21,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
-from mmg.errors import UserError
+from mmg.errors import Missing, UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
@@ -138,7 +138,7 @@ def _modelled(run: Run, ship: Ship) -> _Model:
     t = trial.t - trial.t[0]
     rows = (t >= run.order_time) & (t <= run.end + 1e-9) & np.isfinite(trial.wind_vector).all(axis=1)
     if not trial.has_wind or not rows.any():
-        raise UserError("no wind is recorded")
+        raise Missing("no wind is recorded")
     north, east = -trial.wind_vector[rows].mean(axis=0)
     good = np.isfinite(trial["psi"])
     heading = float(np.interp(run.order_time, t[good], trial.psi_unwrapped[good]))

@@ -19,7 +19,7 @@ from cases.importing.vocabulary import factor, known_units, turn_of
 from cases.io.conventions import converted
 from cases.io.table import MOST_ROWS
 from cases.trial import RUDDERS, UNITS, wraps
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS
 
@@ -59,7 +59,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     exchanged = positions_problem(columns, logs, chosen, where)
     problems = [exchanged] if exchanged else clock_problems(logs, chosen)
     if problems:
-        raise UserError("; ".join(problems))
+        raise BadValue("; ".join(problems))
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
@@ -77,7 +77,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns[quantity] = columns[quantity] * (factor(quantity, unit) or 1.0)
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
-        raise UserError(f"{where}: " + "; ".join(problems))
+        raise Missing(f"{where}: " + "; ".join(problems))
     std: dict[str, float] = {}
     if "psi" in columns:
         if "true_wind_angle" in columns and "wind_direction" not in columns:
@@ -108,11 +108,11 @@ def _on_one_clock(
     which the logs hold these."""
     first, last = max(log.t[0] for log in logs), min(log.t[-1] for log in logs)
     if last <= first:
-        raise UserError(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
+        raise Conflict(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
     states = [s for log in logs for name in STATES if name in log.columns and np.isfinite(s := log.step(name))]
     step = chosen.step or _round(min(states or [log.dt for log in logs]))
     if last - first > MOST_ROWS * step:
-        raise UserError(
+        raise OutOfRange(
             f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
             "see whether it jumps, divide the log, or give a longer step in the map"
         )
@@ -127,7 +127,7 @@ def _on_one_clock(
                 continue
             columns[quantity], taken[quantity] = _at(first + t, log, quantity, values), log
     if len(t) < LEAST_ROWS:
-        raise UserError(f"{where}: only {len(t)} rows that all logs hold; at least {LEAST_ROWS} are needed")
+        raise TooFewData(f"{where}: only {len(t)} rows that all logs hold; at least {LEAST_ROWS} are needed")
     for quantity in [q for q, values in columns.items() if np.isfinite(values).sum() < LEAST_ROWS]:
         del columns[quantity]
         notices.append(Message(f"{quantity} holds fewer than {LEAST_ROWS} numbers and is left out", "column_empty"))
@@ -188,7 +188,7 @@ def _place(
                     Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset")
                 )
         if max(np.ptp(columns[n][np.isfinite(columns[n])]) for n in ("x", "y")) > LARGE:
-            raise UserError(
+            raise OutOfRange(
                 f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
             )
         return
@@ -218,7 +218,7 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
         words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
     if unknown:
         words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
-    raise UserError(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
+    raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
 def with_name(run: ImportedRun, name: str) -> ImportedRun:

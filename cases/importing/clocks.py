@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.raw_table import Clock, RawTable
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError
 from mmg.messages import Message
 
 SECONDS = {
@@ -79,13 +79,13 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     and how often; and where no two rows have different times."""
     t = clock.t[np.isfinite(clock.t)]
     if len(t) < 2:
-        raise UserError(f"{where}: column '{clock.header}' holds fewer than two times")
+        raise TooFewData(f"{where}: column '{clock.header}' holds fewer than two times")
     back = np.flatnonzero(np.diff(t) < 0)
     if len(back):
         i = int(back[0])
         raise backwards(where, clock.header, i + 1, float(t[i] - t[i + 1]), f" ({len(back)} such rows)")
     if t[0] == t[-1]:
-        raise UserError(f"{where}: the clock '{clock.header}' stands still")
+        raise BadValue(f"{where}: the clock '{clock.header}' stands still")
     return [Message(f"time from '{clock.header}': {clock.words}", "clock")]
 
 
@@ -124,7 +124,7 @@ def backwards(where: str, header: str, row: int, far: float, more: str = "") -> 
 
     where, header: the table and its clock; row: the last good one, 1 for the first; far: by how much [s]; more: words.
     """
-    return UserError(
+    return BadValue(
         f"{where}: the clock '{header}' runs backwards by {far:.3g} s after row {row}{more}; "
         "divide the file there, or leave out the rows that were logged twice"
     )
@@ -134,7 +134,7 @@ def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
     """A clock of numbers: by its unit, or since 1970 where the size of the numbers says so."""
     known = values[np.isfinite(values)]
     if not len(known) or np.abs(known).max() > LATEST:
-        raise UserError(f"{where}: column '{header}' holds no times, or some that no clock shows")
+        raise BadValue(f"{where}: column '{header}' holds no times, or some that no clock shows")
     middle = float(np.median(known))
     for name, (low, high) in EPOCH.items():
         if low <= middle < high and (not unit or unit.lower() == name or (name == "s" and unit.lower() == "sec")):
@@ -142,10 +142,10 @@ def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
     if not unit and 2e4 < middle < 8e4 and np.ptp(values[np.isfinite(values)]) < 1.0:
         return Clock((values - DAYS_1899) * 86400.0, True, header, "days of a spreadsheet")
     if not unit:
-        raise UserError(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
+        raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
     factor = SECONDS.get(unit.lower())
     if factor is None:
-        raise UserError(f"{where}: unknown unit '{unit}' of time; known: {', '.join(SECONDS)}")
+        raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(SECONDS)}")
     return Clock(values * factor, False, header, f"in {unit}")
 
 
@@ -196,13 +196,13 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
         elif (second > 12).any():
             order = {"dayfirst": False}
         else:
-            raise UserError(f"{where}: '{given.iloc[0]}': day and month could be either; write dates as 2026-11-22")
+            raise BadValue(f"{where}: '{given.iloc[0]}': day and month could be either; write dates as 2026-11-22")
         order["format"] = "mixed"
     try:
         parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
         since = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
     except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
-        raise UserError(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
+        raise BadValue(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
     _refuse(parsed.isna() & text.notna(), text, where, before)
     zoned = text.astype(str).str.contains(ZONE, regex=True).to_numpy()
     naive = (text.notna() & ~zoned).to_numpy()
@@ -214,7 +214,7 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
 
 def mixed_zones(where: str, row: int) -> UserError:
     """What is said of stamps with and without a zone. where: names table and column; row: the first other one."""
-    return UserError(
+    return Conflict(
         f"{where}: some stamps have a time zone and others none (from row {row} on); write it to all, or say that of "
         "the others: --zone-hours, or zone_hours in the map"
     )
@@ -225,7 +225,7 @@ def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
     if bad.any():
         row = int(np.flatnonzero(bad.to_numpy())[0])
         words = f"row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)"
-        raise UserError(f"{where}: {words}")
+        raise BadValue(f"{where}: {words}")
 
 
 def _normal_stamp(value: Any) -> Any:

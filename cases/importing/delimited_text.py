@@ -14,7 +14,7 @@ from typing import Any
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.files import read_bytes
 from cases.io.units import FACTORS, SPELLINGS
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable
 from mmg.messages import Message
 
 SEPARATORS = (";", "\t", "|", ",", " ")
@@ -77,11 +77,11 @@ def read_text_table(path: Path) -> RawTable:
     text = _text(path, read_bytes(path))
     lines = [(i + 1, line) for i, line in enumerate(text.splitlines()) if line.strip()]
     if not lines:
-        raise UserError(f"{path}: the file is empty")
+        raise TooFewData(f"{path}: the file is empty")
     commented = [line for _, line in lines if is_comment(line)]
     kept = [pair for pair in lines if not is_comment(pair[1])]
     if not kept:
-        raise UserError(f"{path}: holds nothing but comments; is it a table?")
+        raise TooFewData(f"{path}: holds nothing but comments; is it a table?")
     number, body = zip(*kept, strict=True)
     found, rows = layout(path, body, commented)
     notices = list(found.notices)
@@ -93,7 +93,7 @@ def read_text_table(path: Path) -> RawTable:
         data = data[:-1]
         notices.append(Message(CUT_OFF, "last_line_cut"))
     if len(data) * width > MOST_CELLS:
-        raise UserError(f"{path}: more than {MOST_CELLS} cells; divide it")
+        raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
     return table_of(path, found, data, notices)
 
 
@@ -165,9 +165,9 @@ def _text(path: Path, content: bytes) -> str:
         try:
             return content.decode("utf-16")
         except UnicodeDecodeError:
-            raise UserError(f"{path}: damaged text in UTF-16; save it in UTF-8") from None
+            raise Unreadable(f"{path}: damaged text in UTF-16; save it in UTF-8") from None
     if b"\0" in content[:4096]:
-        raise UserError(f"{path}: is no text; expected a table, an Excel file (.xlsx), Parquet, or an NMEA log")
+        raise BadValue(f"{path}: is no text; expected a table, an Excel file (.xlsx), Parquet, or an NMEA log")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -200,7 +200,7 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
         if value > score + 0.05:
             best, score = separator, value
     if not best:
-        raise UserError(
+        raise BadValue(
             f"{path}: no separator (semicolon, tab, bar, comma, blank) gives its lines equally many cells; is it a "
             "table?"
         )
@@ -219,7 +219,7 @@ def _first_data_row(path: Path, rows: list[list[str]], separator: str) -> int:
     for i, row in enumerate(rows[: PREAMBLE + 2]):
         if len(row) == width and _is_data(row):
             return i
-    raise UserError(f"{path}: no row of {width} cells with numbers below a header (cells separated by {separator!r})")
+    raise BadValue(f"{path}: no row of {width} cells with numbers below a header (cells separated by {separator!r})")
 
 
 def _header(
@@ -233,13 +233,13 @@ def _header(
         other = next((s for s in SEPARATORS[:4] if s != separator and len(cells_of([line], s)[0]) == width), "")
         if other:
             words = f"the header's cells are separated by {other!r}, those of the rows by {separator!r}"
-            raise UserError(f"{path}: {words}; write one of them throughout")
+            raise BadValue(f"{path}: {words}; write one of them throughout")
     if not above:  # the header may be a comment, as of numpy.savetxt and of Fortran programs
         for line in reversed(commented):
             cells = [c.strip() for c in cells_of([line.lstrip(" #%!/")], separator)[0]]
             if len(cells) == width and not _is_data(cells):
                 return cells, [""] * width, first
-        raise UserError(f"{path}: the first line holds numbers, not headers; give them by a line above, or by --map")
+        raise BadValue(f"{path}: the first line holds numbers, not headers; give them by a line above, or by --map")
     if len(above) == 2 and _are_units(above[1]):
         return above[0], [cell.strip("[]() ") for cell in above[1]], first
     return above[-1], [""] * width, first
@@ -263,7 +263,7 @@ def check_widths(path: Path, data: list[list[str]], width: int, numbers: Sequenc
         row = data[other[0]]
         mixed = next((s for s in SEPARATORS[:4] if len(row) < width and s.join(row).count(s) >= width - 1), "")
         why = f"cells look separated by {mixed!r} there" if mixed else "correct the line"
-        raise UserError(
+        raise BadValue(
             f"{path}: line {numbers[other[0]]} has {len(row)} cells, the header {width} "
             f"({len(other)} such lines); {why}"
         )

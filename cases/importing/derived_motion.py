@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import Message
 
 BAND = 3
@@ -54,7 +54,7 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     n = len(value)
     known = np.isfinite(value)
     if known.sum() < FEWEST:
-        raise UserError(TOO_FEW)
+        raise TooFewData(TOO_FEW)
     centre, unit = float(np.nanmean(value)), max(float(np.nanmax(value) - np.nanmin(value)), 1e-9)
     y = np.where(known, (value - centre) / unit, 0.0)  # steps and ranges of one
     slope = np.zeros(n) if rate is None else np.where(np.isfinite(rate), rate * h / unit, 0.0)
@@ -101,7 +101,7 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     try:
         root = cholesky_banded(A)
     except np.linalg.LinAlgError:
-        raise UserError(TOO_FEW) from None
+        raise TooFewData(TOO_FEW) from None
     x = cho_solve_banded((root, False), b)
     error = _rate_std(root, known)
     return Smoothed(x * unit + centre, np.gradient(x) * unit / h, error * unit / h)

@@ -12,7 +12,7 @@ from typing import Any
 from cases.importing.delimited_text import EMPTY, KNOWN_UNITS, PREAMBLE, ship_named
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.files import LARGEST, read_bytes
-from mmg.errors import UserError
+from mmg.errors import BadValue, NotInstalled, OutOfRange, Unreadable, UserError
 from mmg.messages import Message
 
 
@@ -24,7 +24,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
     try:
         import openpyxl
     except ImportError:
-        raise UserError(
+        raise NotInstalled(
             f"{path}: Excel files need openpyxl; pip install 'mmg-ident[import]', or save it as CSV"
         ) from None
     content = read_bytes(path)
@@ -32,7 +32,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             unpacked = sum(info.file_size for info in archive.infolist())
         if unpacked > 4 * LARGEST:
-            raise UserError(f"{path}: {unpacked / 2**20:.0f} MB unpacked are too many; divide it")
+            raise OutOfRange(f"{path}: {unpacked / 2**20:.0f} MB unpacked are too many; divide it")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
@@ -40,12 +40,12 @@ def read_excel_tables(path: Path) -> list[RawTable]:
     except UserError:
         raise
     except zipfile.BadZipFile:
-        raise UserError(f"{path}: is cut off, damaged or no Excel workbook (.xlsx)") from None
+        raise Unreadable(f"{path}: is cut off, damaged or no Excel workbook (.xlsx)") from None
     except Exception as error:  # openpyxl raises many kinds for damaged files
-        raise UserError(f"{path}: not a readable Excel workbook ({' '.join(str(error).split())[:120]})") from None
+        raise Unreadable(f"{path}: not a readable Excel workbook ({' '.join(str(error).split())[:120]})") from None
     tables = [table for title, rows in sheets if (table := _table(path, title, len(sheets) > 1, rows)) is not None]
     if not tables:
-        raise UserError(f"{path}: no sheet holds numbers below a line of headers")
+        raise BadValue(f"{path}: no sheet holds numbers below a line of headers")
     return tables
 
 
@@ -54,7 +54,7 @@ def _rows(path: Path, sheet: Any) -> list[list[Any]]:
     for row in sheet.iter_rows(values_only=True):
         cells += len(row)
         if cells > MOST_CELLS:
-            raise UserError(f"{path}: more than {MOST_CELLS} cells; divide it")
+            raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
         rows.append([None if isinstance(c, str) and c.strip().lower() in EMPTY else c for c in row])
     return [row for row in rows if any(c is not None for c in row)]
 

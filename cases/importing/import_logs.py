@@ -23,7 +23,7 @@ from cases.importing.unit_evidence import with_units_of_size
 from cases.importing.vocabulary import known_units
 from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
 """Files of a folder that are logs."""
@@ -68,7 +68,7 @@ def import_logs(
     all_files = [file for path in paths for file in _files_of(Path(path))]
     files = [file for file in all_files if not chosen.of(file).skip]
     if not files:
-        raise UserError("no logs given")
+        raise Missing("no logs given")
     logs: list[Log] = []
     problems: list[str] = []
     for file in each(list(dict.fromkeys(files))):
@@ -119,19 +119,19 @@ def _files_of(path: Path) -> list[Path]:
         return [path]
     found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
     if not found:
-        raise UserError(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
+        raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return found
 
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
     if not file.stat().st_size:
-        raise UserError(f"{file}: the file is empty")
+        raise TooFewData(f"{file}: the file is empty")
     suffix = file.suffix.lower()
     if suffix in (".xlsx", ".xlsm"):
         return read_excel_tables(file)
     if suffix == ".xls":
-        raise UserError(f"{file}: an old Excel file; save it as .xlsx or CSV")
+        raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
     if suffix == ".parquet":
         return [_parquet(file)]
     with file.open("rb") as stream:
@@ -150,7 +150,7 @@ def _parquet(file: Path) -> RawTable:
     except Exception as error:  # pyarrow raises many kinds for damaged files
         why = " ".join(str(error).split())
         why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        raise UserError(f"{file}: not a readable Parquet file ({why})") from None
+        raise Unreadable(f"{file}: not a readable Parquet file ({why})") from None
     cells = [str(c) for c in frame.columns]
     frame.columns = pd.RangeIndex(len(cells))
     return raw_table(file, str(file), cells, [""] * len(cells), frame, [])

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, NotInstalled, OutOfRange
 
 FURTHEST = 200e3
 """Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
@@ -30,7 +30,7 @@ def local_positions(
     x, y = (np.where(known & np.isfinite(v), v, np.nan) for v in (np.asarray(north), np.asarray(east)))
     far = np.hypot(x, y)
     if np.nanmax(far, initial=0.0) > FURTHEST:
-        raise UserError(
+        raise OutOfRange(
             f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
         )
     return x, y
@@ -43,7 +43,7 @@ def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where:
     """
     match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
     if match is None or not 1 <= int(match[1]) <= 60:
-        raise UserError(f"{where}: '{zone}' is no UTM zone; write it as 32N")
+        raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")
     south = (match[2] != "" and match[2] != "S" and match[2] < "N") or match[2] == "S"
     frame = _pyproj(where).Proj(proj="utm", zone=int(match[1]), ellps="WGS84", south=south)
     longitude, latitude = frame(easting, northing, inverse=True)
@@ -55,5 +55,5 @@ def _pyproj(where: str):  # type: ignore[no-untyped-def]
         import pyproj
     except ImportError:
         words = "latitudes and longitudes need pyproj; pip install 'mmg-ident[import]'"
-        raise UserError(f"{where}: {words}") from None
+        raise NotInstalled(f"{where}: {words}") from None
     return pyproj

@@ -15,7 +15,7 @@ from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.sign_columns import hold_signs, sign_columns, signed
 from cases.importing.vocabulary import SIGNS, factor, known_units, meaning, turn_in, turn_of, unit_of
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName
 from mmg.messages import Message
 
 HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
@@ -103,7 +103,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None:
             accepted = ", ".join(known_units(quantity))
-            raise UserError(
+            raise UnknownName(
                 f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
             )
         if scale is None and unit_of(quantity):
@@ -149,7 +149,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             column = column.model_copy(update={"header": whole})
         if column.header not in table.headers:
             if quantity in own:
-                raise UserError(
+                raise Missing(
                     f"{table.name}: column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
                 )
             continue  # of another file
@@ -169,7 +169,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
         elif found.quantity and found.quantity not in chosen.columns_of(table.path):
             other = mapped[found.quantity].header
             what = "two columns hold a time" if found.quantity == "t" else f"two columns are {found.quantity}"
-            raise UserError(
+            raise Conflict(
                 f"{table.name}: {what}: '{other}' and '{header}'; say which in the map: [columns] "
                 f'{found.quantity} = "{other}"'
             )
@@ -182,7 +182,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
     unknown += [header for header in signs if header not in [column.header for column in found_signs.values()]]
     if "t" not in mapped:
         headers = ", ".join(table.headers)
-        raise UserError(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
+        raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return mapped, unknown, unsure
 
 
@@ -217,7 +217,7 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     text = str(cell).strip().upper()
     parts = re.findall(r"\d+(?:\.\d+)?", text)
     if not 1 <= len(parts) <= 3 or not re.fullmatch(r"[-+NSEW\d.,\s°º'′\"″:]+", text):
-        raise UserError(f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude")
+        raise BadValue(f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude")
     values = [float(p) for p in parts]
     if len(values) == 1 and values[0] > 180:  # degrees and minutes in one number, as in NMEA
         values = [float(int(values[0] // 100)), values[0] % 100]
@@ -231,7 +231,7 @@ def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, C
         values = np.abs(columns.get(quantity, np.zeros(0)))
         beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
         if beyond.sum() > 0.5 * len(beyond):
-            raise UserError(
+            raise OutOfRange(
                 f"{where}: column '{mapped[quantity].header}' reaches {np.nanmax(values):g}, which is no {quantity} in "
                 "degrees; are latitude and longitude exchanged, or degrees and minutes one number (ddmm.mm)? Say the "
                 "columns in the map, or write degrees"
@@ -267,5 +267,5 @@ def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:
     words = sorted({str(cell).strip() for cell in table.cells(mapped[name].header).dropna()})
     if len(words) > 1:
         what = "ships" if name == "ship" else "UTM zones"
-        raise UserError(f"{table.name}: rows of several {what} ({', '.join(words[:4])}); divide the file")
+        raise Conflict(f"{table.name}: rows of several {what} ({', '.join(words[:4])}); divide the file")
     return words[0] if words else ""

@@ -32,7 +32,7 @@ from cases.importing.vocabulary import turn_in, turn_of
 from cases.io.block_means import BlockMeans, rows_together
 from cases.io.csv_table import PIECE, LineCount, text_encoding
 from cases.io.files import opened
-from mmg.errors import UserError
+from mmg.errors import BadValue, TooFewData, UserError
 from mmg.messages import Message
 
 LARGEST_LOG, SMALL = 8 * 2**30, 8 * 2**20
@@ -107,14 +107,14 @@ class _LongText:
             means.add(self._columns(piece))
         columns = means.columns()
         if not columns or len(columns["t"]) < 2 or self.clock is None:
-            raise UserError(f"{self.path}: fewer than two rows hold a time")
+            raise TooFewData(f"{self.path}: fewer than two rows hold a time")
         return self._as_table(columns, count)
 
     def _bytes(self) -> Iterator[bytes]:
         with opened(self.path) as stream:
             while piece := stream.read(PIECE):
                 if not self.lines.seen and (piece.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in piece[:4096]):
-                    raise UserError(f"{self.path}: is no text in UTF-8 or Windows-1252; save it in UTF-8, or divide it")
+                    raise BadValue(f"{self.path}: is no text in UTF-8 or Windows-1252; save it in UTF-8, or divide it")
                 self.lines.add(piece)
                 yield piece
 
@@ -252,7 +252,7 @@ class _LongText:
             self.days += 86400.0
             t = t + 86400.0
         if self.clock is not None and clock.absolute != self.clock.absolute:
-            raise UserError(f"{self.path}: column '{clock.header}' changes its kind of time after row {self.rows}")
+            raise BadValue(f"{self.path}: column '{clock.header}' changes its kind of time after row {self.rows}")
         if self.clock is not None and clock.zoned != self.clock.zoned and self.chosen.zone_hours is None:
             raise mixed_zones(f"{self.path}: column '{clock.header}'", self.rows + 1)
         self.clock = self.clock or clock

@@ -13,7 +13,7 @@ from typing import Any
 from cases.importing.nmea_times import Sentence, logged_time, moments
 from cases.importing.raw_table import Clock, RawTable, raw_table
 from cases.io.files import read_bytes
-from mmg.errors import UserError
+from mmg.errors import NotInstalled
 from mmg.messages import Message
 
 SENTENCE = re.compile(r"[$!][A-Z]{2}[A-Z]{3},[^*\r\n]*(?:\*[0-9A-Fa-f]{2})?")
@@ -101,7 +101,7 @@ def _said(path: Path) -> tuple[list[Sentence], list[Message]]:
     try:
         import pynmea2
     except ImportError:
-        raise UserError(f"{path}: NMEA logs need pynmea2; pip install 'mmg-ident[import]'") from None
+        raise NotInstalled(f"{path}: NMEA logs need pynmea2; pip install 'mmg-ident[import]'") from None
 
     class THS(pynmea2.TalkerSentence):  # type: ignore[misc]  # pynmea2 has none, and finds this one by its name
         fields = (("True heading", "heading"), ("Mode", "mode"))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock
 from cases.importing.raw_table import Clock
-from mmg.errors import UserError
+from mmg.errors import Missing
 
 DAY = 86400.0
 """Seconds."""
@@ -82,7 +82,7 @@ def _stamps(timed: Sequence[Sentence], where: str) -> np.ndarray:
     one before."""
     last = next((DAY * s.day + s.time for s in timed if s.day is not None and s.time is not None), None)
     if last is None:
-        raise UserError(f"{where}: no NMEA sentence holds a date and a time (RMC or ZDA), so its rows have no clock")
+        raise Missing(f"{where}: no NMEA sentence holds a date and a time (RMC or ZDA), so its rows have no clock")
     out = np.empty(len(timed))
     for i, sentence in enumerate(timed):
         time = sentence.time or 0.0

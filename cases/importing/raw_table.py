@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cases.io.cells import floats_of_cells
-from mmg.errors import UserError
+from mmg.errors import Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
 MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
@@ -95,14 +95,14 @@ def raw_table(
     two columns of the same name, for no column, and for more than MOST_COLUMNS.
     """
     if len(cells) > MOST_COLUMNS:
-        raise UserError(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
+        raise OutOfRange(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     parts = [split_unit(cell) for cell in cells]
     kept = [i for i, (header, _) in enumerate(parts) if header and not frame.iloc[:, i].isna().all()]
     headers = [parts[i][0] for i in kept]
     doubled = sorted({h for h in headers if headers.count(h) > 1})
     if doubled:
-        raise UserError(f"{name}: two columns are called '{doubled[0]}'; rename or remove one of them")
+        raise Conflict(f"{name}: two columns are called '{doubled[0]}'; rename or remove one of them")
     if not kept or not len(frame):
-        raise UserError(f"{name}: holds no rows of data below a header")
+        raise TooFewData(f"{name}: holds no rows of data below a header")
     found = tuple(units[i] or parts[i][1] for i in kept)
     return RawTable(path, name, tuple(headers), found, frame.iloc[:, kept], tuple(notices))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
-from mmg.errors import UserError
+from mmg.errors import Conflict
 
 OVERLAP = 0.5
 """Least share of the shorter of two logs in which both run."""
@@ -40,7 +40,7 @@ def grouped(logs: Sequence[Log], chosen: ImportMap) -> list[list[Log]]:
         ships = sorted({log.ship for log in run if log.ship})
         if len(ships) > 1:
             names = " and ".join(log.name for log in run)
-            raise UserError(
+            raise Conflict(
                 f"{names}: logs of several ships ({', '.join(ships[:3])}) at the same time; import each ship alone"
             )
     return runs

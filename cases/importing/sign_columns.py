@@ -12,7 +12,7 @@ from cases.importing.bad_values import without_sentinels
 from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import RawTable
 from cases.importing.vocabulary import NOT_USED, SIDES, plain_words
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
 
 
 class Kind(NamedTuple):
@@ -106,7 +106,7 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     if not sign.all():
         row = int(np.argmin(np.abs(sign)))
         said = words.get(cells.iloc[row], "")
-        raise UserError(
+        raise BadValue(
             f"{table.name}: row {table.before + row + 1}, column '{header}': '{said}' is no sign of {quantity}"
         )
     out = np.where(sign < 0, -np.abs(values), values)
@@ -114,7 +114,7 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
 
 
 def _open(table: RawTable, own: str, header: str, why: str) -> UserError:
-    return UserError(
+    return BadValue(
         f"{table.name}: the numbers of '{own}' have no sign, and column '{header}' {why}; write the sign into '{own}', "
         f'or say in the map that the column is not used: ignore = ["{header}"]'
     )

@@ -15,7 +15,7 @@ from cases.importing.import_map import ImportMap, names_apart
 from cases.io.sidecar import NAME as SIDECAR
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import BadValue, NotWritable, TargetExists
 
 KEYS = (
     "rudder_positive", "wind_direction", "velocity_frame", "inputs", "zone_hours", "sentinels", "separate", "step",
@@ -32,9 +32,9 @@ def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool =
     be written.
     """
     if folder.exists() and not folder.is_dir():
-        raise UserError(f"--out {folder}: is a file; name a folder")
+        raise BadValue(f"--out {folder}: is a file; name a folder")
     if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise UserError(f"--out {folder}: holds files already; choose another name or add --force")
+        raise TargetExists(f"--out {folder}: holds files already; choose another name or add --force")
     scratch = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")
     try:
         scratch.mkdir(parents=True)
@@ -49,7 +49,7 @@ def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool =
         else:
             os.replace(scratch, folder)
     except OSError as error:
-        raise UserError(f"--out {folder}: cannot be written ({error.strerror or error}); check the path") from None
+        raise NotWritable(f"--out {folder}: cannot be written ({error.strerror or error}); check the path") from None
     finally:
         with contextlib.suppress(OSError):
             shutil.rmtree(scratch)

@@ -15,7 +15,7 @@ from pathlib import Path
 from cases.io.groups import dates_in, no_dates_in
 from cases.io.sidecar import line_for
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Conflict, UnknownName
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -112,9 +112,9 @@ def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
 
 def _known(ship: Ship, name: str) -> None:
     if not ship.campaigns:
-        raise UserError(f"--campaign {name}: {ship.name} knows no campaigns: its instruments have one value for all")
+        raise UnknownName(f"--campaign {name}: {ship.name} knows no campaigns: its instruments have one value for all")
     if name not in ship.campaigns:
-        raise UserError(f"--campaign {name}: unknown; {ship.name} knows {', '.join(ship.campaigns)}")
+        raise UnknownName(f"--campaign {name}: unknown; {ship.name} knows {', '.join(ship.campaigns)}")
 
 
 def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
@@ -191,12 +191,12 @@ def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folder
     where = line_for(trial.path, trial.name, f'campaign = "{said}"')
     as_day = dates_in(said)
     if as_day and day and as_day[0] != day:
-        raise UserError(
+        raise Conflict(
             f"{trial.name}: the sidecar says campaign {said}, but the trial is of {day} (file name, day or clock); "
             f"correct {where}"
         )
     if folder and said != folder and said in folders:
-        raise UserError(
+        raise Conflict(
             f"{trial.name}: the sidecar says campaign {said}, but the file lies in folder {folder}, and {said} is "
             f"another folder of these trials; move the file, or correct {where}"
         )

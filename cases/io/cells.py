@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cases.io.units import as_number
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Text:
         """What is wrong with the column ``name`` of the file ``path``."""
         shown = f"{self.text[:60]}{'...' * (len(self.text) > 60)}"
         advice = f"({self.count} such cells in the column); correct it or leave the cell empty"
-        return UserError(f"{path}: row {self.row + 1}, column '{name}': '{shown}' is not a number {advice}")
+        return BadValue(f"{path}: row {self.row + 1}, column '{name}': '{shown}' is not a number {advice}")
 
 
 def floats_of_cells(series: Any) -> tuple[np.ndarray, Text | None]:

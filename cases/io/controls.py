@@ -17,7 +17,7 @@ from cases.io.sidecar import sidecar_entry
 from cases.io.table import read_table
 from cases.io.units import to_si
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 
@@ -55,13 +55,11 @@ def _from_rest(path: Path) -> Trial | None:
         if index < len(header)
     }
     if "apparent_wind_speed" in columns and "wind_speed" not in columns:
-        raise UserError(
-            f"{path}: apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction"
-        )
+        raise Missing(f"{path}: apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction")
     keep = np.isfinite(columns["t"])
     columns = {name: values[keep] for name, values in columns.items()}
     if len(columns["t"]) < 2 or (np.diff(columns["t"]) <= 0).any():
-        raise UserError(f"{path}: time must increase from row to row, over two rows at least")
+        raise BadValue(f"{path}: time must increase from row to row, over two rows at least")
     nothing = np.zeros(len(columns["t"]))
     columns |= dict.fromkeys(STATE_UNITS, nothing)
     columns = converted(columns, entry, notices)
@@ -72,7 +70,7 @@ def _without_gaps(trial: Trial, path: Path) -> Trial:
     """From the first complete state on, missing inputs replaced by the last one given."""
     whole = np.isfinite(trial.states[:, 2:]).all(axis=1)
     if not whole.any() or len(trial) - int(np.argmax(whole)) < 2:
-        raise UserError(f"{path}: no row with psi, u, v and r to start from")
+        raise Missing(f"{path}: no row with psi, u, v and r to start from")
     first, notices = int(np.argmax(whole)), list(trial.notices)
     if first:
         text = f"the simulation starts at row {first + 1}, the first with a complete state"
@@ -83,7 +81,7 @@ def _without_gaps(trial: Trial, path: Path) -> Trial:
             continue
         good = np.isfinite(columns[name])
         if not good[0]:
-            raise UserError(f"{path}: {name} has no value where the simulation starts (row {first + 1})")
+            raise Missing(f"{path}: {name} has no value where the simulation starts (row {first + 1})")
         if not good.all():
             last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
             columns[name] = columns[name][last]

@@ -9,7 +9,7 @@ import numpy as np
 
 from cases.io.sidecar import SidecarEntry
 from cases.trial import RUDDERS, wraps
-from mmg.errors import UserError
+from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.frames import true_wind
 
@@ -70,7 +70,7 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
             out[name] = np.remainder(out[name], 2 * math.pi)
         notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
     if keep.sum() < 2:
-        raise UserError(
+        raise OutOfRange(
             f"lag in trials.toml: no row is left after {max(map(abs, lags.values())):g} s of {t[-1] - t[0]:g} s"
         )
     return {name: values[keep] for name, values in out.items()}

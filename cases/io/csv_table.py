@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cases.io.cells import Text, floats_of_cells
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange
 
 LONGEST_LINE, MOST_CELLS = 2**20, 30_000_000
 """Most bytes of a line, and most cells of a table."""
@@ -29,18 +29,18 @@ def csv_header(path: Path, content: bytes) -> list[str]:
     such line."""
     first = content[:LONGEST_LINE].splitlines()[0]
     if len(first) == LONGEST_LINE:
-        raise UserError(f"{path}: the first line is longer than {LONGEST_LINE} bytes; it must hold the headers")
+        raise OutOfRange(f"{path}: the first line is longer than {LONGEST_LINE} bytes; it must hold the headers")
     if first.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise UserError(f"{path}: is encoded in UTF-16; save it in UTF-8")
+        raise BadValue(f"{path}: is encoded in UTF-16; save it in UTF-8")
     if b"\0" in first:
-        raise UserError(f"{path}: is no text; trial files are comma-separated text, or Parquet")
+        raise BadValue(f"{path}: is no text; trial files are comma-separated text, or Parquet")
     line = first.decode(text_encoding([first]))
     try:
         header = next(csv.reader([line]))
     except csv.Error as error:
-        raise UserError(f"{path}: the first line is not a header ({error})") from None
+        raise BadValue(f"{path}: the first line is not a header ({error})") from None
     if len(header) == 1 and (";" in line or "\t" in line):
-        raise UserError(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
+        raise BadValue(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
     return header
 
 
@@ -60,7 +60,7 @@ class LineCount:
         at = np.flatnonzero(new | old) + self.seen
         self.seen += len(piece)
         if int(np.diff(at, prepend=self._last, append=self.seen).max()) > LONGEST_LINE:
-            raise UserError(f"{self.path}: a line is longer than {LONGEST_LINE} bytes; it is no table of trials")
+            raise OutOfRange(f"{self.path}: a line is longer than {LONGEST_LINE} bytes; it is no table of trials")
         self._ends, self._before = self._ends + len(at), int(piece[-1])
         self._last = int(at[-1]) if len(at) else self._last
 
@@ -87,7 +87,7 @@ def csv_columns(path: Path, content: bytes, columns: int, rows: int) -> Callable
     """
     if columns * rows > MOST_CELLS:
         words = f"{columns} columns of {rows} rows are more than {MOST_CELLS} cells"
-        raise UserError(f"{path}: {words}; leave out columns that are not needed, or divide it")
+        raise OutOfRange(f"{path}: {words}; leave out columns that are not needed, or divide it")
     return cache(lambda: CsvColumns(path, content, columns))
 
 
@@ -191,7 +191,7 @@ def _frames(path: Path, text: io.TextIOWrapper, columns: int) -> Iterator[Any]:
         why = " ".join(str(error).split())
         if isinstance(error, pd.errors.ParserWarning):  # a row at the start of a piece
             why = f"from row {done + 1} on there are more cells than the header names"
-        raise UserError(f"{path}: not a table ({why}); check the commas of that row") from None
+        raise BadValue(f"{path}: not a table ({why}); check the commas of that row") from None
 
 
 def text_encoding(pieces: Iterable[bytes]) -> str:

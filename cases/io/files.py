@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, OutOfRange, Unreadable
 
 try:
     import fcntl
@@ -31,16 +31,16 @@ def check_file(path: Path, largest: int = LARGEST) -> None:
     try:
         status = path.stat()
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file or folder; check the path") from None
+        raise Missing(f"{path}: no such file or folder; check the path") from None
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+        raise Unreadable(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
     except ValueError:
-        raise UserError(f"{str(path)!r}: is no path") from None
+        raise BadValue(f"{str(path)!r}: is no path") from None
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "not an ordinary file"
-        raise UserError(f"{path}: is {kind}; give the file itself")
+        raise BadValue(f"{path}: is {kind}; give the file itself")
     if status.st_size > largest:
-        raise UserError(f"{path}: has {status.st_size / 2**20:.0f} MB, more than {largest // 2**20}; divide it")
+        raise OutOfRange(f"{path}: has {status.st_size / 2**20:.0f} MB, more than {largest // 2**20}; divide it")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -49,7 +49,7 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+        raise Unreadable(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
 
 
 def opened(path: Path) -> BinaryIO:
@@ -57,7 +57,7 @@ def opened(path: Path) -> BinaryIO:
     try:
         return path.open("rb")
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+        raise Unreadable(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
 
 
 def file_hash(path: Path, largest: int = LARGEST) -> str:
@@ -76,11 +76,11 @@ def file_hash(path: Path, largest: int = LARGEST) -> str:
 def decoded(content: bytes, where: object) -> str:
     """The text of ``content``, UTF-8 with or without a mark. Raises UserError, which names ``where``, for others."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise UserError(f"{where}: is encoded in UTF-16; save it in UTF-8")
+        raise BadValue(f"{where}: is encoded in UTF-16; save it in UTF-8")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise UserError(f"{where}: is not encoded in UTF-8 (byte {error.start + 1}); save it in UTF-8") from None
+        raise BadValue(f"{where}: is not encoded in UTF-8 (byte {error.start + 1}); save it in UTF-8") from None
 
 
 def parse_json(text: str) -> Any:
@@ -96,9 +96,9 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = parse_json(decoded(read_bytes(path), path))
     except ValueError as error:
-        raise UserError(f"{path}: cannot be read as JSON ({error})") from None
+        raise BadValue(f"{path}: cannot be read as JSON ({error})") from None
     if not isinstance(content, dict):
-        raise UserError(f"{path}: holds no JSON object with keys")
+        raise BadValue(f"{path}: holds no JSON object with keys")
     return content
 
 

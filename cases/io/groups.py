@@ -10,7 +10,7 @@ from datetime import date
 
 from cases.io.sidecar import line_for
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing, TooFewData, UnknownName
 
 CALENDAR = {"day": 10, "month": 7, "year": 4}
 """Length of each part of a date as ISO 8601 writes it."""
@@ -47,12 +47,12 @@ def group_trials(trials: Sequence[Trial], by: str) -> Groups:
     """
     key = by.strip().lower()
     if key not in KEYS:
-        raise UserError(f"--between {by}: not one of {', '.join(KEYS)}")
+        raise UnknownName(f"--between {by}: not one of {', '.join(KEYS)}")
     labels = _folders(trials) if key == "folder" else [_label(trial, key) for trial in trials]
     names = tuple(sorted(set(labels)))
     if len(names) < 2:
         found = f"all trials are of one group ({names[0]})" if names else "no trials are given"
-        raise UserError(f"--between {by}: {found}; give trials of two at least")
+        raise TooFewData(f"--between {by}: {found}; give trials of two at least")
     return Groups(key, names, tuple(names.index(label) for label in labels))
 
 
@@ -63,7 +63,7 @@ def _label(trial: Trial, key: str) -> str:
     label = trial.meta.get("group", "") if key == "group" else str(getattr(trial, key))
     if not label:
         line = line_for(trial.path, trial.name, f'{key} = "..."')
-        raise UserError(f"--between {key}: nothing is known of {trial.name}; add to {line}")
+        raise Missing(f"--between {key}: nothing is known of {trial.name}; add to {line}")
     return label
 
 
@@ -71,7 +71,7 @@ def _folders(trials: Sequence[Trial]) -> list[str]:
     """The folder of each trial, below the one that holds all."""
     for trial in trials:
         if trial.path is None:
-            raise UserError(f"--between folder: {trial.name} was not read from a file")
+            raise Missing(f"--between folder: {trial.name} was not read from a file")
     folders = [str(trial.path.resolve().parent) for trial in trials if trial.path is not None]
     return [os.path.relpath(folder, os.path.commonpath(folders)) for folder in folders]
 
@@ -109,6 +109,6 @@ def _day(trial: Trial) -> str:
         if found := dates_in(text):
             return found[0]
     line = line_for(trial.path, trial.name, 'day = "2026-11-22"')
-    raise UserError(
+    raise Missing(
         f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); add to {line}"
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cases.io.sidecar import NAME, SidecarEntry, line_for
 from cases.io.units import accepted, is_canonical
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
@@ -60,7 +60,7 @@ def match_headers(
         elif canonical in taken:
             other = header[taken[canonical][0]]
             line = line_for(path, "", f'columns = {{ {canonical} = "{other}" }}')
-            raise UserError(f"{path}: both '{other}' and '{header[index]}' are {canonical}; say which: add to {line}")
+            raise Conflict(f"{path}: both '{other}' and '{header[index]}' are {canonical}; say which: add to {line}")
         else:
             taken[canonical] = (index, unit)
     if any(ignored):
@@ -68,7 +68,7 @@ def match_headers(
     _require(path, header, taken)
     unsigned = [name for name in entry.sign if name not in taken]
     if unsigned:
-        raise UserError(f"{path}: sign.{unsigned[0]} in {path.parent / NAME}: the file has no column {unsigned[0]}")
+        raise Missing(f"{path}: sign.{unsigned[0]} in {path.parent / NAME}: the file has no column {unsigned[0]}")
     return {name: (index, _unit(path, name, header[index], unit, entry, notices))
             for name, (index, unit) in taken.items()}  # fmt: skip
 
@@ -85,7 +85,7 @@ def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
         problem = "is not in the file" if not hits else "fits several columns"
-        raise UserError(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {_listed(header)}")
+        raise Missing(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {_listed(header)}")
     return hits[0]
 
 
@@ -100,7 +100,7 @@ def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, noti
     if not unit:
         units = accepted(name)
         line = f'units = {{ {name} = "{units[0]}" }}'
-        raise UserError(
+        raise Missing(
             f"{path}: column '{cell}' has no unit; write '{cell} [{units[0]}]' "
             f"(accepted: {', '.join(units)}), or add to {line_for(path, '', line)}"
         )
@@ -118,7 +118,7 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
     if missing:
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
         line = f'columns = {{ {missing[0]} = "HEADER" }}'
-        raise UserError(
+        raise Missing(
             f"{path}: missing column {', '.join(missing)}; found: {_listed(header)}. Name it '{units}', "
             f"or map it: add to {line_for(path, '', line)}"
         )

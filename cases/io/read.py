@@ -24,7 +24,7 @@ from cases.io.trial_table import trial_table
 from cases.io.unit_sanity import implausible
 from cases.io.units import si_unit, to_si
 from cases.trial import RUDDERS, Trial
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
 from mmg.states import STATES
 
@@ -41,19 +41,19 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
     """
     files = trial_files(paths)
     found = [_read_or_why_not(file, refuse) for file in files]
-    problems = [one for one in found if isinstance(one, str)]
+    problems = [one for one in found if isinstance(one, UserError)]
     if problems:
         several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
-        raise UserError(several + "; ".join(dict.fromkeys(problems)))
+        raise type(problems[0])(several + "; ".join(dict.fromkeys(map(str, problems))))
     return [one for one in found if isinstance(one, Trial)]
 
 
-def _read_or_why_not(file: Path, refuse: bool) -> Trial | str:
+def _read_or_why_not(file: Path, refuse: bool) -> Trial | UserError:
     """The trial in a ``file``, or why it cannot be read."""
     try:
         return read_trial(file, refuse=refuse)
     except UserError as error:
-        return str(error)
+        return error
 
 
 def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
@@ -63,9 +63,9 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     try:
         files = [file for path in given for file in (_files_of(path) if path.is_dir() else [path])]
     except OSError as error:
-        raise UserError(f"{error.filename}: cannot be read ({error.strerror}); check the path") from None
+        raise Unreadable(f"{error.filename}: cannot be read ({error.strerror}); check the path") from None
     if not files:
-        raise UserError("no trial files given")
+        raise Missing("no trial files given")
     return list(dict.fromkeys(files))
 
 
@@ -89,7 +89,7 @@ def read_trial(
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         check_file(path)
-        raise UserError(f"{path}: not a trial file; expected .csv or .parquet")
+        raise BadValue(f"{path}: not a trial file; expected .csv or .parquet")
     entry = sidecar_entry(path) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
@@ -99,7 +99,7 @@ def read_trial(
     _check_time(path, columns["t"], notices)
     sentence = implausible(columns) if refuse else ""
     if sentence:
-        raise UserError(f"{path}: {sentence}")
+        raise BadValue(f"{path}: {sentence}")
     columns = _converted(path, columns, entry, notices)
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
@@ -128,12 +128,12 @@ def _files_of(folder: Path) -> list[Path]:
     """Trial files in a folder (or below it when it holds none). Raises UserError when there are none."""
     found = _named(folder.iterdir()) or _named(folder.rglob("*"))
     if not found:
-        raise UserError(f"{folder}: no .csv or .parquet files in this folder")
+        raise Missing(f"{folder}: no .csv or .parquet files in this folder")
     if (folder / NAME).exists():
         names = {p.name for p in found} | {p.stem for p in found}
         absent = [name for name in read_sidecar(folder / NAME).files if name not in names]
         if absent:
-            raise UserError(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
+            raise Missing(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
 
 
@@ -170,7 +170,7 @@ def _converted(
     try:
         return converted(columns, entry, notices)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        raise type(error)(f"{path}: {error}") from None
 
 
 def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:
@@ -179,7 +179,7 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message])
     states = np.array([np.isfinite(columns[c]) for c in STATES if c in columns])
     alive = np.isfinite(columns["t"]) & states.any(axis=0)
     if not alive.any():
-        raise UserError(f"{path}: no row holds a time and a state ({rows} rows, all NaN); nothing to read")
+        raise TooFewData(f"{path}: no row holds a time and a state ({rows} rows, all NaN); nothing to read")
     first, last = int(np.argmax(alive)), rows - int(np.argmax(alive[::-1]))
     for word, count in (("first", first), ("last", rows - last)):
         if count:
@@ -189,12 +189,12 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message])
         notices.append(Message(f"{int((~keep).sum())} rows without a time stamp were dropped", "rows_without_time"))
     columns = {name: values[first:last][keep] for name, values in columns.items()}
     if len(columns["t"]) < 2:
-        raise UserError(f"{path}: only one usable row; a trial needs at least two")
+        raise TooFewData(f"{path}: only one usable row; a trial needs at least two")
     for name in list(columns):
         missing = int((~np.isfinite(columns[name])).sum())
         if missing == len(columns["t"]):
             if name in (*STATES[2:], "n", *RUDDERS):
-                raise UserError(f"{path}: column {name} holds no number at all; it is required")
+                raise Missing(f"{path}: column {name} holds no number at all; it is required")
             del columns[name]
             notices.append(Message(f"{name} holds no number and is left out", "column_empty"))
         elif missing:
@@ -209,12 +209,12 @@ def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
     if len(bad):
         i = int(bad[0])
         word = "repeats" if t[i + 1] == t[i] else "runs backwards"
-        raise UserError(
+        raise BadValue(
             f"{path}: time {word} at row {i + 2}: t = {t[i]:.10g} s, then {t[i + 1]:.10g} s "
             f"({len(bad)} such rows); sort the rows or remove the doubled ones"
         )
     if np.median(np.diff(t)) < LEAST_STEP:
-        raise UserError(f"{path}: rows are {np.median(np.diff(t)):.3g} s apart, closer than any clock ticks")
+        raise OutOfRange(f"{path}: rows are {np.median(np.diff(t)):.3g} s apart, closer than any clock ticks")
     if t[0] != 0.0:
         notices.append(Message(f"the clock starts at {t[0]:.6g} s and is kept", "clock_offset"))
 

@@ -31,7 +31,7 @@ from pydantic import Field, model_validator
 from cases.io.toml_file import Section, checked, number, read_toml, refuse
 from cases.trial import Trial
 from mmg.effects import EFFECTS, Parameter
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -117,7 +117,7 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
     """
     if explicit is not None:
         if not explicit.is_file():
-            raise UserError(f"{explicit}: no such file")
+            raise Missing(f"{explicit}: no such file")
         return _parsed(explicit, ship)
     given = [places] if isinstance(places, str | Path) else places
     paths = [place.path if isinstance(place, Trial) else Path(place) for place in given]
@@ -128,7 +128,7 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
     sites = [_parsed(path, ship) for path in found]
     for path, site in zip(found[1:], sites[1:], strict=True):
         if site != sites[0]:
-            raise UserError(f"{found[0]} and {path} describe different sites; diagnose the trials of each on their own")
+            raise Conflict(f"{found[0]} and {path} describe different sites; diagnose the trials of each on their own")
     bare = [str(folder) for folder in folders if folder / NAME not in found]
     text = f"{found[0]} is taken to hold for {', '.join(bare)} as well"
     notices = (Message(text, "site_shared"),) if bare else ()

@@ -14,7 +14,7 @@ from cases.io.cells import floats_of_cells
 from cases.io.csv_table import count_rows, csv_columns, csv_header
 from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.units import as_number
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import printable
 
 Numbers = Callable[..., np.ndarray]
@@ -37,13 +37,13 @@ def read_table(path: Path, content: bytes) -> tuple[list[str], Numbers]:
     Raises UserError when the file is empty, holds no rows, is not a table, names a column twice, or is too large.
     """
     if not content[:1000].strip() and not content.strip():
-        raise UserError(f"{path}: the file is empty")
+        raise TooFewData(f"{path}: the file is empty")
     header, count, rows, column = (_parquet if path.suffix.lower() == ".parquet" else _csv)(path, content)
     header = checked_header(path, header)
     if count > MOST_ROWS:
-        raise UserError(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
+        raise OutOfRange(f"{path}: has {count} rows, more than {MOST_ROWS}; divide it")
     if rows() == 0:
-        raise UserError(f"{path}: a header but no rows")
+        raise TooFewData(f"{path}: a header but no rows")
     return header, lambda index, clock=False: within(path, header[index], column(index, header[index], clock))
 
 
@@ -51,15 +51,15 @@ def checked_header(path: Path, header: list[str]) -> list[str]:
     """The cells of the ``header`` of the file ``path``, as they are shown. Raises UserError for too many columns, for
     numbers, for nothing, and for a column that is named twice."""
     if len(header) > MOST_COLUMNS:
-        raise UserError(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
+        raise OutOfRange(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     header = [printable(cell).strip() for cell in header]
     if any(cell and not _is_text(cell) for cell in header):
-        raise UserError(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
+        raise BadValue(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
     if not any(header):
-        raise UserError(f"{path}: the first line is blank; it must hold the headers")
+        raise BadValue(f"{path}: the first line is blank; it must hold the headers")
     doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
     if doubled:
-        raise UserError(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
+        raise Conflict(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
     return header
 
 
@@ -87,7 +87,7 @@ def _parquet(path: Path, content: bytes) -> _Parts:
     def refused(error: Exception) -> UserError:
         why = " ".join(str(error).split())
         why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        return UserError(f"{path}: not a readable Parquet file ({why})")
+        return Unreadable(f"{path}: not a readable Parquet file ({why})")
 
     try:
         file = pq.ParquetFile(io.BytesIO(content), page_checksum_verification=True)
@@ -104,7 +104,7 @@ def _parquet(path: Path, content: bytes) -> _Parts:
         kind = kind.value_type if pa.types.is_dictionary(kind) else kind
         words = f"{path}: column '{name}' holds {kind}, which is no number"
         if pa.types.is_nested(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
-            raise UserError(words)
+            raise BadValue(words)
         try:
             text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
             source = (
@@ -141,7 +141,7 @@ def _numbers(path: Path, cell: str, series: Any, clock: bool) -> np.ndarray:
         since = series - series.min() if kind == "M" else series
         return np.asarray(since.dt.total_seconds().to_numpy(dtype=float))
     if kind in "mMb":
-        raise UserError(f"{path}: column '{cell}' holds {series.dtype}, which is no number")
+        raise BadValue(f"{path}: column '{cell}' holds {series.dtype}, which is no number")
     values, text = floats_of_cells(series)
     if text is not None:
         raise text.error(path, cell)
@@ -155,5 +155,5 @@ def within(path: Path, cell: str, values: np.ndarray, before: int = 0) -> np.nda
     if len(beyond):
         at = int(beyond[0])
         words = f"row {before + at + 1}, column '{cell}': {values[at]:g} is larger than anything in a trial"
-        raise UserError(f"{path}: {words}")
+        raise OutOfRange(f"{path}: {words}")
     return values

@@ -18,7 +18,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from cases.io.files import decoded, read_bytes
-from mmg.errors import UserError, name_fault
+from mmg.errors import BadValue, name_fault
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -68,7 +68,7 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise UserError(f"{where}: not a valid TOML file ({' '.join(str(error).split())})") from None
+        raise BadValue(f"{where}: not a valid TOML file ({' '.join(str(error).split())})") from None
 
 
 def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]:
@@ -105,7 +105,7 @@ def validated(schema: type[S], data: dict[str, Any], where: str) -> S:
 def refuse(where: str, problems: Sequence[str]) -> None:
     """Raises UserError, naming ``where``, with all ``problems`` in one line; does nothing when there are none."""
     if problems:
-        raise UserError(f"{where}: {'; '.join(problems)}")
+        raise BadValue(f"{where}: {'; '.join(problems)}")
 
 
 def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> str:

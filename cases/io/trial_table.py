@@ -19,7 +19,7 @@ from cases.io.files import check_file, opened, read_bytes
 from cases.io.sentinels import masked, remarks, without_sentinels
 from cases.io.table import checked_header, read_table, within
 from cases.trial import wraps
-from mmg.errors import UserError
+from mmg.errors import BadValue, TooFewData
 from mmg.messages import Message
 from mmg.states import STATES
 
@@ -157,7 +157,7 @@ def _averaged(
     clock.check()
     out = means.columns()
     if not out or not len(out["t"]):
-        raise UserError(f"{path}: no row holds a time and a state ({rows} rows); nothing to read")
+        raise TooFewData(f"{path}: no row holds a time and a state ({rows} rows); nothing to read")
     for name, cells in infinite.items():
         notices.append(Message(f"{name}: {cells} infinite values taken as missing", "infinite_values"))
     if count > 1:
@@ -194,7 +194,7 @@ class _Clock:
         """Raises UserError where the time stood still or ran backwards before the last row with a state."""
         if self._wrong is not None and self._wrong[0] <= self._alive:
             row, before, after = self._wrong
-            raise UserError(
+            raise BadValue(
                 f"{self.path}: time {'repeats' if after == before else 'runs backwards'} at row {row + 1}: t = "
                 f"{before:.10g} s, then {after:.10g} s; sort the rows or remove the doubled ones"
             )

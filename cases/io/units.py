@@ -9,7 +9,7 @@ import math
 import re
 
 from cases.trial import UNITS
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 
 KNOT = 1852.0 / 3600.0
 """Metres per second in one knot (exact, BIPM)."""
@@ -66,7 +66,7 @@ def to_si(column: str, unit: str, where: str) -> float:
     factors = FACTORS[si_unit(column)]
     match = {name.lower(): name for name in factors}.get(key.lower())
     if match is None:
-        raise UserError(
+        raise UnknownName(
             f"{where}: unknown unit '{' '.join(unit.split())}' for {column}; accepted: {', '.join(factors)}"
         )
     return factors[match]

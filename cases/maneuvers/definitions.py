@@ -21,7 +21,7 @@ from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.engine import Engine, engine_of, stopping_factors
 from cases.maneuvers.orders import Orders
 from cases.maneuvers.self_propulsion import TEST_FROUDE, approach, own_speed
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, OutOfRange, UnknownName, UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -110,15 +110,15 @@ def parse_maneuver(
     """
     kind, _, argument = text.strip().partition(":")
     if kind not in _BUILDERS:
-        raise UserError(f"unknown manoeuvre '{text}'; known: {FORMS}")
+        raise UnknownName(f"unknown manoeuvre '{text}'; known: {FORMS}")
     if kind in (*STOPS, "acceleration") and not {"n", "n_azimuth"} & set(ship.actuators):
-        raise UserError(f"manoeuvre '{text}': {ship.name} has no propeller in its model that could be ordered")
+        raise Missing(f"manoeuvre '{text}': {ship.name} has no propeller in its model that could be ordered")
     given = (("duration", duration, "s"), ("rudder rate", rudder_rate and math.degrees(rudder_rate), "deg/s"))
     for name, value, unit in given:
         if value is not None and not (math.isfinite(value) and value > 0):
-            raise UserError(f"{name} = {value:g} {unit} must be positive")
+            raise OutOfRange(f"{name} = {value:g} {unit} must be positive")
     if kind in ("straight", "acceleration", "berthing") and argument:
-        raise UserError(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
+        raise BadValue(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
     limits, length = Limits.for_ship(ship), ship.particulars["L"]
     if rudder_rate is not None:
         limits = Limits(rudder_rate, limits.propeller_rate)
@@ -175,7 +175,7 @@ class _Setup:
         )
 
     def refused(self, words: str) -> UserError:
-        return UserError(f"manoeuvre '{self.base.name}': {words}")
+        return BadValue(f"manoeuvre '{self.base.name}': {words}")
 
     def angle(self, words: str, what: str = "rudder angle") -> float:
         """An angle [rad] from degrees in the text. UserError unless LEAST_ANGLE <= |angle| <= 90 deg."""

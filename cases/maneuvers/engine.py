@@ -23,7 +23,7 @@ import numpy as np
 
 from mmg.components.particulars import ENGINE
 from mmg.components.propeller.four_quadrant import A_Q, A_T, B_Q, B_T
-from mmg.errors import UserError
+from mmg.errors import OutOfRange
 from mmg.ship import Ship
 
 SMALLEST = 50.0
@@ -181,10 +181,10 @@ def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
         return None
     for name, (_, _, low, high) in USUAL.items():
         if name in p and not low <= p[name] <= high:
-            raise UserError(f"{ship.name}: {name} = {p[name]:g} must be between {low:g} and {high:g}")
+            raise OutOfRange(f"{ship.name}: {name} = {p[name]:g} must be between {low:g} and {high:g}")
     n_mcr = p.get("n_MCR", 0.0) or _at_rating(ship, speed, n)
     if not 0.2 * n < n_mcr < 20 * n:
-        raise UserError(f"{ship.name}: n_MCR = {n_mcr:g} 1/s does not fit n = {n:.3g} 1/s at {speed:.3g} m/s")
+        raise OutOfRange(f"{ship.name}: n_MCR = {n_mcr:g} 1/s does not fit n = {n:.3g} 1/s at {speed:.3g} m/s")
     values = {_FIELDS[name]: p.get(name, usual[0]) for name, usual in USUAL.items()}
     assumed = tuple(name for name in USUAL if name not in p)
     return Engine(n_mcr=n_mcr, speed=speed, n=n, advance=_advance(ship, speed, n), assumed=assumed, **values)
@@ -197,7 +197,7 @@ def stopping_factors(ship: Ship) -> dict[str, float]:
     """
     share = ship.particulars.get("stopping_resistance", 1.0)
     if not 0.1 <= share <= 10:
-        raise UserError(f"{ship.name}: stopping_resistance = {share:g} must be between 0.1 and 10")
+        raise OutOfRange(f"{ship.name}: stopping_resistance = {share:g} must be between 0.1 and 10")
     return {} if share == 1.0 else {s: share for s in ("R_0", "X_0F") if s in ship.coefficients}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mmg.compile.same_ship import once_per_ship
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, NoSolution, OutOfRange
 from mmg.model import assemble
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
@@ -92,7 +92,7 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
         low, high = high, 2 * high
     below, above = function(low), function(high)
     if not below < 0 < above:
-        raise UserError(f"{failure}; check thrust and resistance, or give both n and speed")
+        raise NoSolution(f"{failure}; check thrust and resistance, or give both n and speed")
     last = 0
     for _ in range(200):
         if high - low <= 1e-12 * high:
@@ -122,7 +122,7 @@ def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = F
     u, revolutions = _approach(ship, n, speed, at_rest)
     froude = u / reference_speed(ship.particulars["L"])
     if abs(froude) > 1:
-        raise UserError(
+        raise OutOfRange(
             f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
         )
     return u, revolutions
@@ -131,22 +131,22 @@ def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = F
 def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -> tuple[float, float]:
     for name, value in (("n", n), ("speed", speed)):
         if value is not None and not math.isfinite(value):
-            raise UserError(f"{name} = {value} is not a finite number")
+            raise OutOfRange(f"{name} = {value} is not a finite number")
     if not {"n", "n_azimuth"} & set(ship.actuators):
         if n is not None or at_rest:
-            raise UserError(f"{ship.name} has no propeller in its model: give a speed, not n or a start at rest")
+            raise Missing(f"{ship.name} has no propeller in its model: give a speed, not n or a start at rest")
         return own_speed(ship) if speed is None else speed, 0.0
     if at_rest and n is not None:
         if speed is not None:
-            raise UserError("an acceleration starts from rest: give n or the speed to reach, not both")
+            raise Conflict("an acceleration starts from rest: give n or the speed to reach, not both")
         return 0.0, n
     if n is not None and speed is not None:
         return speed, n
     if n is not None:
         if n <= 0:
-            raise UserError(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
+            raise OutOfRange(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
         return speed_for(ship, n), n
     if speed is not None and speed <= 0:
-        raise UserError(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
+        raise OutOfRange(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
     wanted = own_speed(ship) if speed is None else speed
     return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)

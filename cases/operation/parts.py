@@ -20,7 +20,7 @@ from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.table import checked_header
 from cases.io.units import to_si
 from cases.trial import RUDDERS
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, Unreadable, UserError
 from mmg.messages import Message
 
 PIECE = 100_000
@@ -74,7 +74,7 @@ class OperationLog:
             except UserError as error:
                 self._leave_out(str(error))
         if not any_row:
-            raise UserError(f"{self.folder}: no row can be read; {'; '.join(self.left_out[:3])}")
+            raise Unreadable(f"{self.folder}: no row can be read; {'; '.join(self.left_out[:3])}")
 
     def _of(self, part: Part) -> Iterator[dict[str, np.ndarray]]:
         import pyarrow as pa
@@ -106,7 +106,7 @@ class OperationLog:
                 if len(columns["t"]) > 1:
                     yield converted(columns, entry, notices)
         except (OSError, ValueError, pa.ArrowException) as error:
-            raise UserError(f"{path}: is damaged ({_short(error)})") from None
+            raise Unreadable(f"{path}: is damaged ({_short(error)})") from None
         finally:
             for notice in notices:
                 self._say(str(notice))
@@ -130,16 +130,16 @@ def read_log(folder: str | Path) -> OperationLog:
 
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"{folder}: no such folder; give the folder of the Parquet files of the log")
+        raise Missing(f"{folder}: no such folder; give the folder of the Parquet files of the log")
     log = OperationLog(folder)
     files = sorted(path for path in folder.rglob("*.parquet") if path.is_file())
     if not files:
-        raise UserError(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
+        raise Missing(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
     for path in files:
         try:
             file = pq.ParquetFile(path, page_checksum_verification=True)
             if not file.metadata.num_rows:
-                raise UserError(f"{path}: is damaged or empty (it has no rows)")
+                raise Unreadable(f"{path}: is damaged or empty (it has no rows)")
             header = checked_header(path, list(file.schema_arrow.names))
             index, unit = match_headers(path, header, _entry(folder, path), [])["t"]
             first = next(file.iter_batches(1000, columns=[header[index]])).column(0)
@@ -152,7 +152,7 @@ def read_log(folder: str | Path) -> OperationLog:
         except (OSError, ValueError, StopIteration, pa.ArrowException) as error:
             log.left_out.append(f"{path}: is damaged ({_short(error)})")
     if not log.parts:
-        raise UserError(f"{folder}: no part can be read; {log.left_out[0]}")
+        raise Unreadable(f"{folder}: no part can be read; {log.left_out[0]}")
     log.parts.sort(key=lambda part: (part.begin, part.path))
     return log
 
@@ -174,7 +174,7 @@ def _numbers(path: Path, cell: str, values: object) -> np.ndarray:
         stamps = pc.cast(pc.cast(values, pa.timestamp("us")), pa.int64())
         return np.asarray(pc.cast(stamps, pa.float64(), safe=False).to_numpy(zero_copy_only=False)) / 1e6
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
-        raise UserError(f"{path}: column '{cell}' holds {kind}, which is no number")
+        raise BadValue(f"{path}: column '{cell}' holds {kind}, which is no number")
     return np.array(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=float)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from cases.io.units import as_number
 from cases.shipfiles.ship_file import check_needs
 from mmg.effects import EFFECTS, Parameter, present_name
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, OutOfRange, UnknownName
 from mmg.ship import Ship
 
 
@@ -32,16 +32,16 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
     for item in filter(None, (part.strip() for part in rest.split(","))):
         key, equals, word = (part.strip() for part in item.partition("="))
         if key not in known:
-            raise UserError(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+            raise UnknownName(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
         if key in values or key in named:
-            raise UserError(f"{where}: {key} is given twice")
+            raise Conflict(f"{where}: {key} is given twice")
         if not equals:
             named.append(key)
             continue
         p, values[key] = known[key], as_number(word)
         if not p.lower <= values[key] <= p.upper:
             wanted = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
-            raise UserError(f"{where}: {p.symbol} = {word} {wanted}".rstrip())
+            raise OutOfRange(f"{where}: {p.symbol} = {word} {wanted}".rstrip())
     return name, values, named
 
 
@@ -55,10 +55,10 @@ def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
         if name in given:
-            raise UserError(f"--effect {text}: {name} is given twice; write its parameters in one, NAME:a=1,b=2")
+            raise Conflict(f"--effect {text}: {name} is given twice; write its parameters in one, NAME:a=1,b=2")
         given.add(name)
         if named:
-            raise UserError(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
+            raise Missing(f"--effect {text}: give {named[0]} a value, such as {name}:{named[0]}=0.1")
         if not values:
             values = {p.symbol: p.neutral + p.typical for p in parameters(ship, name) if not p.held}
         ship = ship.with_effect(name, values)
@@ -103,12 +103,12 @@ def varying_effects(ship: Ship, texts: Iterable[str]) -> tuple[Ship, tuple[str, 
         name, values, named = parse_effect(text, ship, "--per-run")
         where = f"--per-run {text}"
         if name in ship.effects:
-            raise UserError(
+            raise Conflict(
                 f"{where}: {name} is in the model already; name it once, in --with, --measurement or --per-run"
             )
         if not varies(name):
             known = ", ".join(e for e in EFFECTS if varies(e))
-            raise UserError(
+            raise UnknownName(
                 f"{where}: {name} belongs to the ship, use --with {name}; each run may have its own {known}"
             )
         ship = ship.with_effect(name, values)

@@ -10,7 +10,7 @@ from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.expansion.actuators import devices_of, parse_devices, without_partner
 from mmg.components.expansion.structure import Structure, terms
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, Unsupported
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
@@ -46,11 +46,11 @@ def structure_of(
     else:
         devices = parse_devices(actuators)
     if not devices:
-        raise UserError(f"{ship.name}: none of its force models has an actuator; name them with --actuators")
+        raise Missing(f"{ship.name}: none of its force models has an actuator; name them with --actuators")
     lonely = without_partner(devices, ship.particulars)
     if symmetric and lonely:
         count = sum(len(device.names) for device in devices)
-        raise UserError(
+        raise Conflict(
             f"actuators {', '.join(map(str, devices))}: symmetry is claimed, but {len(lonely)} of {count} lie off the "
             f"centre plane without a mirror partner ({', '.join(lonely)}); write pairs as a+b, or add --asymmetric"
         )
@@ -112,7 +112,7 @@ def _check_effects(ship: Ship, components: dict[str, str]) -> None:
     for effect in ship.effects:
         missing = [role for role in EFFECTS[effect].needs if role not in components]
         if missing:
-            raise UserError(
+            raise Unsupported(
                 f"{ship.name}: its effect {effect} needs a {missing[0]} model, which a generated polynomial replaces; "
                 "take the effect out first"
             )

@@ -10,7 +10,7 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.effects import EFFECTS, present_name
-from mmg.errors import UserError
+from mmg.errors import Conflict, UnknownName
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -21,13 +21,13 @@ def without_component(ship: Ship, role: str) -> Ship:
     Raises UserError for a role that the ship does not have, or that another part of its model needs.
     """
     if role not in ship.components:
-        raise UserError(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
+        raise UnknownName(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
     alone = role in ("hull", "expansion") and not {"hull", "expansion"} & {*ship.components} - {role}
     if role == "hull" or alone or (role == "propeller" and "rudder" in ship.components):
-        raise UserError(f"--without {role}: the rest of the model needs it")
+        raise Conflict(f"--without {role}: the rest of the model needs it")
     needing = [name for name in ship.effects if role in EFFECTS[name].needs]
     if needing:
-        raise UserError(f"--without {role}: effect {needing[0]} needs a {role} model, which {ship.name} would lack")
+        raise Conflict(f"--without {role}: effect {needing[0]} needs a {role} model, which {ship.name} would lack")
     components = {r: n for r, n in ship.components.items() if r != role}
     rows = coefficient_table(components, ship.particulars)
     rows |= {s: c for s, c in ship.coefficients.items() if s.partition(".")[0] in ship.effects}
@@ -62,7 +62,7 @@ def reduced_ship(
     for option, names in (("--fix", fix), ("--only", only)):
         unknown = [name for name in names if name not in ship.coefficients]
         if unknown:
-            raise UserError(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
+            raise UnknownName(f"{option}: unknown coefficient {', '.join(unknown)}; known: {', '.join(ship.symbols)}")
     if only:
         instruments = tuple(f"{name}." for name in ship.effects if EFFECTS[name].measures)
         ship = ship.fixing([s for s in ship.symbols if s not in only and not s.startswith(instruments)])
@@ -79,7 +79,7 @@ def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] =
     for name in names:
         if name not in EFFECTS or not EFFECTS[name].measures:
             known = [e for e, effect in EFFECTS.items() if effect.measures]
-            raise UserError(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
+            raise UnknownName(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
     present = {"velocity_filter"} if "gnss_delay" in ship.effects else set()
     new = [name for name in names if name not in {*ship.effects, *present}]
     seen = kinematics_of(trials, ship) if trials and "velocity_filter" in new else None

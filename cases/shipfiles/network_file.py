@@ -17,7 +17,7 @@ from safetensors import SafetensorError, safe_open
 
 from cases.io.files import check_file, parse_json
 from cases.io.tensors import save_tensors
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, NotWritable, Unreadable, UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
@@ -60,7 +60,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
     try:
         save_tensors(Path(path), {name: np.asarray(a, dtype=float) for name, a in arrays.items()}, about)
     except (OSError, SafetensorError) as error:
-        raise UserError(f"{path}: cannot be written ({error})") from None
+        raise NotWritable(f"{path}: cannot be written ({error})") from None
 
 
 def load_network(path: str | Path, ship: Ship) -> Network:
@@ -71,11 +71,11 @@ def load_network(path: str | Path, ship: Ship) -> Network:
             about = file.metadata() or {}
             arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, ValueError, TypeError) as error:
-        raise UserError(f"{path}: cannot be read as a network file ({error}); train it again") from None
+        raise Unreadable(f"{path}: cannot be read as a network file ({error}); train it again") from None
     if about.get("format") != FORMAT:
-        raise UserError(f"{path}: is no network file of this program (format {about.get('format')!r}, not {FORMAT!r})")
+        raise BadValue(f"{path}: is no network file of this program (format {about.get('format')!r}, not {FORMAT!r})")
     if about.get("ship_hash") != ship_hash(ship):
-        raise UserError(
+        raise Conflict(
             f"{path}: {OTHER}: it was trained on {about.get('ship') or 'a ship'}, whose particulars or "
             f"force models differ from those of {ship.name or 'this ship'}; train it again or remove the file"
         )
@@ -84,11 +84,11 @@ def load_network(path: str | Path, ship: Ship) -> Network:
         members = tuple(_member(arrays, k) for k in range(members_in(about, arrays)))
         network = Network(features, members=members, **{name: arrays[name] for name in _PLAIN})
     except (KeyError, ValueError, TypeError) as error:
-        raise UserError(f"{path}: is incomplete ({error}); train it again") from None
+        raise BadValue(f"{path}: is incomplete ({error}); train it again") from None
     try:
         network.check(ship.name, ship.actuators)
     except UserError as error:
-        raise UserError(f"{path}: {error}") from None
+        raise type(error)(f"{path}: {error}") from None
     return network
 
 

@@ -18,7 +18,7 @@ from pydantic import Field
 from cases.io.toml_file import Name, Section
 from cases.shipfiles.network_file import load_network
 from cases.shipfiles.schema import Bound
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, UserError
 from mmg.network import Layers, Network
 from mmg.ship import Ship
 
@@ -51,18 +51,18 @@ def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
     """
     if table.file:
         if folder is None:
-            raise UserError(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
+            raise Missing(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
         return load_network(folder / table.file, ship)
     try:
         members = tuple(Layers(_arrays(m.weights, 2), _arrays(m.biases, 1)) for m in table.members)
         arrays = {name: np.array(getattr(table, name), dtype=float) for name in PLAIN}
     except ValueError:
-        raise UserError("[network] the rows of a matrix must be of one length") from None
+        raise BadValue("[network] the rows of a matrix must be of one length") from None
     network = Network(tuple(table.features), members=members, **arrays)
     try:
         network.check(ship.name, ship.actuators)
     except UserError as error:
-        raise UserError(f"[network] {error}") from None
+        raise type(error)(f"[network] {error}") from None
     return network
 
 

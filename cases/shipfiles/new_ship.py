@@ -15,7 +15,7 @@ from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE
 from mmg.effects.wind_force import upper_works
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
@@ -46,22 +46,22 @@ def parse_particulars(words: Sequence[str]) -> dict[str, float]:
         name, equals, number = word.rpartition("=")
         if not equals:
             if i >= len(ORDER) or i != len(given):
-                raise UserError(
+                raise BadValue(
                     f"--new: '{word}' has no name; give numbers in the order {' '.join(ORDER)}, then NAME=VALUE"
                 )
             name = ORDER[i]
         name = WORDS.get(name.strip(), name.strip())
         if name not in (*ORDER, *OPTIONAL):
-            raise UserError(f"--new: unknown particular '{name}'; known: {', '.join((*ORDER, *OPTIONAL))}")
+            raise UnknownName(f"--new: unknown particular '{name}'; known: {', '.join((*ORDER, *OPTIONAL))}")
         if name in given:
-            raise UserError(f"--new: {name} is given twice")
+            raise Conflict(f"--new: {name} is given twice")
         try:
             given[name] = float(number)
         except ValueError:
-            raise UserError(f"--new: {name} = '{number}' is not a number") from None
+            raise BadValue(f"--new: {name} = '{number}' is not a number") from None
     missing = [name for name in LEAST if name not in given]
     if missing:
-        raise UserError(
+        raise Missing(
             f"--new: {', '.join(missing)} missing; give at least L B d C_b, such as --new 320 58 20.8 0.81 D_P=9.86"
         )
     return given
@@ -73,7 +73,7 @@ def check_plausible(p: Mapping[str, float]) -> None:
         p = {name: value for name, value in p.items() if name != "A_R"}
     wrong = wrong_particulars(p)
     if wrong:
-        raise UserError(f"--new: {'; '.join(wrong)}")
+        raise OutOfRange(f"--new: {'; '.join(wrong)}")
     L, B, d, C_b = (p[name] for name in LEAST)
     D_P, A_R, ratio, froude = p.get("D_P", d), p.get("A_R", L * d), p.get("pitch_ratio", 0.7), 0.1
     if "U_0" in p:
@@ -92,9 +92,9 @@ def check_plausible(p: Mapping[str, float]) -> None:
     )
     for holds, sentence in rules:
         if not holds:
-            raise UserError(f"--new: {sentence}")
+            raise OutOfRange(f"--new: {sentence}")
     for sentence in impossible(p):
-        raise UserError(f"--new: {sentence}")
+        raise OutOfRange(f"--new: {sentence}")
 
 
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
@@ -140,7 +140,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     rudder. Raises UserError for particulars that no ship has.
     """
     if hull not in HULLS:
-        raise UserError(f"--hull {hull}: known are {', '.join(HULLS)}")
+        raise UnknownName(f"--hull {hull}: known are {', '.join(HULLS)}")
     check_plausible(given)
     p, notices = complete(given)
     check_plausible(p)

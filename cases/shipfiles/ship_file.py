@@ -26,7 +26,7 @@ from mmg.components.catalogue import ROLES, coefficient_table, derived, required
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS, GONE
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange, UnknownName, UserError
 from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 
@@ -47,12 +47,12 @@ def load_ship(where: str | Path) -> Ship:
     """
     path, network = library().get(str(where)) or Path(where), None
     if is_black_box(path):
-        raise UserError(f"{where}: is a black box of mmg train, no ship: mmg predict and mmg score take it")
+        raise BadValue(f"{where}: is a black box of mmg train, no ship: mmg predict and mmg score take it")
     if path.is_dir():
         path, network = path / "ship.toml", path / NETWORK
     if not path.is_file():
         names = ", ".join(library())
-        raise UserError(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
+        raise UnknownName(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
     data = tables(read_json(path), str(path)) if path.suffix.lower() == ".json" else read_toml(path)
     ship = _ship(data, str(path), path.parent)
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
@@ -78,7 +78,7 @@ def _ship(data: dict[str, Any], where: str, folder: Path | None = None) -> Ship:
     try:
         return ship.with_network(network_of(table, ship, folder))
     except UserError as error:
-        raise UserError(f"{where}: {error}") from None
+        raise type(error)(f"{where}: {error}") from None
 
 
 def _plain_ship(data: dict[str, Any], where: str) -> Ship:
@@ -102,7 +102,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         ship = Ship("", particulars, components, {**table, **rows})
     except (ZeroDivisionError, OverflowError):
         out_of_proportion = "[ship] the particulars are out of all proportion; check their units (SI)"
-        raise UserError(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
+        raise OutOfRange(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
     gone = [name for name in content.model.effects if name in GONE]
     given_rows = {s: c for s, c in content.coefficients.items() if s.partition(".")[0] not in gone}
     for name in dict.fromkeys(e for e in content.model.effects if e not in gone):

@@ -15,7 +15,7 @@ from typing import Any
 from cases.shipfiles.network_table import network_table
 from cases.shipfiles.schema import CoefficientEntry
 from mmg.components.particulars import PARTICULARS
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 
@@ -69,7 +69,7 @@ def _number(value: Any) -> Any:
 def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     """The tables of a ship file in the JSON ``content`` of the file ``where``. Raises UserError for another format."""
     if content.get("format") != FORMAT:
-        raise UserError(f"{where}: is no ship of this program (format {content.get('format')!r}, not {FORMAT!r})")
+        raise BadValue(f"{where}: is no ship of this program (format {content.get('format')!r}, not {FORMAT!r})")
     try:
         particulars = {name: row["value"] for name, row in content["particulars"].items()}
         found: dict[str, Any] = {"ship": {**content["ship"], **particulars}, "model": dict(content["model"])}
@@ -86,5 +86,5 @@ def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
             for key, unknown in RANGES.items():
                 network[key] = [unknown if x is None else x for x in network.get(key, [])]
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise UserError(f"{where}: is incomplete or holds a value of another kind ({error!r})") from None
+        raise BadValue(f"{where}: is incomplete or holds a value of another kind ({error!r})") from None
     return found

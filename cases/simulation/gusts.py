@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.io.units import as_number
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange
 
 REFERENCE_FREQUENCY = 0.5
 """Hz at which filter and spectrum agree, besides zero."""
@@ -98,10 +98,10 @@ def parse_wind(text: str) -> Wind:
     speed, direction = (as_number(part) for part in (*parts, "", "")[:2])
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")
     if not (fits and math.isfinite(direction) and 0 <= speed < math.inf):
-        raise UserError(
+        raise BadValue(
             f"wind '{text}': write speed:direction or speed:direction:gusty in m/s and degrees it "
             "comes from, such as 1.5:60:gusty"
         )
     if speed > STRONGEST:
-        raise UserError(f"wind '{text}': {speed:g} m/s is more than any wind; at most {STRONGEST:g} m/s")
+        raise OutOfRange(f"wind '{text}': {speed:g} m/s is more than any wind; at most {STRONGEST:g} m/s")
     return Wind(speed, math.radians(direction) % (2 * math.pi), len(parts) == 3)

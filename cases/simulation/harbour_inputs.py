@@ -14,7 +14,7 @@ import numpy as np
 from cases.maneuvers.controller import Limits
 from cases.trial import Trial
 from mmg.components.expansion.series import REVOLUTIONS, speed_scale
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
@@ -61,7 +61,7 @@ def harbour_seed(text: str, seed: int) -> int | None:
     if kind != "harbour":
         return None
     if colon and not (given.isdecimal() and len(given) < 10):
-        raise UserError(f"manoeuvre '{text}': the seed must be a whole number, such as harbour:7")
+        raise BadValue(f"manoeuvre '{text}': the seed must be a whole number, such as harbour:7")
     return int(given) if colon else seed
 
 
@@ -82,7 +82,7 @@ def harbour_inputs(
     dt = 0.5 * time_scale(L) if dt is None else dt
     seconds = 400.0 * time_scale(L) if seconds is None else seconds
     if not (math.isfinite(dt) and 0 < dt <= seconds and math.isfinite(seconds)):
-        raise UserError(f"random inputs of {seconds:g} s in steps of {dt:g} s: the step must be positive and fit in")
+        raise OutOfRange(f"random inputs of {seconds:g} s in steps of {dt:g} s: the step must be positive and fit in")
     t = np.round(dt * np.arange(math.floor(seconds / dt + 1e-9) + 1), 9)
     limits, columns = Limits.for_length(L), {"t": t}
     both = np.random.default_rng([17, seed])

@@ -15,7 +15,7 @@ from cases.maneuvers.orders import Orders, StepOrders, StopOrders, Turning, Zigz
 from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps
 from cases.simulation.simulate_batch import SimulatedRuns, coefficients_in, ends_of, input_array
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.model import settled
 from mmg.rollout import Simulator
 
@@ -46,7 +46,7 @@ def simulate_pushed(
     """
     ship, orders = simulator.ship, maneuver.orders()
     if isinstance(orders, StepOrders):
-        raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
+        raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
     theta = coefficients_in(maneuver, ship, coefficients)
     M, N = theta.shape[1], math.floor(maneuver.duration / dt + TINY)
     t, parts = np.round(dt * np.arange(N + 1), 9), integration_steps(ship, dt)

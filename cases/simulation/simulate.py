@@ -23,7 +23,7 @@ from cases.trial import UNITS, Trial
 from mmg.compile.same_ship import once_per_ship
 from mmg.components.catalogue import module
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, NoSolution, NotWritable, OutOfRange
 from mmg.messages import Message
 from mmg.model import Model, assemble
 from mmg.motion.frames import earth_to_body, wind_vector
@@ -103,9 +103,9 @@ def simulate(
     Raises UserError for a step that makes no sense and for a motion that diverges. maneuver: what is ordered.
     """
     if not (math.isfinite(dt) and dt > 0):
-        raise UserError(f"dt = {dt:g} s must be positive")
+        raise OutOfRange(f"dt = {dt:g} s must be positive")
     if not 1 <= maneuver.duration / dt <= MOST_STEPS:
-        raise UserError(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
+        raise OutOfRange(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
     ship, count = maneuver.ship_of(ship), math.floor(maneuver.duration / dt + 1e-9)
     t = np.round(dt * np.arange(count + 1), 9)
     air = (wind or Wind(0.0)).series(t, seed)
@@ -159,7 +159,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     step, model, delay = _plant(ship)
     for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
         if not np.isfinite(values).all():
-            raise UserError(f"{controls.name}: missing values in {name}; the inputs must be complete")
+            raise Missing(f"{controls.name}: missing values in {name}; the inputs must be complete")
     acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved
     named = dict(zip(ship.actuators, acting.T, strict=True))
     named |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
@@ -167,7 +167,9 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     gaps = np.diff(t)
     parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
     if parts.sum() > MOST_STEPS:
-        raise UserError(f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps")
+        raise OutOfRange(
+            f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps"
+        )
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
     run = step.mapaccum("run", len(h))
     begin = np.array(model.initial(start, held[0], [])).ravel()
@@ -208,7 +210,7 @@ def _columns(
     good = np.isfinite(six).all(axis=1) & (speed < 3 * reference_speed(L)) & (spin < 10 * math.sqrt(GRAVITY / L))
     if not good.all():
         when = t[int(np.argmin(good))]
-        raise UserError(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")
+        raise NoSolution(f"the motion of {ship.name} diverges at t = {when:g} s; check its coefficients and the inputs")
     if any(effect(name).measures for name in ship.effects):
         six = logged(ship, t, six)
     columns: dict[str, Any] = {"t": t, **dict(zip(STATES, six.T, strict=True)), **actuators}
@@ -247,7 +249,7 @@ def write_trial(trial: Trial, path: str | Path) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in (".csv", ".parquet"):
-        raise UserError(f"{path}: trial files end in .csv or .parquet")
+        raise BadValue(f"{path}: trial files end in .csv or .parquet")
     order = [*UNITS, *(name for name in trial.columns if name not in UNITS)]
     frame = replace(trial, columns={name: trial[name] for name in order if name in trial}).to_pandas()
     try:
@@ -257,4 +259,4 @@ def write_trial(trial: Trial, path: str | Path) -> None:
             else:
                 frame.to_csv(scratch, index=False, lineterminator="\n")
     except OSError as error:
-        raise UserError(f"{path}: cannot be written ({error.strerror or error}); check the folder") from None
+        raise NotWritable(f"{path}: cannot be written ({error.strerror or error}); check the folder") from None

@@ -19,7 +19,7 @@ from cases.maneuvers.self_propulsion import actuator_positions
 from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, Unsupported
 from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -72,14 +72,14 @@ def simulate_batch(
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship = simulator.ship
     if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
-        raise UserError(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
+        raise OutOfRange(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
     theta = coefficients_in(maneuver, ship, coefficients)
     six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
     start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
     orders, N = maneuver.orders(), math.floor(maneuver.duration / dt + TINY)
     t = np.round(dt * np.arange(N + 1), 9)
     if isinstance(orders, StepOrders):
-        raise UserError(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
+        raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
     if isinstance(orders, Zigzag):
         return _zigzag(simulator, maneuver, orders, start, theta, t, threads)
     if isinstance(orders, StopOrders) and maneuver.engine is not None:

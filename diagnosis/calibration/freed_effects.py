@@ -26,7 +26,7 @@ from diagnosis.prepare import fit_as_read, priors_before
 from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
-from mmg.errors import UserError
+from mmg.errors import NotCalibrated, Unsupported
 from mmg.ship import Ship
 
 LEVEL = 0.05
@@ -63,9 +63,9 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     Raises UserError where they cannot be made.
     """
     if not result.converged:
-        raise UserError("the fit has not converged")
+        raise NotCalibrated("the fit has not converged")
     if result.per_run:
-        raise UserError("runs have constants of their own (--per-run)")
+        raise Unsupported("runs have constants of their own (--per-run)")
     ship = result.ship.without_network() if result.ship.network is not None else result.ship
     candidates = [_freed(ship, result, name) for name in names]
     symbols = [s for c in candidates for s in c.symbols]

@@ -12,7 +12,7 @@ import numpy as np
 from cases.inputs import is_sampled, step_means, straight_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
 
 LONGEST, SHORTEST = 600, 20
@@ -133,7 +133,7 @@ def grid_trials(
             dropped.append(f"{trial.name}: {lost:.0f} s lie in gaps or in pieces too short between them")
     if not pieces:
         names = ", ".join(t.name for t in trials)
-        raise UserError(f"{names}: nothing to diagnose, no piece is longer than {SHORTEST * h:g} s without a gap")
+        raise TooFewData(f"{names}: nothing to diagnose, no piece is longer than {SHORTEST * h:g} s without a gap")
     K, R = max(len(p[3]) for p in pieces), len(pieces)
     t, y = np.zeros((K + 1, R)), np.full((K + 1, R, 6), np.nan)
     held = np.zeros((K, R, pieces[0][3].shape[1]))

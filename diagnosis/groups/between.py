@@ -38,7 +38,7 @@ from diagnosis.report.where_words import shown_unit
 from fitting.report.words import plus_minus
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
@@ -80,7 +80,9 @@ def compare_groups(
     number = np.array(groups.number)
     unused = [name for i, name in enumerate(groups.names) if i not in number[problem.data.run]]
     if unused:
-        raise UserError(f"--between {groups.by}: no trial of {unused[0]} has a piece without a gap that is long enough")
+        raise TooFewData(
+            f"--between {groups.by}: no trial of {unused[0]} has a piece without a gap that is long enough"
+        )
     measured = measured_differences(sensors, problem.steps.ship, groups)
     instruments = without_doubles([m for m in measured if m.matters])
     LOGGER.info(

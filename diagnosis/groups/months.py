@@ -24,7 +24,7 @@ from fitting.report.run_folder import versions
 from fitting.result import FitResult
 from fitting.settings import Settings
 from mmg.effects import Parameter
-from mmg.errors import UserError
+from mmg.errors import BadValue, TooFewData
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
@@ -173,7 +173,7 @@ def study_months(
     for line in log.left_out:
         LOGGER.warning("left out: %s", line)
     if not cut.windows:
-        raise UserError(f"{folder}: no window of {cut.length:.0f} s in which the ship is under way, without a gap")
+        raise TooFewData(f"{folder}: no window of {cut.length:.0f} s in which the ship is under way, without a gap")
     LOGGER.info(f"{cut.rows} rows, {len(cut.windows)} windows of {cut.length:.0f} s under way")
     choice, result, scores = None, None, {}
     if most:
@@ -206,7 +206,7 @@ def checked(log: OperationLog) -> Iterator[dict[str, np.ndarray]]:
     """The pieces of the ``log``, columns (N,) by name. Raises UserError where the numbers of one refute its units."""
     for piece in log.pieces():
         if sentence := implausible(piece):
-            raise UserError(f"{log.folder}: at t = {piece['t'][0]:.0f} s: {sentence}")
+            raise BadValue(f"{log.folder}: at t = {piece['t'][0]:.0f} s: {sentence}")
         yield piece
 
 
@@ -226,7 +226,7 @@ def _subset(log: OperationLog, cut: Cut, ship: Ship, most: int) -> tuple[ChosenW
     """The windows that tell most about the free coefficients of ``ship``, by their numbers in the cut, as trials."""
     numbers = [k for k, w in enumerate(cut.windows) if w.manoeuvring]
     if not numbers:
-        raise UserError(f"{log.folder}: no manoeuvring window: the log cannot calibrate a ship; use --no-fit")
+        raise TooFewData(f"{log.folder}: no manoeuvring window: the log cannot calibrate a ship; use --no-fit")
     windows = [cut.windows[k] for k in numbers]
     rows = ((k, columns) for k, (_, columns) in zip(numbers, window_rows(log.pieces(), windows), strict=False))
     found = choose_windows(Stretches(ship, (), WHOLE, ship.free).of(rows), most)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.io.files import decoded, read_bytes
 from diagnosis.findings import Findings
-from mmg.errors import UserError
+from mmg.errors import BadValue
 
 FILE = "missing_force.csv"
 HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
@@ -70,7 +70,7 @@ def read_missing_force(folder: Path) -> dict[str, MissingForce]:
         return {}
     rows = list(csv.reader(io.StringIO(decoded(read_bytes(path), path))))
     if not rows or tuple(rows[0]) != HEADER:
-        raise UserError(f"{path}: the header is not {','.join(HEADER)}; diagnose again")
+        raise BadValue(f"{path}: the header is not {','.join(HEADER)}; diagnose again")
     by_run: dict[str, list[list[float]]] = {}
     for number, row in enumerate(rows[1:], start=2):
         try:
@@ -79,7 +79,7 @@ def read_missing_force(folder: Path) -> dict[str, MissingForce]:
         except ValueError:
             numbers = []
         if len(numbers) != 4 or not np.isfinite(numbers).all():
-            raise UserError(f"{path}: line {number} is not a run and four numbers; diagnose again")
+            raise BadValue(f"{path}: line {number} is not a run and four numbers; diagnose again")
         by_run.setdefault(name, []).append(numbers)
     tables = {name: np.array(table) for name, table in by_run.items()}
     return {name: MissingForce(table[:, 0], table[:, 1:]) for name, table in tables.items()}

@@ -18,7 +18,7 @@ from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.nlp.grid import default_step
 from fitting.report.parts import Store
-from mmg.errors import UserError
+from mmg.errors import NoSolution, TooFewData
 from mmg.model import Model
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -109,14 +109,14 @@ def measure_learned_residual(
 
     before, run = measured([build_hybrid(ship, scales, settings, seed)])
     if not len(before):
-        raise UserError(f"no test trial holds {seconds:.0f} s without a gap")
+        raise TooFewData(f"no test trial holds {seconds:.0f} s without a gap")
     tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
     outcomes, interrupted = train_seeds(tasks, progress, store)
     if interrupted:
         raise KeyboardInterrupt
     outcomes = [o for o in outcomes if o.status != "diverged"]
     if not outcomes:
-        raise UserError("every training diverged, also at lower rates")
+        raise NoSolution("every training diverged, also at lower rates")
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, OutOfRange
 from mmg.ship import Ship
 
 HEADINGS = np.radians(np.arange(0, 180, 15))
@@ -46,13 +46,13 @@ class Area:
         except ValueError:
             length = width = math.nan
         if not (0 < length < math.inf and 0 < width < math.inf):
-            raise UserError(f"--area {text}: give length x width in metres, both positive, such as 60x25")
+            raise BadValue(f"--area {text}: give length x width in metres, both positive, such as 60x25")
         L, B = ship.particulars["L"], ship.particulars["B"]
         margin = B / 2 if margin is None else margin
         if not (math.isfinite(margin) and margin >= 0):
-            raise UserError(f"--margin {margin:g} m must not be negative")
+            raise OutOfRange(f"--margin {margin:g} m must not be negative")
         if max(length, width) < L + 2 * margin or min(length, width) < B + 2 * margin:
-            raise UserError(
+            raise OutOfRange(
                 f"--area {text}: {ship.called} ({L:g} m long, {B:g} m wide) with a margin of {margin:g} m does not fit "
                 "into it; give a larger area"
             )
@@ -63,7 +63,7 @@ class Area:
         x, y = corners(np.array([start])[..., None], ship)
         m = self.margin - 1e-9
         if x.min() < m or x.max() > self.length - m or y.min() < m or y.max() > self.width - m:
-            raise UserError(
+            raise OutOfRange(
                 f"--start {start[0]:g}:{start[1]:g}:{math.degrees(start[2]):g}: the hull is not inside the area of "
                 f"{self.length:g} x {self.width:g} m with a margin of {self.margin:g} m there; give another start"
             )

@@ -28,7 +28,7 @@ from fitting.design.next_trial import repetitions, runs
 from fitting.design.sequences import Sequences
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.parallel import Shared, kept_workers, run_all, width
-from mmg.errors import UserError
+from mmg.errors import NoSolution
 from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
@@ -287,7 +287,7 @@ def _searched(search: SequenceSearch, effort: float, progress: OnProgress | None
     winner = min(evolutions, key=lambda e: e.cost)
     if winner.cost >= 9:
         area = task.area
-        raise UserError(
+        raise NoSolution(
             f"no sequence of {task.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
             f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
             "--start" + ("" if made == total else f"; the search was ended after {task.within:g} s (--time-limit)")

@@ -23,7 +23,7 @@ from fitting.design.trial_information import Present, TrialInformation
 from fitting.design.wanted import FIGURES, coefficients_wanted, figure_slopes
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import draws_of
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, NotCalibrated, OutOfRange, Unsupported
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import reference_speed
 from mmg.progress import OnProgress
@@ -178,7 +178,7 @@ def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray
     matrix = np.array([[math.nan if v is None else v for v in row] for row in correlation["matrix"]], dtype=float)
     numbers = np.array([math.nan if v is None else v for v in (*std, *prior_std)], dtype=float)
     if not len(symbols) or not (np.isfinite(matrix).all() and np.isfinite(numbers).all() and (numbers > 0).all()):
-        raise UserError(
+        raise NotCalibrated(
             f"{ship.called}: the run has no covariance of its coefficients, from which a trial could be planned; fit "
             "until it converges, and train on that run folder"
         )
@@ -201,11 +201,11 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     """
     known, notes = _calibration_in(content), []
     if not {"n", "n_azimuth"} & set(ship.actuators):
-        raise UserError(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
+        raise Missing(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
     if wish.coefficients and wish.figures:
-        raise UserError("give either --coefficients or --figures, one of them")
+        raise Conflict("give either --coefficients or --figures, one of them")
     if wish.seed < 0:
-        raise UserError(f"--seed {wish.seed} must not be negative")
+        raise OutOfRange(f"--seed {wish.seed} must not be negative")
     area = Area.parse(wish.area, ship, wish.margin)
     prior, covariance = known_now(known, ship)
     if wish.start is not None:
@@ -216,7 +216,7 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     dt = min(step, longest_step(ship))
     window = max(20, round((settings.get("window") or 100 * step) / dt))
     if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
-        raise UserError(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
+        raise OutOfRange(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
     simulator = Simulator(ship, bool(settings.get("compiled", True)))
     info = TrialInformation(simulator, prior, _sigma(known, ship), dt, window)
     if wish.figures:
@@ -246,8 +246,10 @@ def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
     if content["kind"] != "training":
         return content
     if content["model"] != "hybrid":
-        raise UserError(f"a black box ({content['model']}) has no coefficients that a trial could tell; plan with the "
-                        "run folder of mmg fit")  # fmt: skip
+        raise Unsupported(
+            f"a black box ({content['model']}) has no coefficients that a trial could tell; plan with the "
+            "run folder of mmg fit"
+        )
     return {**content, "sigma": {}, **(content.get("calibration") or {})}
 
 
@@ -255,11 +257,11 @@ def _check_limits(wish: Wish) -> None:
     """UserError for a rudder angle or a time of the search that makes no sense."""
     angle = math.degrees(wish.rudder_limit)
     if not 1 <= angle <= STEEPEST:
-        raise UserError(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
+        raise OutOfRange(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
     if wish.workers < 1:
-        raise UserError(f"--workers {wish.workers} must be at least 1")
+        raise OutOfRange(f"--workers {wish.workers} must be at least 1")
     if not wish.time_limit > 0:
-        raise UserError(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
+        raise OutOfRange(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 
 
 def _speed(ship: Ship, known: Mapping[str, Any], wish: Wish) -> float:
@@ -267,7 +269,7 @@ def _speed(ship: Ship, known: Mapping[str, Any], wish: Wish) -> float:
     if wish.speed_limit is not None:
         limit = reference_speed(ship.particulars["L"])
         if not (math.isfinite(wish.speed_limit) and 0.005 * limit <= wish.speed_limit <= limit):
-            raise UserError(f"--speed-limit {wish.speed_limit:g} m/s: give {0.005 * limit:.2g} to {limit:.3g} m/s")
+            raise OutOfRange(f"--speed-limit {wish.speed_limit:g} m/s: give {0.005 * limit:.2g} to {limit:.3g} m/s")
         return wish.speed_limit
     return max(own_speed(ship), *((known.get("envelope") or {}).get("u") or [0.0]))
 

@@ -11,7 +11,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.nlp.prior import Prior
 from mmg.components.catalogue import ROLES, coefficient_table
-from mmg.errors import UserError
+from mmg.errors import Conflict, NoSolution, UnknownName
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -49,12 +49,12 @@ def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -
             own = (name,) if name in free else ()
         else:
             roles = ", ".join(ship.components)
-            raise UserError(
+            raise UnknownName(
                 f"--coefficients {name}: {ship.called} has no such coefficient; give symbols (mmg ships RUN "
                 f"lists them), all, or a part of her: {roles}"
             )
         if not own:
-            raise UserError(f"--coefficients {name}: not fitted in this run, so no trial can make it better known")
+            raise Conflict(f"--coefficients {name}: not fitted in this run, so no trial can make it better known")
         chosen += own
     return tuple(dict.fromkeys(chosen))
 
@@ -67,7 +67,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
     ship = simulator.ship
     for name in names:
         if name not in FIGURES:
-            raise UserError(f"--figures {name}: unknown; known: {', '.join(FIGURES)}")
+            raise UnknownName(f"--figures {name}: unknown; known: {', '.join(FIGURES)}")
     at, P = prior.positions(ship), len(prior.symbols)
     theta = np.repeat(ship.values[:, None], 2 * P, axis=1)
     for i in range(P):
@@ -83,5 +83,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
                 slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
     for name, slope in slopes.items():
         if not np.isfinite(slope).all() or not slope.any():
-            raise UserError(f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another")
+            raise NoSolution(
+                f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another"
+            )
     return np.array([slopes[name] for name in names])

@@ -16,7 +16,7 @@ from fitting.solvers.leading import solve_led
 from fitting.solvers.residual_noise import residual_series
 from mmg.compile.batch import BatchFunction
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 from mmg.model import assemble
 from mmg.ship import Ship
@@ -51,7 +51,7 @@ def refuse_outliers(trials: Sequence[Trial], step: float) -> None:
     far = [_multiple(row, np.delete(size, i, axis=0)) for i, row in enumerate(size)]
     bad = [f"{t.name} ({m:.0f} times)" for t, m in zip(trials, far, strict=True) if m > SCATTER]
     if bad:
-        raise UserError(
+        raise BadValue(
             f"{', '.join(bad)}: samples are outliers throughout, they scatter so much more from one to the next than "
             "those of the other runs; leave the run out, or mend its file (mmg check)"
         )
@@ -163,7 +163,7 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
         wanted = "a stopping or astern trial"
     instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
     if all(s in unmoved or s.startswith(instruments) for s in ship.free):
-        raise UserError(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
+        raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
     code = "not_excited_ahead" if backwards else "not_excited_astern"
     return [Message(f"{text}; the prior decides them: add {wanted}", code)]
 
@@ -209,13 +209,13 @@ def contradictions(prior: Prior) -> list[Message]:
     """
     bad = [s for s, std in zip(prior.symbols, prior.std, strict=True) if not std > 0 or not np.isfinite(std)]
     if bad:
-        raise UserError(
+        raise OutOfRange(
             f"{', '.join(bad)}: free, but the standard deviation of the prior is not a positive number; give std in "
             "the ship file, or fix them with --fix"
         )
     crossed = [s for s, lo, hi in zip(prior.symbols, prior.lower, prior.upper, strict=True) if lo >= hi]
     if crossed:
-        raise UserError(f"{', '.join(crossed)}: lower bound not below the upper one; correct the ship file, or --fix")
+        raise Conflict(f"{', '.join(crossed)}: lower bound not below the upper one; correct the ship file, or --fix")
     low, high = prior.scaled_bounds
     return [
         Message(

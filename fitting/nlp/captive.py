@@ -18,7 +18,7 @@ from cases.io.headers import split_header
 from cases.io.table import read_table
 from cases.io.units import to_si
 from mmg.compile.batch import batch_functions
-from mmg.errors import UserError
+from mmg.errors import Missing, OutOfRange, UnknownName
 from mmg.model import Model
 
 FORCES = ("X", "Y", "N")
@@ -49,31 +49,31 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
     """
     if not path.exists():
-        raise UserError(f"{path}: no such file; --captive takes a table of captive-test points")
+        raise Missing(f"{path}: no such file; --captive takes a table of captive-test points")
     header, numbers = read_table(path, read_bytes(path))
     cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
     found = {"delta" if name.startswith("delta") else name for name in cells}
     if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in found]:
-        raise UserError(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
+        raise Missing(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
     columns: dict[str, np.ndarray] = {}
     for name, (i, unit) in cells.items():
         force = name.removeprefix("sigma_")
         if force in FORCES:
             if unit not in UNITS[force]:
-                raise UserError(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
+                raise UnknownName(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
             columns[name] = numbers(i) * (1e3 if unit.startswith("k") else 1.0)
         elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
             try:
                 factor = to_si(name, unit, f"{path}: column '{header[i]}'")
             except KeyError:
-                raise UserError(f"{path}: column '{header[i]}' is no actuator that a ship can have") from None
+                raise UnknownName(f"{path}: column '{header[i]}' is no actuator that a ship can have") from None
             columns[name] = numbers(i) * factor
     motion = np.array([columns[name] for name in ("u", "v", "r")])
     actuators = {name: values for name, values in columns.items() if name.startswith(("n", "delta"))}
     empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)
     if empty.any():
         row = int(np.flatnonzero(empty)[0])
-        raise UserError(f"{path}: row {row + 1} lacks a motion or an actuator ({int(empty.sum())} such rows)")
+        raise Missing(f"{path}: row {row + 1} lacks a motion or an actuator ({int(empty.sum())} such rows)")
     forces = np.array([columns[name] for name in FORCES])
     return Captive(path.stem, motion, actuators, forces, _sigma(path, forces, columns, sigma))
 
@@ -85,7 +85,7 @@ def _sigma(path: Path, forces: np.ndarray, columns: dict, given: tuple[float, ..
         rms = float(np.sqrt(np.mean(forces[i, known[i]] ** 2))) if known[i].any() else 0.0
         result[i] = columns.get(f"sigma_{name}", given[i] if given else FLOOR * rms)
         if not (result[i, known[i]] > 0).all():
-            raise UserError(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
+            raise OutOfRange(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
     return np.where(known, result, np.inf)
 
 
@@ -124,7 +124,7 @@ class CaptiveForces:
         controls = [rows.get(name, rows.get(name.split("_")[0])) for name in model.controls]
         for name, row in zip(model.controls, controls, strict=True):
             if row is None:
-                raise UserError(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")
+                raise Missing(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")
         return points.motion, np.array(controls)
 
     def _call(self, which: int, theta: np.ndarray, *more: np.ndarray) -> np.ndarray:

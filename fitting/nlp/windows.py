@@ -14,7 +14,7 @@ from cases.inputs import STANDARD
 from cases.trial import Trial
 from fitting.nlp.elimination_c import Chains
 from fitting.nlp.grid import grids
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import Message
 from mmg.states import STATES
 
@@ -156,7 +156,7 @@ def cut(
         for name, s in short.items()
     ]
     if not spans:
-        raise UserError(
+        raise TooFewData(
             f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "
             "without a gap; use longer records or a smaller --step"
         )

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from fitting.parallel.executors import executing
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError
 from mmg.progress import LOGGER
 
 PACKAGE = "mmg-ident"
@@ -72,13 +72,13 @@ class DaskCluster:
 
         if isinstance(error, KilledWorker):
             words = f"{self.address}: a task ended one worker after another, perhaps for want of memory"
-            return UserError(f"{words}; give the workers more memory, or use --workers")
+            return ProgramFailed(f"{words}; give the workers more memory, or use --workers")
         is_lost = isinstance(error, CancelledError | OSError) and self.client.status != "running"
         return self._lost(str(error) or type(error).__name__) if is_lost else error
 
     def _lost(self, why: str) -> UserError:
         words = f"{self.address}: the scheduler was lost ({why})"
-        return UserError(f"{words}; start it again and repeat the command, with --resume where it has one")
+        return ProgramFailed(f"{words}; start it again and repeat the command, with --resume where it has one")
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def dask_cluster(address: str) -> Iterator[DaskCluster]:
     try:
         import distributed
     except ImportError:
-        raise UserError("--scheduler needs Dask: pip install 'mmg-ident[dask]'") from None
+        raise NotInstalled("--scheduler needs Dask: pip install 'mmg-ident[dask]'") from None
     try:
         check_scheduler(_greeted(address), address)
         with warnings.catch_warnings():  # what differs is said in a line, or does not matter
@@ -99,7 +99,7 @@ def dask_cluster(address: str) -> Iterator[DaskCluster]:
             client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, distributed.TimeoutError) as error:
         why = " ".join(str(error).split())[:200] or type(error).__name__
-        raise UserError(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
+        raise ProgramFailed(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
     try:
         check_workers(client, address)
         cluster = DaskCluster(client, address)
@@ -137,7 +137,7 @@ def check_scheduler(theirs: str, address: str) -> None:
     import distributed
 
     if theirs != distributed.__version__:
-        raise UserError(
+        raise Conflict(
             f"--scheduler {address}: the scheduler has distributed {theirs}, this process {distributed.__version__}; "
             "install the same version on all machines"
         )
@@ -162,7 +162,7 @@ def check_workers(client: Any, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
     except (OSError, distributed.TimeoutError):
-        raise UserError(
+        raise ProgramFailed(
             f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
         ) from None
     versions = client.get_versions()
@@ -171,10 +171,10 @@ def check_workers(client: Any, address: str) -> None:
     for worker, version in sorted(found.items()):
         if version != here and (here or not isinstance(version, Exception)):
             what = f"has {PACKAGE} {version}" if isinstance(version, str) else f"lacks {PACKAGE}"
-            raise UserError(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
+            raise Conflict(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
     packages = {worker: about["packages"] for worker, about in versions["workers"].items()}
     for worker, about in sorted(packages.items()):
         if about["python"].rpartition(".")[0] != versions["client"]["packages"]["python"].rpartition(".")[0]:
-            raise UserError(
+            raise Conflict(
                 f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
             )

@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from mmg.compile.freed_memory import keep_freed_memory
-from mmg.errors import UserError
+from mmg.errors import ProgramFailed
 from mmg.progress import LOGGER, OnProgress, Progress
 
 Task = TypeVar("Task")
@@ -188,7 +188,7 @@ class _Processes:
         if not isinstance(error, BrokenProcessPool):
             return error
         why = "a process that did a task was ended from outside, perhaps for want of memory"
-        return UserError(f"{why}; use fewer --workers or less data at once")
+        return ProgramFailed(f"{why}; use fewer --workers or less data at once")
 
 
 @contextmanager

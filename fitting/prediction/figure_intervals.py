@@ -29,7 +29,7 @@ from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
 from fitting.prediction.unexplained import accelerations, drawn_resistance
-from mmg.errors import UserError
+from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
@@ -94,7 +94,7 @@ def with_intervals(
     for a count that makes no sense, and for a ship without standard deviations.
     """
     if not 20 <= count <= MOST:
-        raise UserError(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
+        raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
     calm = calm_and_deep(ship)[0]
     correlation, notices = correlation_in(content), list(found.notices)
     drawn = draw_coefficients(calm, count, seed, correlation)

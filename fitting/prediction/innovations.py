@@ -23,7 +23,7 @@ from cases.shipfiles.effects import parameters, with_effects
 from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
+from mmg.errors import TooFewData, UserError
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -114,7 +114,7 @@ class Stretches:
             parts.append(self._batch(batch))
         there_are = [part for part in parts if part is not None]
         if not there_are:
-            raise UserError("the log has no stretch under way that is long enough to compare with the model")
+            raise TooFewData("the log has no stretch under way that is long enough to compare with the model")
         t, window, errors, gains = (np.concatenate(values) for values in zip(*there_are, strict=True))
         there = np.isfinite(errors).any(axis=0)
         good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))

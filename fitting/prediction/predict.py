@@ -19,7 +19,7 @@ from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error
 from fitting.report.run_folder import write_whole
-from mmg.errors import UserError
+from mmg.errors import NotWritable
 from mmg.messages import Message
 from mmg.model import states_behind
 from mmg.rollout import Simulator
@@ -253,4 +253,4 @@ def write_tables(tables: dict[Path, np.ndarray]) -> None:
     try:
         write_whole(new, fill) if new else fill(None)
     except OSError as error:
-        raise UserError(f"{error.filename or 'output'}: cannot be written ({error.strerror})") from None
+        raise NotWritable(f"{error.filename or 'output'}: cannot be written ({error.strerror})") from None

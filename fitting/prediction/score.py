@@ -13,7 +13,7 @@ from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
 from fitting.prediction.units import UnitErrors, errors_in_units
-from mmg.errors import UserError
+from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 from mmg.notebook import html_table
@@ -171,16 +171,16 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     located = [t for t in trials if t.has_position]
     rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
     if not rows:
-        raise UserError("sigma cannot be taken from trials without positions x and y; give it with --sigma")
+        raise Missing("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     if not any(map(len, rows)):
         names = ", ".join(t.name for t in located[:MOST_NAMED])
-        raise UserError(
+        raise TooFewData(
             f"{names}: no row has all six states and the inputs, so there is nothing to score; see mmg check"
         )
     sigma = np.vstack(rows).std(axis=0)
     if not (sigma > 0).all():
         flat = ", ".join(s for s, value in zip(STATES, sigma, strict=True) if not value > 0)
-        raise UserError(f"sigma of {flat} is zero in these trials; give sigma with --sigma or --sigma-from")
+        raise TooFewData(f"sigma of {flat} is zero in these trials; give sigma with --sigma or --sigma-from")
     return sigma
 
 
@@ -191,7 +191,7 @@ def check_scorable(trials: Sequence[Trial], purpose: str, inputs: Sequence[str])
     """
     if not any(whole_windows(trial, WINDOW, STRIDE, inputs) for trial in trials):
         names = ", ".join(trial.name for trial in trials[:MOST_NAMED])
-        raise UserError(f"{names}: no whole window of {WINDOW:g} s without missing samples in the trials {purpose}")
+        raise TooFewData(f"{names}: no whole window of {WINDOW:g} s without missing samples in the trials {purpose}")
 
 
 def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.ndarray, int]:
@@ -229,7 +229,7 @@ def score(
     """
     for trial in trials:
         if not trial.has_position:
-            raise UserError(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
+            raise Missing(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
     sigma = pooled_sigma(trials) if sigma is None else np.asarray(sigma, dtype=float)
     past = Adaptation.of(simulator.ship, adapt) if adapt and isinstance(simulator, Simulator) else None
     paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)

@@ -18,7 +18,7 @@ from cases.criteria.assessment import Assessment, imo_figures, imo_figures_of_tr
 from cases.criteria.imo import FAIL, OPEN, PASS, Row
 from cases.trial import Trial
 from fitting.prediction.figure_intervals import DRAWS, FigureScatter, JudgedFigures, with_intervals
-from mmg.errors import UserError
+from mmg.errors import Conflict, OutOfRange, UserError
 from mmg.messages import has_code
 from mmg.ship import Ship
 
@@ -231,9 +231,9 @@ def _loaded(ship: Ship, full_load: float) -> Ship:
     own = ship.particulars["d"]
     share = full_load / own - 1
     if not (math.isfinite(share) and -0.6 <= share <= 1.5):
-        raise UserError(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {own:g} m")
+        raise OutOfRange(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {own:g} m")
     if "draft" in ship.effects:
-        raise UserError("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
+        raise Conflict("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
     return ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
 
 

@@ -38,7 +38,7 @@ from fitting.report.words import (
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
-from mmg.errors import UserError
+from mmg.errors import Missing, NotWritable
 from mmg.ship import Ship
 
 DATA_SOURCES = (
@@ -176,7 +176,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
     known: of each result its trials and its form for IMO; none by default. Raises UserError for no results.
     """
     if not results:
-        raise UserError("no run folder given")
+        raise Missing("no run folder given")
     deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
     runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
     labels = [run["label"] for run in runs]
@@ -193,4 +193,4 @@ def write_page(text: str, out: Path) -> None:
     try:
         replace_text(out, text)
     except OSError as error:
-        raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None

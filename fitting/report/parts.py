@@ -22,7 +22,7 @@ from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.report.run_folder import plain, write_json
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, NotWritable, UserError
 from mmg.ship import Ship
 
 SETTINGS = "settings.json"
@@ -51,10 +51,10 @@ class Store:
             if self.resume:  # of a run that was killed before it began, there is nothing but this folder
                 others += [p for p in self.folder.parent.iterdir() if p != self.folder]
             if others:
-                raise UserError(f"{self.folder.parent}: holds no interrupted run to resume; choose another --out")
+                raise Missing(f"{self.folder.parent}: holds no interrupted run to resume; choose another --out")
             write_json(path, self.about)
         except OSError as error:
-            raise UserError(f"{self.folder}: cannot be written ({error.strerror}); choose another --out") from None
+            raise NotWritable(f"{self.folder}: cannot be written ({error.strerror}); choose another --out") from None
 
     def part(self, name: str) -> Store:
         """The store ``name`` of a stage of the same run, in a folder of this one."""
@@ -66,7 +66,7 @@ class Store:
         try:
             earlier = read_json(path)
         except UserError:
-            raise UserError(f"{where}: holds no interrupted run to resume; choose another --out") from None
+            raise Missing(f"{where}: holds no interrupted run to resume; choose another --out") from None
         for name, value in plain(dict(self.about)).items():
             before = earlier.get(name)
             if before == value:
@@ -75,7 +75,7 @@ class Store:
             if isinstance(value, dict) and isinstance(before, dict):
                 first = next(key for key in {**before, **value} if before.get(key) != value.get(key))
                 words = f" ({first}: {_short(value.get(first))}, then {_short(before.get(first))})"
-            raise UserError(f"{where}: --resume needs the same {name} as the interrupted run{words}")
+            raise Conflict(f"{where}: --resume needs the same {name} as the interrupted run{words}")
 
     @property
     def has_parts(self) -> bool:
@@ -101,7 +101,7 @@ class Store:
             os.replace(scratch, self.folder / f"{name}.safetensors")
             write_json(self.folder / f"{name}.json", words)
         except (OSError, SafetensorError) as error:
-            raise UserError(f"{self.folder}: cannot be written ({error})") from None
+            raise NotWritable(f"{self.folder}: cannot be written ({error})") from None
 
     def load(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
         """A finished part; None where there is none or it cannot be read, so that it is made again."""

@@ -6,7 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from mmg.errors import UserError
+from mmg.errors import NotInstalled, NotWritable
 
 MISSING = "a PDF needs WeasyPrint and its library Pango"
 
@@ -16,10 +16,10 @@ def needs_weasyprint() -> None:
     try:
         import weasyprint  # noqa: F401
     except ImportError:
-        raise UserError(f"{MISSING}: pip install 'mmg-ident[pdf]', or print the HTML page in a browser") from None
+        raise NotInstalled(f"{MISSING}: pip install 'mmg-ident[pdf]', or print the HTML page in a browser") from None
     except OSError as error:
         why = str(error).splitlines()[0]
-        raise UserError(
+        raise NotInstalled(
             f"{MISSING}, which cannot be loaded ({why}); the HTML page can be printed by a browser"
         ) from None
 
@@ -37,7 +37,7 @@ def write_pdf(text: str, out: Path) -> None:
         scratch.write_bytes(content)
         os.replace(scratch, out)
     except OSError as error:
-        raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
     finally:
         with contextlib.suppress(OSError):
             scratch.unlink()

@@ -30,7 +30,7 @@ from cases.io.locks import alone
 from cases.trial import Trial
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.effects import with_present_names
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, Unreadable
 from mmg.messages import Message
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
@@ -59,12 +59,14 @@ def versions() -> dict[str, str]:
 def check_target(folder: Path) -> None:
     """UserError unless ``folder`` is free and can be created."""
     if folder.exists():
-        raise UserError(f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume")
+        raise TargetExists(
+            f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume"
+        )
     parent = folder.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise UserError(f"{folder}: cannot be written ({parent} is not a writable folder); choose another --out")
+        raise NotWritable(f"{folder}: cannot be written ({parent} is not a writable folder); choose another --out")
 
 
 def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = False) -> None:
@@ -90,7 +92,9 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
             else:
                 os.replace(scratch, folder)
         except OSError as error:
-            raise UserError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
+            raise NotWritable(
+                f"{folder}: cannot be written ({error.strerror or error}); choose another --out"
+            ) from None
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
 
@@ -118,9 +122,9 @@ def _held(folder: Path, purpose: str) -> Iterator[None]:
             folder.parent.mkdir(parents=True, exist_ok=True)
             mine = stack.enter_context(alone(folder.parent / f".{folder.name}.{purpose}"))
         except OSError as error:
-            raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+            raise NotWritable(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
         if not mine:
-            raise UserError(f"{folder}: another process is working on it; wait, or choose another --out")
+            raise Conflict(f"{folder}: another process is working on it; wait, or choose another --out")
         yield
 
 
@@ -184,10 +188,10 @@ def read_result(folder: Path) -> dict[str, Any]:
     """The content of result.json in a run ``folder``: an object of some kind. Raises UserError when there is none."""
     path = folder / RESULT
     if not path.exists():
-        raise UserError(f"{folder}: is no run folder (no {RESULT} in it)")
+        raise Missing(f"{folder}: is no run folder (no {RESULT} in it)")
     content = with_present_names(read_json(path))
     if not isinstance(content.get("kind"), str):
-        raise UserError(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
+        raise BadValue(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
     return content
 
 
@@ -217,7 +221,7 @@ def trial_rows(folder: Path) -> list[dict[str, Any]]:
     rows = read_result(folder).get("data", [])
     for row in rows if isinstance(rows, list) else [None]:
         if not isinstance(row, dict) or not all(isinstance(row.get(k), (str, type(None))) for k in ("sha256", "path")):
-            raise UserError(f"{folder / RESULT}: data holds no rows on trials with sha256 and path; make the run again")
+            raise BadValue(f"{folder / RESULT}: data holds no rows on trials with sha256 and path; make the run again")
     return rows
 
 
@@ -231,7 +235,7 @@ def read_iterate(folder: Path) -> dict[str, np.ndarray]:
     try:
         found = dict(load_file(path))
     except Exception as error:
-        raise UserError(f"{path}: cannot be read ({error}); start again without --resume") from None
+        raise Unreadable(f"{path}: cannot be read ({error}); start again without --resume") from None
     if not all(a.dtype == float and np.isfinite(a).all() for a in found.values()):
-        raise UserError(f"{path}: holds numbers that are not finite; start again without --resume")
+        raise BadValue(f"{path}: holds numbers that are not finite; start again without --resume")
     return found

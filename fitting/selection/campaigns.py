@@ -32,7 +32,7 @@ from fitting.selection.left_out_runs import apart, estimates_without, leave_out,
 from fitting.solvers.preparation import prepared
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 from mmg.messages import Message
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import time_scale
@@ -143,7 +143,7 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
         if not any(name in (each.name, each.effect) for each in INSTRUMENTS):
             known = ", ".join(dict.fromkeys(each.effect for each in INSTRUMENTS))
             why = "is gone: it no longer differs by campaign" if name in EFFECTS else "unknown"
-            raise UserError(f"--per-campaign {name}: {why}; choose among {known}, or none")
+            raise UnknownName(f"--per-campaign {name}: {why}; choose among {known}, or none")
     rows = [each for each in INSTRUMENTS if not wanted or {each.name, each.effect} & {*wanted}]
     return [each for each in rows if each.effect not in ship.effects or not ship.coefficients[each.symbol].fixed]
 

@@ -15,7 +15,7 @@ from cases.shipfiles.generated_ship import generated_ship, structure_of
 from mmg.components.expansion.actuators import variables
 from mmg.components.expansion.structure import Structure
 from mmg.components.expansion.units import units_of
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UnknownName, Unsupported
 from mmg.ship import Ship
 
 GIVEN = "mmg"
@@ -79,9 +79,9 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
     """
     rules = rules or Rules()
     if "expansion" in ship.components:
-        raise UserError(f"{ship.name} is a generated model already; give the ship that it was made from")
+        raise Unsupported(f"{ship.name} is a generated model already; give the ship that it was made from")
     if rules.order < 1:
-        raise UserError(f"order {rules.order}: must be at least 1")
+        raise OutOfRange(f"order {rules.order}: must be at least 1")
     found = []
     for name, structure in _structures(ship, rules):
         made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
@@ -97,7 +97,7 @@ def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCan
     """The candidate ``name`` among those of ``ship`` by ``rules``. Raises UserError where there is none so named."""
     known = {one.name: one for one in candidates(ship, rules)}
     if name not in known:
-        raise UserError(f"no candidate '{name}' for {ship.name}; known: {', '.join(known)}")
+        raise UnknownName(f"no candidate '{name}' for {ship.name}; known: {', '.join(known)}")
     return known[name]
 
 

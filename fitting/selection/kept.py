@@ -19,7 +19,7 @@ from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.report.run_folder import write_json
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotWritable, TargetExists
 from mmg.ship import Ship
 
 ASKED = "choice.json"
@@ -66,17 +66,17 @@ def kept_beside(out: Path, wanted: dict[str, Any], resume: bool) -> Kept:
     folder = out.parent / f"{out.name}.unfinished"
     path = folder / ASKED
     if folder.exists() and not resume:
-        raise UserError(f"{folder}: an interrupted choice is there; add --resume to go on with it, or delete it")
+        raise TargetExists(f"{folder}: an interrupted choice is there; add --resume to go on with it, or delete it")
     if path.exists():
         before = read_json(path)
         if other := [name for name in wanted if before.get(name) != wanted[name]]:
-            raise UserError(f"{folder}: --resume needs the same {', '.join(other)} as the interrupted choice")
+            raise Conflict(f"{folder}: --resume needs the same {', '.join(other)} as the interrupted choice")
         return Kept(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(path, wanted)
     except OSError as error:
-        raise UserError(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
+        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
     return Kept(folder)
 
 

@@ -25,7 +25,7 @@ from fitting.parallel import run_all
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.kept import Kept
 from fitting.selection.subsequences import VELOCITIES, Penalties, SubsequenceObjective
-from mmg.errors import UserError
+from mmg.errors import NotInstalled, OutOfRange, UnknownName, Unreadable, UserError
 from mmg.model import settled
 from mmg.progress import LOGGER
 
@@ -77,9 +77,9 @@ class Method:
 
     def __post_init__(self) -> None:
         if self.optimizer not in OPTIMIZERS:
-            raise UserError(f"--optimizer {self.optimizer}: must be one of {', '.join(OPTIMIZERS)}")
+            raise UnknownName(f"--optimizer {self.optimizer}: must be one of {', '.join(OPTIMIZERS)}")
         if self.seeds < 1:
-            raise UserError(f"--seeds {self.seeds} must be at least 1")
+            raise OutOfRange(f"--seeds {self.seeds} must be at least 1")
         if self.optimizer == "cmaes":
             _cma()
 
@@ -229,7 +229,7 @@ def learn_all(
     try:
         learned = [Learned.of(contents[name]) for name in runs if "too_late" not in contents[name]]
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
+        raise Unreadable(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
     learned.sort(key=lambda row: row.validation if row.validation >= 0 else float("inf"))
     return {one.name: tuple(row for row in learned if row.name == one.name) for one in given}
 
@@ -449,7 +449,9 @@ def _cma() -> Any:
     try:
         import cma
     except ImportError:
-        raise UserError("--optimizer cmaes needs pycma, which is not installed; pip install 'mmg-ident[cma]'") from None
+        raise NotInstalled(
+            "--optimizer cmaes needs pycma, which is not installed; pip install 'mmg-ident[cma]'"
+        ) from None
     return cma
 
 

@@ -25,7 +25,7 @@ from scipy.linalg import solve_triangular
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
 from mmg.components.expansion.words import parse_monomial
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.model import assemble
 from mmg.motion.frames import body_to_earth
 from mmg.motion.froude import time_scale
@@ -136,7 +136,7 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
                 change.append(found)
                 slope.append(by[rows] - by[first])
     if not change:
-        raise UserError(
+        raise TooFewData(
             f"no stretch of {n * step:g} s with measured u, v, r in the {len(trials)} trials; a generated model needs "
             "some, of which its terms are estimated"
         )

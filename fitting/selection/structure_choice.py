@@ -32,7 +32,7 @@ from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.components.expansion.series import STALL, speed_scale
 from mmg.components.expansion.words import Word, parse_monomial
-from mmg.errors import UserError
+from mmg.errors import Missing, NoSolution, TooFewData, Unreadable
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
@@ -218,7 +218,7 @@ def choose_structure(
         fitted += better
         table += no_better
     if not fitted:
-        raise UserError(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
+        raise NoSolution(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
     small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted
     best, checked = _stable_best(small, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
@@ -248,7 +248,7 @@ def _able(
     for one in sorted(given, key=lambda one: one.name != GIVEN):
         reason = fault(one, train) or ("" if named or one.unknowns <= LARGEST else f"more than {LARGEST} unknowns")
         if reason and named:
-            raise UserError(reason)
+            raise TooFewData(reason)
         if reason:
             left_out.append(_row(one, left_out=reason))
         else:
@@ -258,12 +258,12 @@ def _able(
 
 def _check(train: Sequence[Trial], validate: Sequence[Trial], inputs: Sequence[str]) -> None:
     if not train or not validate:
-        raise UserError(
+        raise Missing(
             f"{len(train)} trials to fit on and {len(validate)} to choose by: give both, the latter with --validate"
         )
     without = [t.name for t in (*train, *validate) if not t.has_position]
     if without:
-        raise UserError(f"{', '.join(without)}: no positions, by which candidates are judged")
+        raise Missing(f"{', '.join(without)}: no positions, by which candidates are judged")
     check_scorable(train, "to fit on", inputs)
     check_scorable(validate, "to choose by", inputs)
 
@@ -377,7 +377,7 @@ class _Work:
             ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(content["values"])
             row = self.row(one, ship, converged=bool(content["converged"]), seconds=float(content["seconds"]))
         except (KeyError, TypeError, ValueError) as error:
-            raise UserError(
+            raise Unreadable(
                 f"{self.kept.path(one.name)}.json: cannot be read ({error}); start without --resume"
             ) from None
         return _Fitted(row, ship, one, values, False)
@@ -413,7 +413,7 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
     """
     least = min(map(_error, fitted))
     if not np.isfinite(least):
-        raise UserError(
+        raise NoSolution(
             "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
         )
     near = sorted((f for f in fitted if _error(f) <= NO_LOSS * least), key=lambda f: f.row.unknowns)

@@ -23,7 +23,7 @@ from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from fitting.nlp.prior import Prior
 from mmg.compile.batch import batch_functions
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, TooFewData
 from mmg.model import Model, settled
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
@@ -82,7 +82,7 @@ def subsequences(trials: Sequence[Trial], h: float, length: float, inputs: Seque
     """
     N = round(length / h)
     if N < 1:
-        raise UserError(f"subsequences of {length:g} s are shorter than one step of {h:g} s; use a smaller --step")
+        raise OutOfRange(f"subsequences of {length:g} s are shorter than one step of {h:g} s; use a smaller --step")
     starts, controls, measured, weights = [], [], [], []
     for trial in trials:
         for grid in grids(trial, h, inputs):
@@ -97,7 +97,7 @@ def subsequences(trials: Sequence[Trial], h: float, length: float, inputs: Seque
                 weights.append(there)
     if not starts:
         names = ", ".join(t.name for t in trials)
-        raise UserError(f"{names}: no piece without gaps has ten steps of {h:g} s; use longer records")
+        raise TooFewData(f"{names}: no piece without gaps has ten steps of {h:g} s; use longer records")
     return Subsequences(
         h,
         np.transpose(starts),
@@ -115,7 +115,9 @@ def spread_of(trials: Sequence[Trial]) -> np.ndarray:
     sigma = np.array([np.nanstd(np.concatenate([t[name] for t in trials])) for name in ("u", "v", "r")])
     still = [name for name, value in zip("uvr", sigma, strict=True) if not value > 0]
     if still:
-        raise UserError(f"{', '.join(t.name for t in trials)}: {', '.join(still)} never changes; give trials that move")
+        raise TooFewData(
+            f"{', '.join(t.name for t in trials)}: {', '.join(still)} never changes; give trials that move"
+        )
     return sigma
 
 

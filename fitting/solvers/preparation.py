@@ -18,18 +18,18 @@ from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, Own, neutral_values, prior_with, symbols_of
 from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, OutOfRange, TooFewData
 from mmg.messages import Message, as_messages
 from mmg.ship import Ship
 
 
 def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
     if not trials:
-        raise UserError("no trials to fit: name at least one trial file")
+        raise Missing("no trials to fit: name at least one trial file")
     if not ship.free:
-        raise UserError(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
+        raise Missing(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
     if all(inputs_are_constant(t) for t in trials):
-        raise UserError(
+        raise TooFewData(
             f"{', '.join(t.name for t in trials)}: the inputs n and delta never change, so there is nothing to "
             "identify; give trials with manoeuvres"
         )
@@ -52,7 +52,7 @@ def prepared(
     step = settings.step or default_step(trials, ship.particulars["L"])
     window = settings.window or 100.0 * step
     if window < 10 * step:
-        raise UserError(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
+        raise OutOfRange(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     own = symbols_of(per_run)
@@ -64,7 +64,7 @@ def prepared(
     rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
     sigma = np.asarray(settings.sigma or rough, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():
-        raise UserError("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
+        raise BadValue("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     problem = Problem.of(ship, prior, segments, sigma, Loss(settings.loss), captive, settings.compiled)
     if problem.captive:
         shared = prior.positions(ship)[: prior.shared]

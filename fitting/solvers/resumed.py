@@ -10,7 +10,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.record import SolveRow
 from fitting.result import FitResult
-from mmg.errors import UserError
+from mmg.errors import Conflict
 from mmg.ship import Ship
 
 
@@ -21,11 +21,11 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
     """
     where = earlier.folder
     if set(earlier.coefficients) != set(ship.free) - _by_campaign(earlier):
-        raise UserError(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
+        raise Conflict(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
     if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
-        raise UserError(f"{where}: --resume needs the same --per-run as the interrupted run")
+        raise Conflict(f"{where}: --resume needs the same --per-run as the interrupted run")
     if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
-        raise UserError(f"{where}: --resume needs the same trial files as the interrupted run")
+        raise Conflict(f"{where}: --resume needs the same trial files as the interrupted run")
 
 
 def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:

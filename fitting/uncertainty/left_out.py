@@ -17,7 +17,7 @@ from fitting.prediction.score import score
 from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.score_words import in_words
 from fitting.solvers.preparation import prepared
-from mmg.errors import UserError
+from mmg.errors import Conflict, UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
 
@@ -38,7 +38,7 @@ def moved_by(found: Calibration, per_run: Own, trials: Sequence[Trial]) -> np.nd
     points = forces.points if forces else None
     other = prepared(found.problem.ship, trials, settings, {"p": p}, points, per_run)[0]
     if len(p) != other.P:
-        raise UserError("the runs that have constants of their own are others")
+        raise Conflict("the runs that have constants of their own are others")
     steps = []
     for problem in (other, found.problem):
         about = information(problem, problem.start(p))

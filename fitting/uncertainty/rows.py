@@ -12,17 +12,17 @@ from fitting.calibration import Calibration
 from fitting.uncertainty.bootstrap import Replicates, bootstrap
 from fitting.uncertainty.profile_likelihood import profiles
 from fitting.uncertainty.sandwich import changes_without_each
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UnknownName
 
 
 def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
     """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not
     ``free``."""
     if replicates < 0:
-        raise UserError(f"--bootstrap {replicates} must not be negative")
+        raise OutOfRange(f"--bootstrap {replicates} must not be negative")
     unknown = [s for s in symbols if s not in free]
     if unknown:
-        raise UserError(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
+        raise UnknownName(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
 
 
 def uncertainty_rows(calibration: Calibration) -> dict:

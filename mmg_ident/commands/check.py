@@ -50,7 +50,7 @@ def check(
         except UserError as error:
             unreadable.append((path, error))
     if not found:
-        raise UserError(_of_all(unreadable))
+        raise _of_all(unreadable)
     with working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
@@ -62,9 +62,9 @@ def check(
         together = sentences if len(reports) > 1 or model else None
         _print(reports, together, every or len(reports) == 1, unreadable)
     if len(unreadable) > 1 and not json:
-        raise UserError(f"{len(unreadable)} files cannot be read, as said above")
+        raise type(unreadable[0][1])(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
-        raise UserError(_of_all(unreadable))
+        raise _of_all(unreadable)
 
 
 def _taken(ship: Ship, trials: list[Trial]) -> list[str]:
@@ -80,10 +80,10 @@ def _taken(ship: Ship, trials: list[Trial]) -> list[str]:
     return said
 
 
-def _of_all(unreadable: list[tuple[Path, UserError]]) -> str:
-    """What is wrong with all files that could not be read, each sentence once."""
+def _of_all(unreadable: list[tuple[Path, UserError]]) -> UserError:
+    """What is wrong with all files that could not be read, each sentence once; of the kind of the first."""
     many = f"{len(unreadable)} files cannot be read: " if len(unreadable) > 1 else ""
-    return many + "; ".join(dict.fromkeys(str(error) for _, error in unreadable))
+    return type(unreadable[0][1])(many + "; ".join(dict.fromkeys(str(error) for _, error in unreadable)))
 
 
 def _document(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from mmg.errors import UserError, needs_torch
+from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, UnknownName, UserError, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, names_of, print_json, progress, say
 from residual.settings import TrainSettings
@@ -68,10 +68,10 @@ def compare(
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
-        raise UserError(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
+        raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
     subsets = _subsets(fractions, no_random)
     if resume and not out:
-        raise UserError("--resume needs the --out of the interrupted comparison")
+        raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
         check_target(out)
     tests = _trials(test or ["development-holdout"], "--test")
@@ -79,7 +79,7 @@ def compare(
     given = _trials(train or ["train-tzrb"], "--train")
     trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
     if not trained_on:
-        raise UserError("--train: nothing is left to train on besides the test trials")
+        raise Missing("--train: nothing is left to train on besides the test trials")
     trained_on, tests = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
     instruments = tuple(
@@ -99,7 +99,7 @@ def compare(
         reasons = dict.fromkeys(e.status for e in found.entries)
         if store:
             store.discard()
-        raise UserError(f"nothing could be compared: {'; '.join(reasons)}")
+        raise NoSolution(f"nothing could be compared: {'; '.join(reasons)}")
     if out and store:
 
         def fill(folder: Path) -> None:
@@ -151,7 +151,7 @@ def _trials(given: list[str], option: str) -> list[Trial]:
     found = read_trials(files)
     without = [t.name for t in found if not t.has_position]
     if without:
-        raise UserError(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
+        raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
     return found
 
 
@@ -164,5 +164,5 @@ def _subsets(fractions: str, no_random: bool) -> tuple[Subset, ...]:
     except ValueError:
         shares = []
     if not shares or not all(0 < share <= 1 for share in shares):
-        raise UserError(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
+        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
     return tuple(Subset(share, random) for random in ((True, False) if no_random else (True,)) for share in shares)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import NotWritable, TargetExists, UserError
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, progress, say, working
 
@@ -41,11 +41,11 @@ def demo(
     names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]
     folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
-        raise UserError(f"{folder}: already exists; choose another --out")
+        raise TargetExists(f"{folder}: already exists; choose another --out")
     try:
         folder.mkdir(parents=True)
     except OSError as error:
-        raise UserError(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
+        raise NotWritable(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
     first = campaign(folder / "trials", seed, every=2)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from diagnosis.inputs import DiagnosisOptions
-from mmg.errors import UserError
+from mmg.errors import Missing, UnknownName, UserError
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
     command_line,
@@ -88,7 +88,7 @@ def diagnose(
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):
-        raise UserError(f"{out}: holds no interrupted run to resume; choose another --out")
+        raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:
         with reserved(out):
             found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
@@ -115,11 +115,9 @@ def _ship(where: str, without: Sequence[str]) -> Ship:
 
     path = Path(where)
     if path.is_dir() and not (path / "ship.toml").exists():
-        raise UserError(
-            f"{where}: no ship.toml in it; give a run folder of mmg fit, a ship file or a ship of mmg ships"
-        )
+        raise Missing(f"{where}: no ship.toml in it; give a run folder of mmg fit, a ship file or a ship of mmg ships")
     if not path.is_dir() and not is_model(where):
-        raise UserError(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
+        raise UnknownName(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
     return reduced_ship(load_ship(path / "ship.toml" if path.is_dir() else where), names_of(without))
 
 

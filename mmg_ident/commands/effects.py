@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, print_table
 
@@ -25,7 +25,7 @@ def effects(
     from mmg.effects import EFFECTS
 
     if name is not None and name not in EFFECTS:
-        raise UserError(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
+        raise UnknownName(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
     model = load_ship(ship)
     chosen = [name] if name else sorted(EFFECTS)
     rows: list[dict[str, Any]] = [

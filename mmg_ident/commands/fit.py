@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from fitting.settings import Settings
-from mmg.errors import UserError, name_fault
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, name_fault
 from mmg.messages import has_code
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
@@ -85,10 +85,10 @@ def fit(
     began = time.perf_counter()
     check_estimator(estimator)
     if "weight" in settings and "sigma" in settings:
-        raise UserError("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
+        raise Conflict("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
     points = _captive_points(captive, captive_sigma)
     if name_fault(name):
-        raise UserError(f"--name {name!r}: {name_fault(name)}")
+        raise BadValue(f"--name {name!r}: {name_fault(name)}")
     earlier = _resumed(out) if resume and out.exists() else None
     if earlier and earlier.converged and not any(has_code(earlier.warnings, code) for code in OPEN):
         say(f"{out} has converged already; nothing to resume")
@@ -149,7 +149,7 @@ def _resumed(out: Path) -> FitResult:
 
     found = read_fit(out)
     if found.iterate is None and not found.converged:
-        raise UserError(f"{out}: no iterate to resume from; start again without --resume")
+        raise Missing(f"{out}: no iterate to resume from; start again without --resume")
     return found
 
 
@@ -159,11 +159,11 @@ def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
 
     if path is None:
         if sigma:
-            raise UserError("--captive-sigma: there is no --captive to which it belongs")
+            raise Conflict("--captive-sigma: there is no --captive to which it belongs")
         return None
     given = numbers_of(sigma, 3, "--captive-sigma") if sigma else None
     if given and min(given) <= 0:
-        raise UserError(f"--captive-sigma {sigma}: X, Y [N] and N [N m] must be positive")
+        raise OutOfRange(f"--captive-sigma {sigma}: X, Y [N] and N [N m] must be positive")
     return read_captive(path, given)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import Missing
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import command_line, end_progress, print_json, print_table, progress, say
 
@@ -40,7 +40,7 @@ def fleet(
     if not (resume and out.exists()):
         check_target(out)
     elif not (out / PARTS).is_dir() and (not out.is_dir() or any(out.iterdir())):
-        raise UserError(f"{out}: holds no run of mmg fleet to resume; choose another --out")
+        raise Missing(f"{out}: holds no run of mmg fleet to resume; choose another --out")
     given = read_plan(plan)
     try:
         with reserved(out):

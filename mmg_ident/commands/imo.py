@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, Missing, NotWritable, OutOfRange, TargetExists, UnknownName
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import is_model, print_json, print_table, refuse_target, say, ship_names, working
 
@@ -66,18 +66,18 @@ def imo(
     models = [a for a in ships_and_trials if is_model(a)]
     files = [a for a in ships_and_trials if not is_model(a)]
     if models and (files or len(models) > 1):
-        raise UserError("give one ship to simulate, or trial files (with --ship or --length), not both")
+        raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
         if value is not None and not (math.isfinite(value) and value > 0):
-            raise UserError(f"--{option} {value:g} must be positive")
+            raise OutOfRange(f"--{option} {value:g} must be positive")
     if kind and kind not in KINDS:
-        raise UserError(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
+        raise UnknownName(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
     _check_targets(plot, out, force)
     if models:
         own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
         own |= {"--correct": correct or None, "--current": current}
         for option in [name for name, value in own.items() if value is not None]:
-            raise UserError(f"{option} belongs to trial files; {models[0]} is simulated")
+            raise Conflict(f"{option} belongs to trial files; {models[0]} is simulated")
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         simulated = load_ship(models[0])
         with working(f"simulating the manoeuvres of {simulated.name}"):
@@ -86,10 +86,10 @@ def imo(
     else:
         own = {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
         for option in [name for name, value in own.items() if value is not None]:
-            raise UserError(f"{option} belongs to a ship that is simulated; trial files have their own")
+            raise Conflict(f"{option} belongs to a ship that is simulated; trial files have their own")
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
-            raise UserError("trial files need the length of their ship: --ship SHIP or --length METRES")
+            raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
         water = _current(current) if current is not None else correct
         found, clouds = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water), {}
     _write(plot, out, found, clouds)
@@ -138,7 +138,7 @@ def _current(text: str) -> WaterVelocity:
     except ValueError:
         speed = towards = math.nan
     if not (math.isfinite(speed + towards) and speed >= 0):
-        raise UserError(f"--current {text}: give SPEED:TOWARDS in m/s and deg, such as 0.4:90 for 0.4 m/s to the east")
+        raise BadValue(f"--current {text}: give SPEED:TOWARDS in m/s and deg, such as 0.4:90 for 0.4 m/s to the east")
     angle = math.radians(towards)
     return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
 
@@ -155,10 +155,10 @@ def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
     """Everything about the output that can be refused before simulating."""
     if plot is not None:
         if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-            raise UserError(f"--plot {plot}: figures end in .png, .svg or .pdf")
+            raise BadValue(f"--plot {plot}: figures end in .png, .svg or .pdf")
         refuse_target("--plot", plot, force)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
-        raise UserError(f"--out {out}: exists already; name a new folder or add --force")
+        raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
 
 
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
@@ -182,7 +182,7 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
             draw = partial(maneuver_figure, found.runs, found.heading, clouds)
             FigureFolder(out).write("imo", draw, found.heading, "")
     except OSError as error:
-        raise UserError(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
+        raise NotWritable(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
 
 
 def _print(found: Assessment) -> None:

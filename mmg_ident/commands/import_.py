@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, say, working
 
@@ -65,8 +65,8 @@ def import_(
         if len(found.problems) > 1 and not json:
             for i, problem in enumerate(found.problems):
                 say(f"{i + 1}. {problem}")
-            raise UserError(f"{len(found.problems)} problems, listed above; nothing is written")
-        raise UserError("; ".join(found.problems))
+            raise BadValue(f"{len(found.problems)} problems, listed above; nothing is written")
+        raise BadValue("; ".join(found.problems))
     with working("writing trials"):
         files = write_import(found, chosen, out, force)
     checks = _checks(files)

@@ -253,12 +253,12 @@ def _check_memory(arguments: list[str]) -> None:
         return
     import resource
 
-    from mmg.errors import UserError
+    from mmg.errors import OutOfRange
 
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
         sizes = f"limited to {limit / 2**20:.0f} MB, mmg {arguments[0]} needs {LEAST_MEMORY / 2**20:.0f} MB"
-        raise UserError(f"memory is {sizes}; raise the limit (ulimit -v)")
+        raise OutOfRange(f"memory is {sizes}; raise the limit (ulimit -v)")
 
 
 def main(arguments: list[str] | None = None) -> int:

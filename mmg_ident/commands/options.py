@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 import typer.core
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 from mmg_ident.commands.output import numbers_of, ship_names
 from mmg_ident.settings import given_settings, option_of, settings_of
 
@@ -132,7 +132,7 @@ class Verb(typer.core.TyperCommand):
             option, kind = getattr(error, "option_name", ""), getattr(self.callback, "settings", None)
             name = option.removeprefix("--").removeprefix("no-").replace("-", "_")
             if kind and name in settings_of(kind):
-                raise UserError(f"{option} is a key of the file of --settings now: {name} = ...") from None
+                raise UnknownName(f"{option} is a key of the file of --settings now: {name} = ...") from None
             raise
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:

@@ -14,7 +14,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, NoSolution, TargetExists
 
 if TYPE_CHECKING:
     from fitting.prediction.score_pairs import ScorePair
@@ -75,7 +75,7 @@ def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
 
     for line in warnings:
         if has_code([line], NO_SCORE):
-            raise UserError(f"{line}; {out} is written all the same, see its report.html and mmg check")
+            raise NoSolution(f"{line}; {out} is written all the same, see its report.html and mmg check")
 
 
 def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
@@ -99,9 +99,9 @@ def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
 def refuse_target(option: str, path: Path, force: bool) -> None:
     """Raises UserError unless a file can be written to the ``path`` of ``option``; ``force``: over one that exists."""
     if path.exists() and (path.is_dir() or not force):
-        raise UserError(f"{option} {path}: exists already; choose another name or add --force")
+        raise TargetExists(f"{option} {path}: exists already; choose another name or add --force")
     if not path.parent.is_dir():
-        raise UserError(f"{option} {path}: there is no folder {path.parent}")
+        raise Missing(f"{option} {path}: there is no folder {path.parent}")
 
 
 class _ToStderr(logging.Handler):
@@ -211,5 +211,5 @@ def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) != count:
-        raise UserError(f"{what}: {text!r} is not {count} comma-separated numbers")
+        raise BadValue(f"{what}: {text!r} is not {count} comma-separated numbers")
     return values

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, NotWritable, OutOfRange
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import names_of, print_json, progress, refuse_target, say, working
 
@@ -52,11 +52,11 @@ def plan(
     from mmg_ident.api import load_run
 
     if out.suffix.lower() != ".csv":
-        raise UserError(f"--out {out}: the file for the autopilot ends in .csv")
+        raise BadValue(f"--out {out}: the file for the autopilot ends in .csv")
     for path in (out, out.with_suffix(".png")):
         refuse_target("--out", path, force)
     if not (math.isfinite(effort) and 0 < effort <= 100):
-        raise UserError(f"--effort {effort:g}: give a number above 0, at most 100")
+        raise OutOfRange(f"--effort {effort:g}: give a number above 0, at most 100")
     symbols, wanted = (tuple(names_of([text or ""])) for text in (coefficients, figures))
     wish = Wish(
         area, time, symbols, wanted, speed_limit, margin, _start(start), ahead, seed, effort,
@@ -64,7 +64,7 @@ def plan(
     )  # fmt: skip
     kind = read_result(run)["kind"]
     if kind not in ("calibration", "training"):
-        raise UserError(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
+        raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
     result = load_run(run)
     with working("planning"):
         planned = plan_trial(result.ship, result.to_dict(), wish, progress())
@@ -88,7 +88,7 @@ def _start(text: str | None) -> tuple[float, float, float] | None:
     except ValueError:
         x = y = heading = math.nan
     if not all(math.isfinite(v) for v in (x, y, heading)):
-        raise UserError(f"--start {text}: give x:y:heading in metres and degrees, such as 5:12:90")
+        raise BadValue(f"--start {text}: give x:y:heading in metres and degrees, such as 5:12:90")
     return x, y, math.radians(heading)
 
 
@@ -100,7 +100,7 @@ def _write(planned: PlannedTrial, out: Path, run: Path) -> None:
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
     except OSError as error:
-        raise UserError(f"{error.filename or out}: cannot be written ({error.strerror or error})") from None
+        raise NotWritable(f"{error.filename or out}: cannot be written ({error.strerror or error})") from None
     try:
         keep_plan(planned, run, out)
     except OSError as error:

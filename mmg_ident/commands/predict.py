@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import Conflict, NoSolution, TargetExists
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, progress, say
 
@@ -62,21 +62,21 @@ def predict(
     runs = read_trials(trials)
     single = len(runs) == 1 and out.suffix.lower() == ".csv"
     if not single and out.suffix.lower() == ".csv":
-        raise UserError(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
+        raise Conflict(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
     files = {run.name: out if single else out / f"{run.name}.csv" for run in runs}
     if len({file_key(name) for name in files}) < len(runs):
-        raise UserError(
+        raise Conflict(
             "two trials have the same name (as files of Windows have it); rename one or predict them separately"
         )
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
-        raise UserError(f"{existing[0]}: exists already; choose another --out or add --force")
+        raise TargetExists(f"{existing[0]}: exists already; choose another --out or add --force")
     (sound,) = ready(runs, unchecked=unchecked)
     known = _read_once(model)
     runs = said_campaign(runs, campaign, load_ship(model)) if campaign is not None else runs
     found = api.predict(known, runs, window, stride, adapt, progress())
     if all(p.diverged == len(p.windows) for p in found):
-        raise UserError(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
+        raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = list(past_to_use(api.content_of(known), adapt)[1])
     notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
     notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, OutOfRange, TargetExists
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, say, working
 
@@ -34,14 +34,14 @@ def report(
     targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
     own = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
     if pdf and target.suffix.lower() == ".pdf":
-        raise UserError(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
+        raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
     for path in targets:
         if path.is_dir():
-            raise UserError(f"{path}: is a folder; name the HTML file to write with --out")
+            raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
         if path.exists() and path.absolute() not in own:
-            raise UserError(f"{path}: already exists; choose another --out")
+            raise TargetExists(f"{path}: already exists; choose another --out")
     if full_load_draught is not None and not (math.isfinite(full_load_draught) and full_load_draught > 0):
-        raise UserError(f"--full-load-draught {full_load_draught:g}: must be a positive number of metres")
+        raise OutOfRange(f"--full-load-draught {full_load_draught:g}: must be a positive number of metres")
     with working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:

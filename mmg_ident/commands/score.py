@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, TooFewData, UnknownName
 from mmg.states import STATES
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import each, is_model, numbers_of, print_json, print_table, say
@@ -71,17 +71,17 @@ def score(
     if not models and not Path(runs_and_trials[0]).exists():
         load_ship(runs_and_trials[0])
     if not models:
-        raise UserError("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
+        raise Missing("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
     if not files:
-        raise UserError("no trial named: give trial files, or a folder of them, after the models")
+        raise Missing("no trial named: give trial files, or a folder of them, after the models")
     if method not in ("rk4", "euler"):
-        raise UserError(f"--method {method!r} is unknown; use rk4 or euler")
+        raise UnknownName(f"--method {method!r} is unknown; use rk4 or euler")
     if adapt is not None and not (0 <= adapt < float("inf")):
-        raise UserError("--adapt must be 0 or a positive number of seconds")
+        raise OutOfRange("--adapt must be 0 or a positive number of seconds")
     if not (0 <= window < float("inf")):
-        raise UserError(f"--window {window:g} must be 0 or a positive number of seconds")
+        raise OutOfRange(f"--window {window:g} must be 0 or a positive number of seconds")
     if sigma and sigma_from:
-        raise UserError("--sigma and --sigma-from exclude each other")
+        raise Conflict("--sigma and --sigma-from exclude each other")
     trials, others = ready(read_trials(files), read_trials(sigma_from) if sigma_from else [], unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
     if sigma:
@@ -89,7 +89,7 @@ def score(
 
         values, origin = np.array(numbers_of(sigma, 6, "--sigma")), "--sigma"
         if not (values > 0).all():
-            raise UserError("--sigma: all six numbers must be positive")
+            raise OutOfRange("--sigma: all six numbers must be positive")
     elif sigma_from:
         values, origin = pooled_sigma(others), ", ".join(str(p) for p in sigma_from)
     else:
@@ -131,7 +131,7 @@ def _said(trials: list[Trial], campaign: str, ships: list[Ship]) -> list[Trial]:
 
     knowing = [ship for ship in ships if ship.campaigns] or ships
     if not knowing:
-        raise UserError(f"--campaign {campaign}: no model named knows campaigns")
+        raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
     return said_campaign(trials, campaign, knowing[0])
 
 
@@ -166,9 +166,9 @@ def _refuse_nan(scores: dict[str, Score]) -> None:
     for name, found in scores.items():
         if found.diverged:
             names = ", ".join(found.diverged)
-            raise UserError(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
+            raise NoSolution(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
         if math.isnan(found.window):
-            raise UserError(
+            raise TooFewData(
                 f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
                 "give longer ones, or mend them (mmg check)"
             )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from fitting.settings import Settings
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotWritable, TooFewData, UnknownName, UserError
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
     command_line,
@@ -84,9 +84,9 @@ def select(
 
     wanted = [list_, terms is not None, write is not None, bool(trials)]
     if sum(wanted) != 1:
-        raise UserError("give trials to fit on, or one of --list, --terms NAME and --write NAME")
+        raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
     if (write is None and not trials) != (out is None):
-        raise UserError("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
+        raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
     if out is not None and not trials:
         refuse_target("--out", out, force)
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
@@ -106,7 +106,7 @@ def select(
         try:
             replace_text(out, dump_ship(one.ship))
         except OSError as error:
-            raise UserError(f"--out {out}: cannot be written ({error.strerror or error})") from None
+            raise NotWritable(f"--out {out}: cannot be written ({error.strerror or error})") from None
         say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
     elif json:
         rows = [{"symbol": s, "monomial": text, "force": s[0]} for s, text in one.ship.monomials.items()]
@@ -130,7 +130,7 @@ def _sets(
     if not held:
         count = max(1, len(train) // 4)
         if len(train) < 2:
-            raise UserError(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
+            raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
         train, held = train[:-count], train[-count:]
         say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
     train, held, last = ready(train, held, last, unchecked=unchecked)
@@ -145,9 +145,9 @@ def _method(objective: str, optimizer: str | None, seeds: int | None, settings: 
         shared = {name: getattr(settings, name) for name in ("seed", "workers", "time_limit", "compiled")}
         return Method(optimizer or "gradient", seeds or 1, **shared)
     if objective != "regression":
-        raise UserError(f"--objective {objective}: must be regression or paper")
+        raise UnknownName(f"--objective {objective}: must be regression or paper")
     if optimizer is not None or seeds is not None:
-        raise UserError("--optimizer and --seeds belong to --objective paper; add it or leave them out")
+        raise Conflict("--optimizer and --seeds belong to --objective paper; add it or leave them out")
     return None
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, NotWritable
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names
 
@@ -45,7 +45,7 @@ def ships(
     from mmg.messages import has_code
 
     if name is not None and new:
-        raise UserError(f"give either a ship ({name}) or --new, one of them")
+        raise Conflict(f"give either a ship ({name}) or --new, one of them")
     if name is not None or new:
         called = called or (out.stem if out else "my_ship")
         ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
@@ -60,7 +60,7 @@ def ships(
             sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
         return
     if out is not None:
-        raise UserError("--out needs a ship to write: name one, or describe it with --new")
+        raise Missing("--out needs a ship to write: name one, or describe it with --new")
     known = {key: load_ship(key) for key in library()}
     if json:
         listed = [
@@ -94,7 +94,7 @@ def _write(path: Path, text: str, force: bool) -> None:
     try:
         replace_text(path, text)
     except OSError as error:
-        raise UserError(f"--out {path}: cannot be written ({error.strerror or error})") from None
+        raise NotWritable(f"--out {path}: cannot be written ({error.strerror or error})") from None
 
 
 def _document(ship: Ship) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, OutOfRange
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, refuse_target, say, working
 
@@ -64,42 +64,42 @@ def simulate(
     from cases.simulation.simulate import write_trial
 
     if (maneuver is None) == (controls is None):
-        raise UserError("give either --maneuver or --controls, one of them")
+        raise Conflict("give either --maneuver or --controls, one of them")
     if seed < 0:
-        raise UserError(f"--seed {seed} must not be negative")
+        raise OutOfRange(f"--seed {seed} must not be negative")
     if out is not None:
         if out.suffix.lower() not in (".csv", ".parquet"):
-            raise UserError(f"--out {out}: trial files end in .csv or .parquet")
+            raise BadValue(f"--out {out}: trial files end in .csv or .parquet")
         refuse_target("--out", out, force)
     if plot is not None:
         if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-            raise UserError(f"--plot {plot}: figures end in .png, .svg or .pdf")
+            raise BadValue(f"--plot {plot}: figures end in .png, .svg or .pdf")
         refuse_target("--plot", plot, force)
     approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
     approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
     given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
     if controls is not None and given:
         option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
-        raise UserError(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
+        raise Conflict(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
     model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
     if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
         if any(value is not None for value in (n, speed, rudder_rate)) or sampled_helm:
-            raise UserError(
+            raise Conflict(
                 f"{maneuver} starts at rest with actuators at their own rates; give --duration and --dt only"
             )
         maneuver, source = None, harbour_inputs(model, duration, own, dt)
     plan = parse_maneuver(maneuver, model, seed=seed, **approach) if maneuver is not None else None
     if scatter is not None:
         if plan is None and controls is None:
-            raise UserError("--scatter is a standard manoeuvre, not random inputs; leave it out")
+            raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
         for option in [name for name, value in others.items() if value is not None]:
-            raise UserError(f"--scatter is a manoeuvre in calm air; leave {option} out")
+            raise Conflict(f"--scatter is a manoeuvre in calm air; leave {option} out")
         _scatter(ship, model, plan, (scatter, seed), dt, (out, plot), json)
         return
     if plot is not None:
-        raise UserError("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
+        raise Conflict("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
     with working("simulating"):
         trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
     found = figures_of(trial, plan) if plan else {}
@@ -135,7 +135,7 @@ def _scatter(
     out, plot = files
     if plot is not None:
         if run is None or drawn is None:
-            raise UserError("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
+            raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
         save_figure((run,), f"{ship.title}: {plan.name}, {draws[0]} draws", plot, {run.name: drawn.shown})
         say(f"written: {plot}")
     if out is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import UserError, needs_torch
+from mmg.errors import BadValue, Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
     command_line,
@@ -79,7 +79,7 @@ def train(
 
     chosen_settings = _settings(model, settings)
     if keep not in KEEP:
-        raise UserError(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
+        raise UnknownName(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
@@ -113,10 +113,10 @@ def train(
 def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
     """Settings of a --model from ``values`` by name."""
     if model not in _MODELS:
-        raise UserError(f"--model {model}: unknown; choose one of {', '.join(_MODELS)}")
+        raise UnknownName(f"--model {model}: unknown; choose one of {', '.join(_MODELS)}")
     strange = [name for name, kinds in _ONLY.items() if name in values and model not in kinds]
     if strange:
-        raise UserError(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
+        raise Conflict(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
     return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
 
 
@@ -128,7 +128,7 @@ def _is_complete(out: Path) -> bool:
     if not (out / RESULT).exists():
         return False
     if read_result(out)["kind"] != "training":
-        raise UserError(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
+        raise BadValue(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
     return read_training(out).complete
 
 

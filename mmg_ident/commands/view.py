@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import print_json, refuse_target, say, working
 
@@ -39,7 +39,7 @@ def view(
     if out is not None:
         refuse_target("--out", out, force)
     elif target.is_dir():
-        raise UserError(f"{target}: is a folder; name the HTML file to write with --out")
+        raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
     campaign = gather(folders, trials or (), diagnosis)
     for note in campaign.notes:
         say(f"note: {note}")

@@ -34,7 +34,7 @@ from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
 from fitting.selection.sisters import SisterEvidence, UncertainMean, with_whole_prior
 from fitting.settings import Settings
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotCalibrated, UserError
 from mmg.ship import Ship
 from mmg_ident.api import calibrate
 from mmg_ident.fleet.plan import FleetTable, PlannedShip
@@ -134,7 +134,7 @@ def _fit_alone(task: FleetTask) -> None:
     train, held_out, left_out = trials_of(task)
     result = _calibrated(task, train, held_out)
     if not result.converged or result.calibration is None:
-        raise UserError(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
+        raise NotCalibrated(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
     found = SisterEvidence.of(result.calibration)
     words = {
         "key": task.key,
@@ -211,7 +211,7 @@ def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
         left_out = [f"{Path(path).name} is left out: {text}" for path, text in refuted.items()]
         train, held_out = ([t for t in some if str(t.path or "") not in refuted] for some in (train, held_out))
         if not train:
-            raise UserError(f"mmg check calls all trials contradictory: {left_out[0]}")
+            raise Conflict(f"mmg check calls all trials contradictory: {left_out[0]}")
     fitted, judged = ready(train, held_out, unchecked=task.options.unchecked)
     names = campaigns_of(fitted)
     grouped = []

@@ -20,7 +20,7 @@ from cases.io.toml_file import Section, checked, header, number, read_toml, refu
 from cases.shipfiles.model_changes import reduced_ship, with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
-from mmg.errors import UserError, name_fault
+from mmg.errors import BadValue, Missing, UserError, name_fault
 from mmg.ship import Ship
 
 
@@ -95,7 +95,7 @@ def read_plan(path: str | Path) -> FleetPlan:
     content, problems = checked(PlanFile, read_toml(path))
     if content is None or not content.ships:
         refuse(str(path), problems or ["no ships: add a table [ships.NAME] with ship and trials for each ship"])
-        raise UserError(f"{path}: no ships")
+        raise Missing(f"{path}: no ships")
     problems += _fleet_problems(content)
     group = {name: key for key, names in content.sisters.items() for name in names}
     ships = []
@@ -107,7 +107,7 @@ def read_plan(path: str | Path) -> FleetPlan:
     problems += _sister_problems(content, {s.name: s for s in ships})
     count = f"{len(problems)} problems: " if len(problems) > 1 else ""
     if problems:
-        raise UserError(f"{path}: {count}{'; '.join(dict.fromkeys(problems))}")
+        raise BadValue(f"{path}: {count}{'; '.join(dict.fromkeys(problems))}")
     return FleetPlan(path, content.fleet, tuple(ships), {k: tuple(v) for k, v in content.sisters.items()})
 
 

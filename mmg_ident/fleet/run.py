@@ -17,7 +17,7 @@ import numpy as np
 from fitting.parallel import run_all
 from fitting.report.run_folder import plain, versions
 from fitting.selection.sisters import SisterEvidence, SisterWidths, estimates_of, mean_of, sister_start, sister_widths
-from mmg.errors import UserError
+from mmg.errors import NotWritable
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, SisterStart, finish_ship, fit_alone, key_of
 from mmg_ident.fleet.plan import FleetPlan, PlannedShip
@@ -101,7 +101,7 @@ def run_fleet(
         try:
             (out / PARTS / stage).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UserError(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+            raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
     said = _Said(errors, made, progress)
     out = out.absolute()
     alone = [_task(plan, ship, out, command) for ship in plan.ships if ship.sisters]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cases.io.files import replaced
 from fitting.report.run_folder import write_json
-from mmg.errors import UserError
+from mmg.errors import NotWritable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,7 @@ def write_tables(fleet: Fleet, folder: Path) -> None:
             _write(folder / f"{name}.csv", partial(_text, text))
         write_json(folder / NUMBERS, fleet)
     except OSError as error:
-        raise UserError(f"{folder}: cannot be written ({error.strerror or error})") from None
+        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error})") from None
 
 
 def _write(path: Path, fill: Callable[[Path], Any]) -> None:

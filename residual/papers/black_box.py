@@ -21,7 +21,7 @@ from cases.io.tensors import save_tensors
 from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, ship_hash
 from cases.trial import Trial
 from fitting.prediction.stretches import Stretch
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, NoSolution, NotWritable, Unreadable
 from mmg.motion.flow import INPUTS
 from mmg.network import LARGEST, OTHER
 from mmg.ship import AIR, Ship
@@ -157,7 +157,9 @@ def box_of(task: Task, outcomes: Sequence[Outcome]) -> BlackBox:
     systems, ship, settings = restored(task, outcomes), task.ship, task.settings
     assert isinstance(settings, BlackBoxSettings)
     if not systems:
-        raise UserError("every training of the network diverged, also at lower rates; give a lower --rate or more data")
+        raise NoSolution(
+            "every training of the network diverged, also at lower rates; give a lower --rate or more data"
+        )
     return BlackBox(settings, ship.actuators, task.h, tuple(systems), ship.name, ship_hash(ship), task.scales)
 
 
@@ -175,7 +177,7 @@ def save_box(path: Path, box: BlackBox) -> None:
         arrays |= {f"{k}.{name}": value.detach().contiguous() for name, value in system.state_dict().items()}
     bad = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
     if bad:
-        raise UserError(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
+        raise NoSolution(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
     about = {
         "format": BLACK_BOX, "ship": box.ship, "ship_hash": box.ship_hash, "h": repr(box.h),
         "actuators": json.dumps(box.actuators), "members": str(len(box.systems)),
@@ -184,7 +186,7 @@ def save_box(path: Path, box: BlackBox) -> None:
     try:
         save_tensors(path, {name: value.numpy() for name, value in arrays.items()}, about)
     except (OSError, SafetensorError) as error:
-        raise UserError(f"{path}: cannot be written ({error})") from None
+        raise NotWritable(f"{path}: cannot be written ({error})") from None
 
 
 def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
@@ -199,9 +201,9 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
             about = file.metadata() or {}
             arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (OSError, SafetensorError, ValueError, TypeError) as error:
-        raise UserError(f"{path}: cannot be read as a black box ({error}); train it again") from None
+        raise Unreadable(f"{path}: cannot be read as a black box ({error}); train it again") from None
     if about.get("format") != BLACK_BOX:
-        raise UserError(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
+        raise BadValue(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
     try:
         settings = _settings(about, arrays)
         actuators = tuple(map(str, parse_json(about["actuators"])))
@@ -213,11 +215,11 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         fault = _fault(box)
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
-        raise UserError(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
+        raise BadValue(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
     if fault:
-        raise UserError(f"{path}: {fault}; train it again")
+        raise BadValue(f"{path}: {fault}; train it again")
     if ship and (actuators != ship.actuators or box.ship_hash != ship_hash(ship)):
-        raise UserError(
+        raise Conflict(
             f"{path}: {OTHER}: it was trained for {box.ship} with {', '.join(actuators)}; "
             f"{ship.name} has {', '.join(ship.actuators)}"
         )

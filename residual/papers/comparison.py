@@ -28,7 +28,7 @@ from fitting.report.parts import Store
 from fitting.report.run_folder import data_rows
 from fitting.settings import Settings
 from fitting.solvers.interrupts import interrupts_noted
-from mmg.errors import UserError
+from mmg.errors import NoSolution, TooFewData, UserError
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
@@ -257,7 +257,7 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Ent
     task = replace(tasks[entry.seed - study.seed], seconds=left, stop=job.stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
-        raise UserError("diverged, also at lower rates")
+        raise NoSolution("diverged, also at lower rates")
     entry = replace(entry, status=outcome.status, held_out=outcome.after[0])
     if hybrid:
         return Simulator(ship.with_network(network_of(task, [outcome]))), entry
@@ -275,7 +275,7 @@ def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
         edges = np.floor(np.arange(len(cut) + 1) * subset.fraction + 0.5)
         kept = [block for block, wanted in zip(cut, np.diff(edges) > 0, strict=True) if wanted]
     if not kept:
-        raise UserError(f"nothing is left of the training trials at {subset.words}; leave that share out")
+        raise TooFewData(f"nothing is left of the training trials at {subset.words}; leave that share out")
     return tuple(kept)
 
 

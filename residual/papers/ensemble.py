@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from fitting.parallel import run_all
-from mmg.errors import UserError
+from mmg.errors import Missing, NoSolution
 from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual
 from residual.physics import Physics
@@ -29,7 +29,7 @@ VELOCITIES = slice(3, 6)
 def members_of_ship(ship: Ship) -> list[TrainableSystem]:
     """The members of a hybrid ship's network, each on the same physics. UserError for a ship without a network."""
     if ship.network is None:
-        raise UserError(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
+        raise Missing(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
     physics = Physics(ship.without_network())
     nothing = np.zeros((len(ship.features), 1))
     count = range(len(ship.network.members))
@@ -49,7 +49,7 @@ def train_members(tasks: Sequence[Task]) -> list[TrainableSystem]:
     """
     members = restored(tasks[0], run_all(train_one, tasks, tasks[0].settings.workers, name="members"))
     if not members:
-        raise UserError("every member of the ensemble diverged in training; give a lower --rate or more data")
+        raise NoSolution("every member of the ensemble diverged in training; give a lower --rate or more data")
     return members
 
 

@@ -16,7 +16,7 @@ from diagnosis.report.figures import figures_for
 from diagnosis.report.page import build_report
 from diagnosis.result import Diagnosis, read_diagnosis
 from fitting.report.plot_style import png_of
-from mmg.errors import UserError
+from mmg.errors import Missing, UserError
 from mmg.messages import Message
 from tests.diagnosis.report.test_report import case
 
@@ -142,7 +142,7 @@ def test_a_wrong_value_is_named_with_its_file_and_key(
 
 
 def test_what_is_no_diagnosis_is_said(tmp_path: Path) -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         read_diagnosis(tmp_path)
     (tmp_path / "diagnosis.json").write_text("{")
     with pytest.raises(UserError, match=r"diagnosis\.json"):

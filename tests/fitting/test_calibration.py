@@ -10,7 +10,7 @@ from cases.simulation.demo_trials import demo_trials, hidden_ship
 from cases.trial import Trial
 from fitting.calibration import Calibration, Settings, estimate_coefficients
 from fitting.prediction.score import score
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -111,7 +111,7 @@ def test_an_iteration_limit_leaves_a_flagged_best_iterate() -> None:
 def test_constant_inputs_are_refused() -> None:
     trial = make_trial()
     constant = make_trial(n=np.full(len(trial), 10.0), delta=np.zeros(len(trial)))
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         estimate_coefficients(load_ship("esso_osaka_3m"), [constant])
 
 

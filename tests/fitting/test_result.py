@@ -13,7 +13,7 @@ import pytest
 from fitting.report.plot_style import png_of
 from fitting.report.run_folder import RESULT, write_json
 from fitting.result import FitResult, read_fit, write_report
-from mmg.errors import UserError
+from mmg.errors import BadValue, TargetExists, UserError
 from mmg.messages import has_code
 from mmg.ship import Ship
 from tests.support.calibrated import FREE, small_result
@@ -71,7 +71,7 @@ def test_a_result_saved_again_leaves_the_same_folder(folder: Path, tmp_path: Pat
     again = read_fit(folder).save(tmp_path / "again")
     assert content_of(tmp_path / "again") == content_of(folder) == again.to_dict()
     assert {p.name for p in (tmp_path / "again").rglob("*")} == {p.name for p in folder.rglob("*")}
-    with pytest.raises(UserError):
+    with pytest.raises(TargetExists):
         again.save(tmp_path / "again")
 
 
@@ -107,7 +107,7 @@ def spoilt(content: dict, *path: str) -> dict:
 def test_what_is_wrong_with_a_file_is_said_by_its_key(folder: Path, tmp_path: Path, change, words: str) -> None:  # type: ignore[no-untyped-def]
     read_fit(folder).save(tmp_path / "bad")
     write_json(tmp_path / "bad" / RESULT, change(content_of(folder)))
-    with pytest.raises(UserError) as error:
+    with pytest.raises(BadValue) as error:
         read_fit(tmp_path / "bad")
     assert words in str(error.value) and str(tmp_path / "bad" / RESULT) in str(error.value)
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.ship import Ship
 from residual.decide import BLOCK, Judges, decide
 from residual.hybrid import hybrid_scales
@@ -143,7 +143,7 @@ def test_validation_trials_judge_and_do_not_stop() -> None:
 def test_validation_needs_something_to_stop_by() -> None:
     ship = hybrids.ship()
     short, long = hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 300, seed=5)
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         train(ship, short, long, TrainSettings(step=1.0))
 
 

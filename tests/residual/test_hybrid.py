@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg.messages import has_code
 from mmg.rollout import Simulator
 from residual.hybrid import Hybrid, Residual, Symmetric, build_hybrid, hybrid_scales, to_network
@@ -187,9 +187,9 @@ def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
 
 
 def test_too_little_data_is_one_clear_sentence() -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 25), settings=QUICK)
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 60), settings=QUICK)
 
 

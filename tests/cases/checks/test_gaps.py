@@ -10,7 +10,7 @@ import pytest
 from cases.checks import check
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from tests.support.trial_files import motion_columns
 
 
@@ -31,5 +31,5 @@ def test_rows_that_are_never_whole_have_no_sigma() -> None:
     columns |= {"u": np.where(odd, np.nan, columns["u"]), "v": np.where(odd, columns["v"], np.nan)}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        with pytest.raises(UserError):
+        with pytest.raises(TooFewData):
             pooled_sigma([Trial("gaps", columns)])

@@ -16,7 +16,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing
 from tests.support.measured_maneuvers import foreign, logged, program, title
 
 MODEL, SHIP = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz"
@@ -100,7 +100,7 @@ def test_a_turn_that_never_comes_round_says_what_it_does_not_reach() -> None:
     found = imo_figures_of_trials([cut], length=case.length)
     assert {row.why for row in found.rows if row.figure == "advance"} == {"the run does not reach it"}
     wander = cut.with_columns(delta=0.02 * np.sin(cut.t / 30))
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         imo_figures_of_trials([wander], length=case.length)
 
 

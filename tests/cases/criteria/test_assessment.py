@@ -8,7 +8,7 @@ import pytest
 
 from cases.criteria.assessment import imo_figures, imo_figures_of_trials
 from cases.shipfiles.ship_file import load_ship
-from mmg.errors import UserError
+from mmg.errors import UnknownName, UserError
 from mmg.messages import has_code
 from mmg.ship import CalibrationMark
 
@@ -27,7 +27,7 @@ def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each
 
 def test_what_cannot_be_judged_is_refused() -> None:
     ship = load_ship("kvlcc2_full")
-    with pytest.raises(UserError):
+    with pytest.raises(UnknownName):
         imo_figures(ship, maneuvers=["straight"])
     with pytest.raises(UserError, match="length"):
         imo_figures_of_trials([])

@@ -11,7 +11,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate_batch import simulate_batch
-from mmg.errors import UserError
+from mmg.errors import Unsupported
 from mmg.rollout import Simulator
 
 SHIP = load_ship("esso_osaka_3m")
@@ -59,5 +59,5 @@ def test_a_diverging_run_has_no_figures_and_a_spiral_is_refused() -> None:
 
     first, second = figures_of_each(simulate_pushed(SIMULATOR, plan, one, 0.5, blown), plan)
     assert "advance" in first and second == {}
-    with pytest.raises(UserError):
+    with pytest.raises(Unsupported):
         simulate_pushed(SIMULATOR, parse_maneuver("spiral:15/5", SHIP, speed=0.5), one, 0.5, calm)

@@ -31,7 +31,7 @@ from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.report.plot_maneuvers import maneuver_figure
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UserError
 from mmg_ident.commands.imo import imo
 from mmg_ident.commands.main import app
 
@@ -144,7 +144,7 @@ def test_test_speed_is_as_given_or_the_ships_or_froude() -> None:
     assert speed == pytest.approx(0.142 * math.sqrt(9.80665 * 3.0)) and "no U_0" in words
     own = replace(ESSO, particulars={**ESSO.particulars, "U_0": 0.55})
     assert approach_speed(own) == (0.55, "U_0 of the ship file")
-    with pytest.raises(UserError):
+    with pytest.raises(OutOfRange):
         approach_speed(ESSO, -1.0)
 
 

@@ -18,7 +18,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Missing, UnknownName
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -80,7 +80,7 @@ def test_measured_turning_figures_are_those_of_a_turning_circle(frt: Path) -> No
         runs[name] = measured_run(read_trial(frt / "turning" / f"{name}.csv"), 3.0)
     hard, soft = (run.figures["tactical_diameter"] / 3.0 for run in runs.values())
     assert 2.0 < hard < 3.0 < 4.0 < soft < 4.6
-    with pytest.raises(UserError):
+    with pytest.raises(UnknownName):
         find_maneuver(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)
 
 
@@ -138,12 +138,12 @@ def test_an_accelerating_or_turning_approach_is_named() -> None:
 def test_what_is_not_in_the_data_is_not_found() -> None:
     straight = with_approach(simulate(SHIP, parse_maneuver("straight", SHIP, duration=20)), 60.0)
     calm = straight.with_columns(delta=0.3 * straight["delta"])
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         find_maneuver(calm, 3.0)
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         find_maneuver(straight, 3.0, "crash-stop")
     turn = simulate(SHIP, parse_maneuver("turning:35", SHIP, duration=100))
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         find_maneuver(turn, 3.0, "zigzag")
 
 

@@ -12,7 +12,7 @@ from cases.criteria.simulated_trial import simulated_trial
 from cases.criteria.standard_runs import simulated_run
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from mmg.errors import UserError
+from mmg.errors import Missing, UserError
 from mmg.messages import has_code
 
 ESSO = load_ship("esso_osaka_3m")
@@ -74,7 +74,7 @@ def test_what_cannot_be_scattered_is_refused(text: str, count: int) -> None:
 
 
 def test_a_ship_without_standard_errors_is_refused() -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         draw_coefficients(ESSO.fixing(ESSO.symbols), 5)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cases.importing.derived_motion import derived_velocities, smoothed
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from tests.support import raw_logs
 
 
@@ -82,5 +82,5 @@ def test_speed_and_course_alone_suffice() -> None:
 def test_values_that_no_sizes_smooth_are_refused_in_a_line(values: dict[int, float]) -> None:
     wild = np.full(1500, np.nan)
     wild[list(values)] = list(values.values())
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         smoothed(0.1, wild)

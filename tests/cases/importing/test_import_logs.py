@@ -14,7 +14,7 @@ from cases.inputs import STANDARD, is_sampled, model_inputs
 from cases.io.read import read_trials
 from cases.io.toml_file import validated
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import TargetExists
 from tests.support import raw_logs
 from tests.support.raw_logs import UNITS, plain
 
@@ -113,7 +113,7 @@ def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path)
     found = imported(raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()), PORT)
     target = tmp_path / "out"
     write_import(found, PORT, target)
-    with pytest.raises(UserError):
+    with pytest.raises(TargetExists):
         write_import(found, PORT, target)
     assert write_import(found, PORT, target, force=True) == [target / "a.csv"]
     assert not list(tmp_path.glob(".out*"))

@@ -20,7 +20,7 @@ from cases.io.read import read_trial, read_trials
 from cases.io.table import MOST_ROWS, MOST_UNPACKED, read_table
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.captive import read_captive
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, UnknownName, UserError
 from tests.support.trial_files import motion_columns, write_csv
 
 NAMES = ("t [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]", "n [rps]", "delta [rad]")
@@ -54,13 +54,13 @@ def test_a_pipe_or_device_is_no_trial(tmp_path: Path, good: Path) -> None:
     refused(tmp_path / "pipe.csv", "not an ordinary file")
     refused(tmp_path / "pipe.parquet", "not an ordinary file")
     refused(Path("/dev/null"), "")
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         read_trials(tmp_path)
     with pytest.raises(UserError, match=r"trials\.toml"):
         read_trial(good)
-    with pytest.raises(UserError):
+    with pytest.raises(UnknownName):
         load_ship(tmp_path / "trials.toml")
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         read_captive(tmp_path / "pipe.csv")
 
 
@@ -114,7 +114,7 @@ def test_cells_that_are_no_measurement(good: Path, cell: str, words: str) -> Non
         else:
             assert np.isnan(trial["u"][2]) and cell.isdigit()
     good.write_text("\n".join([lines[0].replace("u [m/s]", f"{cell} [m/s]"), *lines[1:]]))
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         read_trial(good)
 
 

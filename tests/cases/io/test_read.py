@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from cases.io.read import read_trial, read_trials
 from cases.io.unit_sanity import implausible
 from cases.trial import UNITS
-from mmg.errors import UserError
+from mmg.errors import Missing, UserError
 from mmg.messages import has_code
 from mmg.motion.frames import apparent_wind, true_wind
 from tests.support.trial_files import motion_columns, write_csv
@@ -279,7 +279,7 @@ def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
 
 def test_a_path_that_does_not_exist_is_said(tmp_path):
     for path in (tmp_path / "nowhere", tmp_path / "nowhere.csv"):
-        with pytest.raises(UserError):
+        with pytest.raises(Missing):
             read_trials([path])
 
 

@@ -12,7 +12,7 @@ from cases.io.read import read_trial, read_trials
 from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entry
 from cases.io.toml_file import validated
 from cases.trial import UNITS
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, UserError
 from mmg.messages import has_code
 from tests.support.trial_files import motion_columns, write_csv
 
@@ -66,7 +66,7 @@ def test_a_wrong_sidecar_is_one_line(tmp_path, text, said):
 def test_an_entry_for_no_file_of_the_folder_is_an_error(tmp_path):
     write_csv(tmp_path / "a.csv")
     sidecar(tmp_path, '[files."b.csv"]\nkind = "x"')
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         read_trials([tmp_path])
 
 
@@ -122,7 +122,7 @@ def test_a_wind_that_goes_to_is_turned_round(tmp_path):
 def test_settings_without_a_file_refuse_the_same_things():
     point = validated(SidecarEntry, {"reference_point": [1, 2]}, "settings").reference_point
     assert (point.x, point.y, point.applies_to) == (1.0, 2.0, "both")
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         validated(SidecarEntry, {"port": True}, "settings")
 
 
@@ -164,7 +164,7 @@ def test_every_line_that_a_message_proposes_has_a_key_of_the_sidecar() -> None:
 
 def test_a_line_to_add_names_its_sidecar_and_table(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "run.csv", headers={"psi": "heading [rad]"})
-    with pytest.raises(UserError) as error:
+    with pytest.raises(Missing) as error:
         read_trial(path)
     table, line = re.search(r"add to .*trials\.toml, (\[files\..*?\]): (.*)$", str(error.value)).groups()
     assert str(tmp_path / "trials.toml") in str(error.value)

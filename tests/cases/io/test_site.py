@@ -9,7 +9,7 @@ import pytest
 from cases.io.site import Site, read_site
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Conflict, Missing, UserError
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -115,8 +115,8 @@ def test_folders_must_agree_and_one_without_a_file_is_said(tmp_path):
     (b / "site.toml").write_text("[water]\ndepth = 2  # the same")
     assert read_site([a, b / "x.csv"], SHIP).notices == ()
     (b / "site.toml").write_text("[water]\ndepth = 3.0")
-    with pytest.raises(UserError):
+    with pytest.raises(Conflict):
         read_site([a, b], SHIP)
     assert read_site([a, b], SHIP, explicit=b / "site.toml").start["shallow_water"]["d_h"] < 0.1
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         read_site([a], SHIP, explicit=c / "site.toml")

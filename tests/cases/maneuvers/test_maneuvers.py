@@ -24,7 +24,7 @@ from cases.maneuvers.self_propulsion import revolutions_for, speed_for
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UserError
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -43,7 +43,7 @@ def test_ill_formed_text_is_one_clear_line(text: str) -> None:
 
 @pytest.mark.parametrize("approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}])
 def test_an_approach_that_cannot_be_held_is_refused(approach: dict[str, float]) -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(OutOfRange):
         parse_maneuver("turning:35", SHIP, n=approach.get("n"), speed=approach.get("speed"))
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from cases.operation.parts import OperationLog, read_log
-from mmg.errors import UserError
+from mmg.errors import Missing, Unreadable, UserError
 from tests.support.operation_logs import write_log
 from tests.support.trial_files import motion_columns
 
@@ -85,12 +85,12 @@ def test_units_time_stamps_and_the_sidecar_are_those_of_trial_files(tmp_path: Pa
 
 
 def test_folders_without_a_log_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         read_log(tmp_path / "absent")
     with pytest.raises(UserError, match=r"\.parquet"):
         read_log(tmp_path)
     (tmp_path / "bad.parquet").write_bytes(b"nothing of the kind")
-    with pytest.raises(UserError):
+    with pytest.raises(Unreadable):
         read_log(tmp_path)
 
 

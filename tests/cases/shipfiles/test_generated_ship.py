@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json, tables
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.simulate import simulate_controls
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, UserError
 from mmg.model import assemble
 from mmg.ship import Ship
 
@@ -121,7 +121,7 @@ def test_components_can_be_taken_out_but_not_the_only_force_under_water() -> Non
     made = generated(load_ship("esso_osaka_3m"))
     calm = reduced_ship(made, ["wind"])
     assert calm.monomials == made.monomials and "wind" not in calm.components
-    with pytest.raises(UserError):
+    with pytest.raises(Conflict):
         reduced_ship(made, ["expansion"])
     ship = load_ship("esso_osaka_3m")
     offset = generated_ship(ship, structure_of(ship, 1, "SM-1"), offset=True)
@@ -152,10 +152,10 @@ def test_a_wrong_term_of_a_ship_file_is_one_line(text: str, words: str) -> None:
 
 def test_an_expansion_without_terms_and_terms_without_expansion_are_refused() -> None:
     text = dump_ship(generated(load_ship("kvlcc2_l7")))
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         parse_ship(text.replace('expansion = "smooth_submodels"', 'hull = "unified"'))
     head = text.split("[coefficients.X_")[0]
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         parse_ship(head)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from cases.maneuvers.self_propulsion import actuator_positions
 from cases.shipfiles.ship_file import LIBRARY, library, load_ship, parse_ship
-from mmg.errors import UserError
+from mmg.errors import BadValue
 
 TEXT = (LIBRARY / "esso_osaka_3m.toml").read_text(encoding="utf-8")
 
@@ -49,7 +49,7 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_a_ship_file_with_particulars_of_no_ship_is_refused(case: str) -> None:
     key, value, words = WRONG[case]
-    with pytest.raises(UserError) as raised:
+    with pytest.raises(BadValue) as raised:
         parse_ship(changed(key, value), "mine.toml")
     line = str(raised.value)
     assert line.startswith("mine.toml: [ship]") and words in line and "\n" not in line

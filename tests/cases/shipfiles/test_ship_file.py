@@ -23,7 +23,7 @@ from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from mmg.components.coefficients import names
 from mmg.components.wind import fujiwara
-from mmg.errors import UserError
+from mmg.errors import BadValue, UnknownName, UserError
 from mmg.ship import Ship
 
 SHIP = load_ship("esso_osaka_3m")
@@ -226,7 +226,7 @@ def test_a_wrong_ship_file_gives_one_line_that_names_file_and_key(case: str, tmp
     text, must_name = REFUSED[case]
     path = tmp_path / "my_ship.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(UserError) as raised:
+    with pytest.raises(BadValue) as raised:
         load_ship(path)
     line = str(raised.value)
     assert "\n" not in line
@@ -238,7 +238,7 @@ def test_a_wrong_ship_file_gives_one_line_that_names_file_and_key(case: str, tmp
 def test_everything_wrong_with_a_file_is_said_at_once() -> None:
     wrong = SMALL.replace("L = 2.0", "L = -3\nlength = 2")
     tables = '[coefficients.Y_v]\nvalue = "x"\nstd = -1\n[coefficients.N_v]\nlower = nan\n'
-    with pytest.raises(UserError) as raised:
+    with pytest.raises(BadValue) as raised:
         parse_ship(wrong + tables, "mine.toml")
     line = str(raised.value)
     assert line.startswith("mine.toml: ") and "\n" not in line
@@ -271,7 +271,7 @@ def test_the_schema_of_ship_files_can_be_printed() -> None:
 
 
 def test_a_folder_without_a_ship_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(UnknownName):
         load_ship(tmp_path)
 
 

@@ -12,7 +12,7 @@ import pytest
 from cases.shipfiles.network_file import save_network
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, library, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, UserError
 from mmg.network import Network
 from mmg.ship import Ship
 from tests.support.networks import random_network
@@ -63,7 +63,7 @@ def test_a_ship_file_may_name_the_file_of_its_network(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
     back = load_ship(tmp_path / "mine.toml").network
     assert back is not None and same_network(back, ship.network)
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         parse_ship(text)
 
 
@@ -101,7 +101,7 @@ def test_a_wrong_json_is_refused_in_one_line(change, words: str, tmp_path: Path)
     change(content)
     path = tmp_path / "ship.json"
     path.write_text(json.dumps(content))
-    with pytest.raises(UserError) as error:
+    with pytest.raises(BadValue) as error:
         load_ship(path)
     assert words in str(error.value) and "ship.json" in str(error.value) and "\n" not in str(error.value)
 

@@ -13,7 +13,7 @@ from cases.maneuvers.controller import Limits
 from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed, ranges_of
 from cases.simulation.simulate import write_trial
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UserError
 from mmg.messages import has_code
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
@@ -61,7 +61,7 @@ def test_wrong_seeds_and_durations_are_one_line() -> None:
     )
     with pytest.raises(UserError, match="seed"):
         harbour_seed("harbour:x", 0)
-    with pytest.raises(UserError):
+    with pytest.raises(OutOfRange):
         harbour_inputs(FERRY, 0.1, 0)
 
 

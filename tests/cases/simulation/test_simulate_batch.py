@@ -15,7 +15,7 @@ from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate
 from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch
 from cases.trial import Trial
-from mmg.errors import UserError
+from mmg.errors import Unsupported, UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -139,7 +139,7 @@ def test_coefficients_by_name_or_in_order() -> None:
 
 
 def test_what_a_batch_cannot_do_is_said() -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(Unsupported):
         simulate_batch(ESSO, parse_maneuver("spiral:15/5", ESSO))
     for dt in (0.0, -1.0, math.nan, 1e4):
         with pytest.raises(UserError, match="dt"):

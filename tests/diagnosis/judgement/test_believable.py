@@ -18,7 +18,7 @@ from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_sto
 from diagnosis.judgement.believable import ANOTHER, believed, beyond_reported, deviations, width_by_size
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.prepare import InputReading
-from mmg.errors import UserError
+from mmg.errors import Missing, TooFewData
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
 from tests.support.diagnosis_cases import FEW, candidate, pushed_trials
 
@@ -140,9 +140,9 @@ def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
     kept, (message,) = diagnosable_trials([one, copy, other])
     assert [t.name for t in kept] == [one.name, other.name] and message.code == "copies_left_out"
     still = {name: np.full_like(one[name], one[name][0]) for name in ("n", "delta")}
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         diagnosable_trials([replace(one, columns={**one.columns, **still})])
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         diagnosable_trials([])
 
 
@@ -151,7 +151,7 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
     kept, tests, (message,) = parted([replace(first, role="train"), replace(second, role="validate")], [first])
     assert [t.name for t in kept] == [first.name] and [t.name for t in tests] == [first.name, second.name]
     assert message.code == "role_held_out" and second.name in message
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         parted([replace(first, role="test")], [second])
     roles = [first, replace(second, role="test")]
     assert parted(roles, [], "role") == (roles, [], [])

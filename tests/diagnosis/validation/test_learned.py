@@ -24,7 +24,7 @@ from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import errors, window_length
 from diagnosis.validation.learned import measure_learned_residual as measure
 from diagnosis.validation.learned import sentence_of
-from mmg.errors import UserError
+from mmg.errors import TooFewData, UserError
 from mmg_ident.commands.diagnose import diagnose
 from residual.settings import TrainSettings
 from tests.diagnosis.report.test_report import case, text_of
@@ -84,7 +84,7 @@ def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
 
 def test_too_little_data_is_said() -> None:
     ship = hybrids.ship()
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         measure(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), settings=QUICK)
     with pytest.raises(UserError, match="30 s"):
         measure(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), settings=QUICK)

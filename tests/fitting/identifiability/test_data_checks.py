@@ -19,7 +19,7 @@ from fitting.nlp.problem import Prior
 from fitting.nlp.windows import cut
 from fitting.settings import Settings, Start
 from fitting.solvers.multistart import disagreement
-from mmg.errors import UserError
+from mmg.errors import TooFewData, UserError
 from tests.support.synthetic_runs import runs
 
 ESSO = load_ship("esso_osaka_3m")
@@ -83,7 +83,7 @@ def test_astern_coefficients_without_astern_motion_are_refused_or_named() -> Non
     astern = ("A_5", "B_5", "C_6", "C_7", "A_6")
     segments = cut(ahead, 1.0, 50.0, 5)
     only = ESSO.fixing([s for s in ESSO.symbols if s not in astern])
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         unexcited_astern(only, ahead, segments)
     words = unexcited_astern(ESSO, ahead, segments)
     assert len(words) == 1 and all(s in words[0] for s in astern)

@@ -28,7 +28,7 @@ from fitting.settings import Settings
 from fitting.solvers.ipopt import solve
 from fitting.uncertainty.sandwich import changes_without_each
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
+from mmg.errors import BadValue
 from mmg.model import assemble
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
@@ -305,7 +305,7 @@ def test_bad_input_is_refused_in_one_line(
 
 
 def test_an_effect_that_the_ship_cannot_have_is_refused() -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
 
 

@@ -9,7 +9,7 @@ from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from fitting.nlp.windows import cut
-from mmg.errors import UserError
+from mmg.errors import Missing, TooFewData
 from tests.support.trial_files import make_trial, motion_columns
 
 
@@ -80,7 +80,7 @@ def test_uneven_sampling_gives_the_same_grid_within_interpolation() -> None:
 
 def test_a_record_that_is_too_short_is_refused_in_one_line() -> None:
     columns = {k: v[:20] for k, v in motion_columns().items()}
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         cut([Trial("short", columns)], 1.0, 50.0, 5)
 
 
@@ -102,5 +102,5 @@ def test_a_subset_of_windows_keeps_their_data() -> None:
 
 def test_twin_rudders_are_refused_with_a_reason() -> None:
     columns = {k: v for k, v in motion_columns().items() if k != "delta"}
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         cut([Trial("twin", {**columns, "delta_port": columns["n"], "delta_starboard": columns["n"]})], 1.0, 50.0, 5)

@@ -17,7 +17,7 @@ from fitting.prediction.score_pairs import score_pairs
 from fitting.prediction.score_words import in_words
 from fitting.prediction.stretches import Stretch, wrapped_error
 from fitting.report.run_folder import plain
-from mmg.errors import UserError
+from mmg.errors import TooFewData, UserError
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import runs
 
@@ -100,7 +100,7 @@ def test_a_set_without_a_whole_window_is_not_scored() -> None:
         check_scorable([short], "to choose by", ship.ship.inputs)
     gone = left_out(trial, [(float(trial.t[0]), float(trial.t[-1]))], "test")
     assert scores_by_set(ship, {"gone": [gone]}) == {}
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         pooled_sigma([gone])
 
 

@@ -14,7 +14,7 @@ from fitting.report.page import comparison_of
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.report.words import change, plus_minus
 from fitting.result import write_report
-from mmg.errors import UserError
+from mmg.errors import BadValue, Missing, NotWritable
 from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE, small_result
 
@@ -207,17 +207,17 @@ def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
 
 
 def test_a_folder_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         report(tmp_path)
     write_json(tmp_path / RESULT, {"kind": "diagnosis"})
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         report(tmp_path)
 
 
 def test_a_report_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
     (tmp_path / "file").write_text("")
-    with pytest.raises(UserError):
+    with pytest.raises(NotWritable):
         write_report([folder], tmp_path / "file" / "report.html", imo=False)
 
 

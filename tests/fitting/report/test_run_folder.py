@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fitting.report.run_folder import reserved, write_whole
-from mmg.errors import UserError
+from mmg.errors import Conflict, NotWritable
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="kills by SIGKILL")
 KILLED = """
@@ -59,7 +59,7 @@ def test_a_run_that_was_moved_aside_by_a_killed_process_is_put_back(tmp_path: Pa
 def test_two_processes_do_not_work_on_one_folder(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "run"
     with reserved(folder):
-        with pytest.raises(UserError), reserved(folder):
+        with pytest.raises(Conflict), reserved(folder):
             pass
         with reserved(tmp_path / "deep" / "other"):
             pass
@@ -75,6 +75,6 @@ def test_a_full_disk_leaves_nothing_and_is_one_line(tmp_path: Path) -> None:
         raise OSError(28, "No space left on device")
 
     write_whole(tmp_path / "run", write)
-    with pytest.raises(UserError):
+    with pytest.raises(NotWritable):
         write_whole(tmp_path / "run", full, replace=True)
     assert names(tmp_path) == ["run"] and names(tmp_path / "run") == ["whole"]

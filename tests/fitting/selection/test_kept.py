@@ -13,7 +13,7 @@ from fitting.selection.kept import fingerprint, kept_beside
 from fitting.selection.learning import Learned, Method, learn_all
 from fitting.selection.structure_choice import choose_structure
 from fitting.settings import Settings
-from mmg.errors import UserError
+from mmg.errors import Conflict, UserError
 from tests.fitting.selection.paper_problems import ESSO, harbour
 
 NAMES = ("sm1-order1", "sm2-order1")
@@ -29,7 +29,7 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
         kept_beside(out, wanted, resume=False)
     with pytest.raises(UserError, match="--seed"):
         kept_beside(out, wanted | {"--seed": 2}, resume=True)
-    with pytest.raises(UserError):
+    with pytest.raises(Conflict):
         kept_beside(out, wanted | fingerprint(ESSO, [harbour()[:2]]), resume=True)
     again = kept_beside(out, wanted, resume=True)
     assert again.get("one") == {"values": [0.1 + 0.2, 1e-17]}

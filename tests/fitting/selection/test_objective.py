@@ -17,7 +17,7 @@ from fitting.selection.subsequences import (
     spread_of,
     subsequences,
 )
-from mmg.errors import UserError
+from mmg.errors import OutOfRange, UserError
 from mmg.model import assemble
 from mmg.runge_kutta import rk4_step
 from tests.fitting.selection.paper_problems import ESSO, harbour, problem
@@ -135,7 +135,7 @@ def test_subsequences_follow_each_other_and_the_last_one_is_shorter() -> None:
 
 
 def test_a_step_longer_than_a_subsequence_and_still_trials_are_refused() -> None:
-    with pytest.raises(UserError):
+    with pytest.raises(OutOfRange):
         subsequences(harbour(), 300.0, 100.0, ESSO.inputs)
     still = Trial("still", {"t": np.arange(9.0), "u": np.ones(9), "v": np.zeros(9), "r": np.arange(9.0)})
     with pytest.raises(UserError, match="u, v"):

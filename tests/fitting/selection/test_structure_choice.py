@@ -21,7 +21,7 @@ from fitting.selection.candidates import Rules, StructureCandidate, candidate, c
 from fitting.selection.structure_choice import BEYOND, bounded, choose_structure, fault, stability
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
-from mmg.errors import UserError
+from mmg.errors import Unsupported, UserError
 from mmg_ident.commands.main import main
 
 ESSO = load_ship("esso_osaka_3m").without_network()
@@ -153,5 +153,5 @@ def test_candidates_go_from_few_terms_to_many_and_a_generated_ship_has_none() ->
     found = candidates(ESSO)
     assert isinstance(found[0], StructureCandidate) and found[0].name == "mmg"
     assert list(map(sum, (one.counts for one in found))) == sorted(sum(one.counts) for one in found)
-    with pytest.raises(UserError):
+    with pytest.raises(Unsupported):
         candidates(found[1].ship)

@@ -9,7 +9,7 @@ import pytest
 
 import mmg_ident
 from fitting.settings import Settings
-from mmg.errors import UserError
+from mmg.errors import UnknownName
 from mmg_ident.commands.main import PANELS, VERBS, main
 from mmg_ident.gone import GONE
 from mmg_ident.settings import checked_settings, given_settings, settings_of
@@ -88,7 +88,7 @@ def test_what_went_says_so_on_the_line_and_in_python(
     name, value = (gone, "1") if isinstance(gone, str) else gone
     assert main(["fit", "ship", "trials", f"--{name.replace('_', '-')}", value, "--out", "run"]) == 2
     assert capsys.readouterr().err.strip() == f"mmg: {GONE[gone]}"
-    with pytest.raises(UserError):
+    with pytest.raises(UnknownName):
         mmg_ident.calibrate("esso_osaka_3m", [], **{name: value})
 
 

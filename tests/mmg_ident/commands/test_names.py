@@ -17,7 +17,7 @@ from cases.shipfiles.ship_json import dump_ship_json
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from fitting.result import read_fit
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
 from mmg.ship import CalibrationMark
 from mmg_ident.commands.main import app
 
@@ -103,5 +103,5 @@ def test_a_name_that_is_a_path_is_refused_before_anything_is_read(name: str, tmp
     words = ["fit", "esso_osaka_3m", str(tmp_path / "none.csv"), "--out", str(tmp_path / "run"), "--name", name]
     error = CliRunner().invoke(app, words).exception
     assert isinstance(error, UserError) and str(error).startswith("--name") and not (tmp_path / "run").exists()
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         CalibrationMark(name)

@@ -21,7 +21,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from fitting.prediction.predict import outside_share, predict
 from fitting.report.run_folder import read_result
-from mmg.errors import UserError
+from mmg.errors import TargetExists
 from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
@@ -173,7 +173,7 @@ def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, tmp_p
     assert "<table>" in result._repr_html_()
     result.save(tmp_path / "copy")
     assert load_ship(tmp_path / "copy").network is not None
-    with pytest.raises(UserError):
+    with pytest.raises(TargetExists):
         result.save(tmp_path / "copy")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
 from mmg_ident.commands.main import main
 from mmg_ident.fleet.plan import read_plan
 from tests.support.small_fleets import write_plan
@@ -46,7 +46,7 @@ def test_a_file_of_two_ships_or_two_lists_is_refused(tmp_path: Path) -> None:
         "berta": 'ship = "esso_osaka_3m"\ntrials = ["a.csv", "b.csv"]',
         "clara": 'ship = "esso_osaka_3m"\ntrials = ["copy.csv"]',
     }
-    with pytest.raises(UserError) as error:
+    with pytest.raises(BadValue) as error:
         read_plan(write_plan(tmp_path, ships))
     for words in ("c.csv are trials as well", "a.csv of berta", "copy.csv of clara and b.csv of berta"):
         assert words in str(error.value)
@@ -60,7 +60,7 @@ def test_names_that_would_be_one_folder_and_sisters_of_other_models_are_refused(
         "Anna": 'ship = "esso_osaka_3m"\ntrials = ["1.csv"]',
         "berta": 'ship = "kvlcc2_l7"\ntrials = ["2.csv"]',
     }
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         read_plan(write_plan(tmp_path, ships, tail='[sisters]\nsome = ["anna", "berta"]'))
 
 

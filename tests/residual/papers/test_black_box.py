@@ -17,7 +17,7 @@ from cases.trial import Trial
 from fitting.prediction.predict import predict_all, record_of
 from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Stretch
-from mmg.errors import UserError
+from mmg.errors import BadValue, Conflict, TooFewData, Unreadable, UserError
 from residual.hybrid import Hybrid, Residual
 from residual.papers.black_box import BlackBox, box_scales, build_box, gridded, load_box, save_box
 from residual.papers.networks import (
@@ -314,18 +314,18 @@ def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:
     tests = hybrids.trials(hybrids.ship(), 1, 200, seed=8)
     sigma = pooled_sigma(tests)
     assert score(loaded, tests, sigma).window == score(trained.black_box, tests, sigma).window
-    with pytest.raises(UserError):
+    with pytest.raises(Conflict):
         load_box(path, replace(hybrids.ship(), particulars={**hybrids.ship().particulars, "L": 4.0}))
 
 
 def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path, system = tmp_path / "network.safetensors", box("rnn-window")
     known = BlackBox(QUICK, ("n", "delta"), 1.0, (system,), scales=scales())
-    with pytest.raises(UserError):
+    with pytest.raises(BadValue):
         save_box(path, known)  # settings of a feedforward network
         load_box(path)
     path.write_bytes(b"nothing")
-    with pytest.raises(UserError):
+    with pytest.raises(Unreadable):
         load_box(path)
     good = replace(known, settings=replace(QUICK, kind="rnn-window", memory=2))
     save_box(path, good)
@@ -343,7 +343,7 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: i
             change = {"training": json.dumps(json.loads(about["training"]) | change)}
         save_file(arrays, tmp_path / "lies.safetensors", about | change)
         began = time.perf_counter()
-        with pytest.raises(UserError):
+        with pytest.raises(BadValue):
             load_box(tmp_path / "lies.safetensors")
         assert time.perf_counter() - began < 2
     with torch.no_grad():
@@ -359,7 +359,7 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path) -> None:  # type: i
 
 def test_too_little_data_and_an_input_that_a_trial_lacks_are_one_sentence() -> None:
     short = hybrids.trials(hybrids.ship(), 1, 25)
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         train(hybrids.ship(), short, settings=QUICK)
     black = BlackBox(QUICK, ("n", "delta", "pitch"), 1.0, (box("fnn"),))
     with pytest.raises(UserError, match="pitch"):

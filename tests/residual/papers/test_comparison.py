@@ -22,7 +22,7 @@ from fitting.parallel import run_all
 from fitting.prediction.score import Score, TrialScore
 from fitting.prediction.stretches import Stretch
 from fitting.report.run_folder import read_result
-from mmg.errors import UserError
+from mmg.errors import TooFewData
 from mmg_ident.commands.main import main
 from residual.papers.black_box import load_box
 from residual.papers.comparison import (
@@ -257,7 +257,7 @@ def test_shares_of_the_data_are_blocks_spread_evenly() -> None:
     rows = np.concatenate([b["u"] for b in blocks_of(trials[0])])
     np.testing.assert_array_equal(rows, trials[0]["u"])
     assert all(b.duration >= 60 for b in blocks_of(trials[0]))
-    with pytest.raises(UserError):
+    with pytest.raises(TooFewData):
         subset_of(trials[1:2], Subset(1.0, False))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from mmg.errors import UserError
+from mmg.errors import Missing
 from residual.hybrid import Hybrid, Residual, build_hybrid, hybrid_scales, to_network
 from residual.papers.ensemble import bootstrapped, distances, members_of_ship, moments, particles, train_members
 from residual.physics import Physics
@@ -99,7 +99,7 @@ def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
         with torch.no_grad():
             expected = rollout(Hybrid(physics, residual, np.zeros((7, 1))), batch).numpy()
         np.testing.assert_allclose(paths[:, :, p], expected, rtol=0, atol=1e-12)
-    with pytest.raises(UserError):
+    with pytest.raises(Missing):
         members_of_ship(hybrids.ship())
 
 
