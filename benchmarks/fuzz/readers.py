@@ -32,6 +32,8 @@ from mmg.ship import Ship
 from residual.papers.black_box import load_box
 from residual.result import read_training
 
+BINARY = ("parquet", "iterate", "network", "black_box")
+"""Readers of files that are no text."""
 LARGEST_SEED = 6000
 """Bytes of a reproducer that is damaged further."""
 
