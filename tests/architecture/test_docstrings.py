@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 
+from mmg.errors import UserError
 from tests.architecture.source import Function, Source, arguments, mentions, not_in_debt, sources
 
 ORDERS = """
@@ -60,12 +61,16 @@ def silent_about_return() -> list[str]:
     return found
 
 
+KINDS = {kind.__name__ for kind in UserError.__subclasses__()}
+"""Names of the kinds of errors that users meet."""
+
+
 def own_raises(function: Function) -> set[str]:
-    """Names of the errors that the function itself raises."""
+    """Names of the errors that the function itself raises; those of users by their common class."""
     raised = set()
     for node in ast.walk(function):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
-            raised.add(node.exc.func.id)
+            raised.add("UserError" if node.exc.func.id in KINDS else node.exc.func.id)
     return raised & {"UserError", "ValueError", "KeyError", "TypeError"}
 
 

@@ -152,7 +152,7 @@ def test_two_processes_do_not_work_on_one_folder_without_posix(tmp_path: Path) -
         assert holder.stdout and holder.stdout.readline().strip() == b"held"
         refused = as_windows(place, "-c", WRITES)
         holder.kill()
-    assert refused.returncode and b"UserError: " in refused.stderr and b"another process" in refused.stderr
+    assert refused.returncode and b"Conflict: " in refused.stderr and b"another process" in refused.stderr
     assert [p.name for p in place.iterdir()] == [".held.lock"]
     (place / ".held.0123abcd").mkdir()
     done = as_windows(place, "-c", WRITES)
