@@ -15,7 +15,7 @@ from benchmarks.kill import SIGNALS, Ended, alone, ended, rows, trials, values
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
 def test_a_sample_of_kills_leaves_nothing_half_written(tmp_path: Path) -> None:
     trials(tmp_path)
-    whole, seconds = alone(tmp_path, "fit")
+    whole, seconds = alone(tmp_path, "fit", "whole")
     draw = random.Random(3)
     found = [ended(tmp_path, "fit", number, draw.uniform(0.1, 0.9), whole, seconds) for number in SIGNALS]
     assert [e.faults for e in found] == [()] * 3

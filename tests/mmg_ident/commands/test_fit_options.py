@@ -39,7 +39,6 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     result = json.loads((folder / "run" / "result.json").read_text())
     assert result["settings"]["loss"] == "student" and 1 <= result["condition_number"] < 1e12
     assert len(result["starts"]) == 2 and result["starts"][1]["apart"] == {}
-    assert (folder / "run" / "figures" / "starts.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize(
