@@ -21,6 +21,7 @@ from residual.system import TrainableSystem, acceleration_loss, rollout, squares
 from residual.train import Task, train_one
 from residual.windows import Scales, jittered, windows
 from tests.support import hybrids
+from tests.support.differences import check_gradients
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2, step=1.0, stride=5.0)
 
@@ -77,18 +78,7 @@ def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str
             hybrid, batch, torch.ones(3, dtype=torch.float64) * 1e-3
         )  # fmt: skip
 
-    loss().backward()
-    for parameter in hybrid.learned():
-        assert parameter.grad is not None
-        at, step = tuple(s // 2 for s in parameter.shape), 1e-6
-        found = parameter.grad[at].item()
-        with torch.no_grad():
-            parameter[at] += step
-            up = loss().item()
-            parameter[at] -= 2 * step
-            down = loss().item()
-            parameter[at] += step
-        assert found == pytest.approx((up - down) / (2 * step), rel=1e-4, abs=1e-7)
+    check_gradients(loss, hybrid.learned())
 
 
 @pytest.mark.parametrize("method", ["rk4", "euler"])

@@ -16,31 +16,9 @@ from cases.simulation.simulate import simulate_controls
 from mmg.errors import BadValue, Conflict, UserError
 from mmg.model import assemble
 from mmg.ship import Ship
+from tests.support.actuator_ships import FERRY
 
 VECTWIN = load_ship("vectwin_3m")
-FOUR_PODS = """
-[ship]
-name = "ferry"
-L = 3.0
-B = 0.7
-d = 0.15
-m = 150.0
-x_G = 0.0
-rho = 998.0
-D_az = 0.06
-x_az = -1.2
-y_az = 0.2
-x_az_2 = -1.2
-y_az_2 = -0.2
-x_az_3 = 1.2
-y_az_3 = 0.2
-x_az_4 = 1.2
-y_az_4 = -0.2
-
-[model]
-hull = "unified"
-azimuth = "azimuth"
-"""
 
 
 def generated(ship: Ship, order: int = 2, submodels: str = "SM-2", seed: int = 0) -> Ship:
@@ -78,7 +56,7 @@ def test_the_ship_file_of_a_generated_model_gives_it_back(name: str) -> None:
 
 
 def test_four_pods_exert_the_sum_of_their_forces_and_make_eight_variables() -> None:
-    ferry = parse_ship(FOUR_PODS)
+    ferry = parse_ship(FERRY)
     assert ferry.actuators == tuple(f"{n}azimuth{i}" for i in ("", "_2", "_3", "_4") for n in ("n_", ""))
     model = assemble(ferry)
     turning = dict.fromkeys(model.controls, 0.0) | {"n_azimuth": 10.0, "n_azimuth_3": 10.0}  # both to starboard, ahead
@@ -160,7 +138,7 @@ def test_an_expansion_without_terms_and_terms_without_expansion_are_refused() ->
 
 
 def test_symmetry_is_not_claimed_of_an_actuator_without_partner() -> None:
-    ferry = parse_ship(FOUR_PODS)
+    ferry = parse_ship(FERRY)
     with pytest.raises(UserError, match="azimuth, azimuth_2, azimuth_3"):
         structure_of(ferry, actuators="azimuth, azimuth_2, azimuth_3")
     with pytest.raises(UserError, match="1 of 2"):

@@ -36,6 +36,7 @@ from residual.splits import pieces_of
 from residual.system import Past, RolloutBatch, TrainableSystem, acceleration_loss, rollout, state_loss
 from residual.windows import augmented, windows
 from tests.support import hybrids
+from tests.support.differences import check_gradients
 from tests.support.quick import first_quick
 
 QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
@@ -204,18 +205,7 @@ def test_gradients_agree_with_finite_differences(system: TrainableSystem, method
         return state_loss(system, batch, SIGMA, method) + 0.1 * a + 1e-3 * system.penalty()
 
     system.zero_grad()
-    loss().backward()
-    for name, parameter in system.named_parameters():
-        at, step = tuple(s // 2 for s in parameter.shape), 1e-6
-        assert parameter.grad is not None, name
-        found = parameter.grad[at].item()
-        with torch.no_grad():
-            parameter[at] += step
-            up = loss().item()
-            parameter[at] -= 2 * step
-            down = loss().item()
-            parameter[at] += step
-        assert found == pytest.approx((up - down) / (2 * step), rel=1e-4, abs=1e-6), name
+    check_gradients(loss, system.parameters())
 
 
 def test_held_accelerations_move_the_ship_along_its_circle() -> None:
