@@ -17,7 +17,7 @@ from mmg.errors import OutOfRange, UserError
 from mmg.messages import has_code
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
-from tests.cases.shipfiles.test_generated_ship import FOUR_PODS
+from tests.support.actuator_ships import FERRY as FOUR_PODS
 
 VECTWIN, FERRY = load_ship("vectwin_3m"), parse_ship(FOUR_PODS)
 
