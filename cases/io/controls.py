@@ -10,11 +10,10 @@ import numpy as np
 
 from cases.inputs import actuator_columns
 from cases.io.conventions import converted
-from cases.io.files import read_bytes
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import sidecar_entry
-from cases.io.table import read_table
+from cases.io.trial_table import trial_table
 from cases.io.units import to_si
 from cases.trial import Trial
 from mmg.errors import BadValue, Missing
@@ -43,17 +42,17 @@ def _from_rest(path: Path) -> Trial | None:
     """A trial of inputs alone, its states zero; None for a file that is no table or holds one of psi, u, v, r."""
     if path.suffix.lower() not in SUFFIXES:
         return None
-    header, numbers = read_table(path, read_bytes(path))
+    table = trial_table(path)
+    header = table.header
     entry = sidecar_entry(path)
     if set(STATE_UNITS) & {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, header))}:
         return None
     notices = [Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest")]
     matched = match_headers(path, header + [f"{s} [{u}]" for s, u in STATE_UNITS.items()], entry, notices)
-    columns = {
-        name: numbers(index, name == "t") * to_si(name, unit, f"{path}: column '{header[index]}'")
-        for name, (index, unit) in matched.items()
-        if index < len(header)
-    }
+    given = {name: (index, unit) for name, (index, unit) in matched.items() if index < len(header)}
+    factors = {name: to_si(name, unit, f"{path}: column '{header[index]}'") for name, (index, unit) in given.items()}
+    numbers = table.numbers([index for index, _ in given.values()], given["t"][0])
+    columns = {name: numbers[index] * factors[name] for name, (index, _) in given.items()}
     if "apparent_wind_speed" in columns and "wind_speed" not in columns:
         raise Missing(f"{path}: apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction")
     keep = np.isfinite(columns["t"])

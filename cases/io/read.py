@@ -20,7 +20,7 @@ from cases.io.headers import match_headers
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.toml_file import validated
-from cases.io.trial_table import trial_table
+from cases.io.trial_table import check_forward, trial_table
 from cases.io.unit_sanity import implausible
 from cases.io.units import si_unit, to_si
 from cases.trial import RUDDERS, Trial
@@ -205,14 +205,7 @@ def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message])
 
 def _check_time(path: Path, t: np.ndarray, notices: list[Message]) -> None:
     """Raises UserError when time stands still or runs backwards, naming the first row."""
-    bad = np.flatnonzero(np.diff(t) <= 0)
-    if len(bad):
-        i = int(bad[0])
-        word = "repeats" if t[i + 1] == t[i] else "runs backwards"
-        raise BadValue(
-            f"{path}: time {word} at row {i + 2}: t = {t[i]:.10g} s, then {t[i + 1]:.10g} s "
-            f"({len(bad)} such rows); sort the rows or remove the doubled ones"
-        )
+    check_forward(path, t, np.arange(len(t)))
     if np.median(np.diff(t)) < LEAST_STEP:
         raise OutOfRange(f"{path}: rows are {np.median(np.diff(t)):.3g} s apart, closer than any clock ticks")
     if t[0] != 0.0:

@@ -1,200 +1,243 @@
-"""The columns of a trial file in SI units: small files read at once, long ones in pieces and averaged."""
+"""The table of a trial file, CSV or Parquet: its header, and its columns as numbers; of long files means of rows."""
 
 from __future__ import annotations
 
-import hashlib
-import io
+import csv
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
 import numpy as np
 
-from cases.io.block_means import MOST_KEPT, BlockMeans, rows_together
-from cases.io.csv_table import PIECE, CsvPieces, LineCount, csv_header, text_encoding
-from cases.io.files import check_file, opened, read_bytes
-from cases.io.sentinels import masked, remarks, without_sentinels
-from cases.io.table import checked_header, read_table, within
+from cases.io.block_means import BlockMeans, rows_together
+from cases.io.files import LARGEST as LARGEST_FILE
+from cases.io.files import check_file
+from cases.io.sentinels import masked, remarks
+from cases.io.text_table import LONGEST_LINE, TextTable, blocks, floats_of_cells, lines_and_hash
+from cases.io.units import as_number
 from cases.trial import wraps
-from mmg.errors import BadValue, TooFewData
-from mmg.messages import Message
-from mmg.states import STATES
+from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.messages import Message, printable
 
 LARGEST_CSV = 8 * 2**30
 """Most bytes of a CSV file."""
-SMALL = 32 * 2**20
-"""Bytes up to which a CSV file is read at once."""
+MOST_COLUMNS, MOST_ROWS, MOST_CELLS = 5000, 2_500_000, 30_000_000
+"""Most columns of a table, and most rows and cells of one whose rows are not averaged."""
+MOST_UNPACKED = 2 * LARGEST_FILE
+"""Most bytes of a Parquet file as it would be without compression."""
+LONGEST_CELL = 400
+"""Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
+LARGEST = 1e13
+"""No number of a trial is larger, in any unit."""
 
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
+Columns = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class TrialTable:
-    """A trial file whose header is known.
+    """A file whose header is known.
 
-    header: its cells; sha256: of its bytes; columns: the wanted ones in SI, every row or means of rows, without
-    sentinels (further numbers that stand for no value; None: none are looked for). It adds to the notices, and raises
-    UserError on text and on numbers that no trial holds.
+    path: of it; header: its cells; sha256: of its bytes; rows: lines or rows below the header; read: the columns of
+    these numbers, one piece of the file after another, as cells (N,) of any kind.
     """
 
+    path: Path
     header: list[str]
     sha256: str
-    columns: Callable[[Wanted, Sequence[float] | None, list[Message]], dict[str, np.ndarray]]
+    rows: int
+    read: Callable[[Collection[int]], Iterator[dict[int, Any]]]
+
+    def numbers(self, wanted: Collection[int], clock: int | None = None) -> dict[int, np.ndarray]:
+        """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty.
+
+        clock: one that may hold time stamps or durations, which become seconds. Raises UserError on text, on numbers
+        that no trial holds, for no row, and for more than MOST_ROWS or MOST_CELLS.
+        """
+        if self.rows > MOST_ROWS:
+            raise OutOfRange(f"{self.path}: has {self.rows} rows, more than {MOST_ROWS}; divide it")
+        if self.rows * len(wanted) > MOST_CELLS:
+            words = f"{len(wanted)} columns of {self.rows} rows are more than {MOST_CELLS} cells"
+            raise OutOfRange(f"{self.path}: {words}; leave out columns that are not needed, or divide it")
+        parts = list(self._floats(wanted, clock))
+        if not sum(len(part) for part in parts[0].values()) if parts else True:
+            raise TooFewData(f"{self.path}: a header but no rows")
+        return {i: np.concatenate([part[i] for part in parts]) for i in wanted}
+
+    def columns(self, wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> Columns:
+        """The ``wanted`` columns in SI, every row or means of rows, infinite values and sentinels missing.
+
+        sentinels: further numbers that stand for no value, None where none are looked for; notices: are added to.
+        Raises UserError as ``numbers`` does, for no row, and where the clock of rows that are averaged runs backwards.
+        """
+        count = rows_together(self.rows)
+        numbers = list(dict.fromkeys(index for index, _ in wanted.values()))
+        pieces = self._floats(numbers, wanted["t"][0]) if count > 1 else iter([self.numbers(numbers, wanted["t"][0])])
+        means = BlockMeans(count, {name: 2 * math.pi for name in wanted if wraps(name)})
+        nothing, infinite, last, before, out = Counter[tuple[str, float]](), Counter[str](), -math.inf, 0, Columns()
+        for piece in pieces:
+            out = {name: piece[index] * factor for name, (index, factor) in wanted.items()}
+            if sentinels is not None:
+                out, own = masked(out, wanted, sentinels)
+                nothing.update(own)
+            for name, values in out.items():
+                wrong = np.isinf(values)
+                infinite[name] += int(wrong.sum())
+                out[name] = np.where(wrong, np.nan, values) if wrong.any() else values
+            if count > 1:
+                known = [np.isfinite(values) for name, values in out.items() if name != "t"]
+                rows = np.flatnonzero(np.isfinite(out["t"]) & np.any(known, axis=0))
+                check_forward(self.path, np.append(last, out["t"][rows]), before + np.append(-1, rows))
+                before, last = before + len(out["t"]), float(out["t"][rows[-1]]) if len(rows) else last
+                means.add({name: values[rows] for name, values in out.items()})
+        out = means.columns() if count > 1 else out
+        if not out or not len(out["t"]):
+            raise TooFewData(f"{self.path}: no row holds a time and a state ({self.rows} rows); nothing to read")
+        notices += remarks(nothing)
+        for name, cells in infinite.items():
+            if cells:
+                notices.append(Message(f"{name}: {cells} infinite values taken as missing", "infinite_values"))
+        if count > 1:
+            step = np.median(np.diff(out["t"]))
+            words = f"{self.rows} rows averaged by {count}: {len(out['t'])} of {step:.4g} s are kept"
+            notices.append(Message(words, "rows_averaged"))
+        return out
+
+    def _floats(self, wanted: Collection[int], clock: int | None) -> Iterator[dict[int, np.ndarray]]:
+        before = 0
+        for piece in self.read(wanted):
+            found = {i: self._column(piece[i], i, i == clock, before) for i in wanted}
+            before += len(next(iter(piece.values()), ()))
+            yield found
+
+    def _column(self, cells: np.ndarray, index: int, clock: bool, before: int) -> np.ndarray:
+        """A column as floats; text, and a number that no trial holds, is an error that names row (1 = first below the
+        header) and column. before: rows of the file before its first."""
+        name, kind = self.header[index], cells.dtype.kind
+        if kind in "mM" and clock:
+            since = cells - np.nanmin(cells) if kind == "M" else cells
+            return np.where(np.isnat(cells), np.nan, since / np.timedelta64(1, "s"))
+        if kind in "mMb":
+            raise BadValue(f"{self.path}: column '{name}' holds {cells.dtype}, which is no number")
+        values, text = floats_of_cells(cells)
+        if text is not None:
+            raise text.error(self.path, name, before)
+        beyond = np.flatnonzero(np.isfinite(values) & (np.abs(values) > LARGEST))
+        if len(beyond):
+            at = int(beyond[0])
+            words = f"row {before + at + 1}, column '{name}': {values[at]:g} is larger than anything in a trial"
+            raise OutOfRange(f"{self.path}: {words}")
+        return values
 
 
 def trial_table(path: Path) -> TrialTable:
-    """The table in the trial file ``path``, CSV or Parquet. Raises UserError where there is none."""
-    if path.suffix.lower() == ".csv":
-        check_file(path, LARGEST_CSV)
-        if path.stat().st_size > SMALL:
-            return _long(path, lambda: opened(path))
-    content = read_bytes(path)
-    if path.suffix.lower() == ".csv":
-        lines = LineCount(path)
-        for start in range(0, len(content), PIECE):
-            lines.add(content[start : start + PIECE])
-        if content and lines.rows > MOST_KEPT:
-            return _long(path, lambda: io.BytesIO(content))
-    header, numbers = read_table(path, content)
-
-    def columns(wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> dict[str, np.ndarray]:
-        found = {name: numbers(index, name == "t") * factor for name, (index, factor) in wanted.items()}
-        if sentinels is not None:
-            found = without_sentinels(found, wanted, sentinels, notices)
-        return _averaged(path, iter([found]), len(found["t"]), notices)
-
-    return TrialTable(header, hashlib.sha256(content).hexdigest(), columns)
+    """The table in the file ``path``, CSV or Parquet. Raises UserError where there is none."""
+    if path.suffix.lower() == ".parquet":
+        check_file(path)
+        return _parquet(path)
+    check_file(path, LARGEST_CSV)
+    header = checked_header(path, _first_line(path))
+    lines, digest = lines_and_hash(path)
+    return TrialTable(path, header, digest, lines - 1, TextTable(path, len(header)).pieces)
 
 
-def _long(path: Path, stream: Callable[[], BinaryIO]) -> TrialTable:
-    """A CSV file that is looked through once for its lines, encoding and hash, and then parsed in pieces."""
-    digest, lines = hashlib.sha256(), LineCount(path)
-    with stream() as file:
-        header = checked_header(path, csv_header(path, file.read(PIECE)))
-
-    def through() -> Iterator[bytes]:
-        with stream() as file:
-            while piece := file.read(PIECE):
-                digest.update(piece)
-                lines.add(piece)
-                yield piece
-
-    encoding = text_encoding(through())
-    if encoding != "utf-8-sig":  # it stopped at the first byte that is no UTF-8
-        digest, lines = hashlib.sha256(), LineCount(path)
-        for _ in through():
-            pass
-
-    def columns(wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> dict[str, np.ndarray]:
-        with stream() as file:
-            pieces = CsvPieces(path, file, encoding, len(header))
-            scaled = _scaled(path, pieces, header, wanted)
-            if rows_together(lines.rows) == 1:
-                out = _averaged(path, scaled, lines.rows, notices)
-                return out if sentinels is None else without_sentinels(out, wanted, sentinels, notices)
-            counts: Counter[tuple[str, float]] = Counter()
-            out = _averaged(path, _without(scaled, wanted, sentinels, counts), lines.rows, notices)
-            notices += remarks(counts)
-            return out
-
-    return TrialTable(header, digest.hexdigest(), columns)
+def _first_line(path: Path) -> list[str]:
+    """The cells of the first line of the CSV file ``path``. Raises UserError where there is no such line."""
+    for block, _ in islice(blocks(path), 1):
+        line = block.partition(b"\n")[0].decode()
+        if not block.strip():
+            raise TooFewData(f"{path}: the file is empty")
+    if len(line) > LONGEST_LINE:
+        raise OutOfRange(f"{path}: the first line is longer than {LONGEST_LINE} bytes; it must hold the headers")
+    try:
+        header = next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise BadValue(f"{path}: the first line is not a header ({error})") from None
+    if len(header) == 1 and (";" in line or "\t" in line):
+        raise BadValue(f"{path}: cells are not separated by commas; save the file as comma-separated CSV")
+    return header
 
 
-def _scaled(path: Path, pieces: CsvPieces, header: list[str], wanted: Wanted) -> Iterator[dict[str, np.ndarray]]:
-    """The ``wanted`` columns of each of the ``pieces`` in SI. Raises UserError at the end where one holds text."""
-    before = 0
-    for values in pieces.of([index for index, _ in wanted.values()]):
-        if len(values) == len({index for index, _ in wanted.values()}):
-            yield {
-                name: within(path, header[index], values[index], before) * factor
-                for name, (index, factor) in wanted.items()
-            }
-        before = pieces.rows
-    for index, _ in wanted.values():
-        pieces.check(index, header[index])
+def checked_header(path: Path, header: list[str]) -> list[str]:
+    """The cells of the ``header`` of the file ``path``, as they are shown. Raises UserError for too many columns, for
+    numbers, for nothing, and for a column that is named twice."""
+    if len(header) > MOST_COLUMNS:
+        raise OutOfRange(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
+    header = [printable(cell).strip() for cell in header]
+    if any(cell and (not math.isnan(as_number(cell)) and math.isfinite(as_number(cell))) for cell in header):
+        raise BadValue(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
+    if not any(header):
+        raise BadValue(f"{path}: the first line is blank; it must hold the headers")
+    doubled = sorted({cell for cell in header if cell and header.count(cell) > 1})
+    if doubled:
+        raise Conflict(f"{path}: the header names '{doubled[0]}' twice; rename or remove one of them")
+    return header
 
 
-def _without(
-    pieces: Iterator[dict[str, np.ndarray]],
-    wanted: Wanted,
-    sentinels: Sequence[float] | None,
-    counts: Counter[tuple[str, float]],
-) -> Iterator[dict[str, np.ndarray]]:
-    """The ``pieces`` without numbers that stand for no value, whose ``counts`` are added to."""
-    for columns in pieces:
-        if sentinels is None:
-            yield columns
-        else:
-            kept, own = masked(columns, wanted, sentinels)
-            counts.update(own)
-            yield kept
+def check_forward(path: Path, t: np.ndarray, rows: np.ndarray) -> None:
+    """Raises UserError where the times ``t`` (N,) [s] of these ``rows`` (N,), 0 the first, do not increase."""
+    bad = np.flatnonzero(np.diff(t) <= 0)
+    if len(bad):
+        i = int(bad[0])
+        word = "repeats" if t[i + 1] == t[i] else "runs backwards"
+        raise BadValue(
+            f"{path}: time {word} at row {rows[i + 1] + 1}: t = {t[i]:.10g} s, then {t[i + 1]:.10g} s "
+            f"({len(bad)} such rows); sort the rows or remove the doubled ones"
+        )
 
 
-def _averaged(
-    path: Path, pieces: Iterator[dict[str, np.ndarray]], rows: int, notices: list[Message]
-) -> dict[str, np.ndarray]:
-    """The columns in ``pieces``, of so many ``rows`` that means are taken if they are more than MOST_KEPT.
+def _parquet(path: Path) -> TrialTable:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
-    Infinite values become gaps. Of means, the rows before the first state and those without a time are left out. Raises
-    UserError for no row, and where the clock of rows that are averaged runs backwards.
-    """
-    count = rows_together(rows)
-    means = BlockMeans(count, {})
-    infinite: dict[str, int] = {}
-    clock = _Clock(path)
-    for columns in pieces:
-        means.periods = {name: 2 * math.pi for name in columns if wraps(name)}
-        for name, values in columns.items():
-            wrong = np.isinf(values)
-            if wrong.any():
-                infinite[name] = infinite.get(name, 0) + int(wrong.sum())
-                columns[name] = np.where(wrong, np.nan, values)
-        means.add(columns if count == 1 else clock.passed(columns))
-    clock.check()
-    out = means.columns()
-    if not out or not len(out["t"]):
-        raise TooFewData(f"{path}: no row holds a time and a state ({rows} rows); nothing to read")
-    for name, cells in infinite.items():
-        notices.append(Message(f"{name}: {cells} infinite values taken as missing", "infinite_values"))
-    if count > 1:
-        words = f"{rows} rows averaged by {count}: {len(out['t'])} of {np.median(np.diff(out['t'])):.4g} s are kept"
-        notices.append(Message(words, "rows_averaged"))
-    return out
+    def refused(error: Exception) -> UserError:
+        why = " ".join(str(error).split())
+        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
+        return Unreadable(f"{path}: not a readable Parquet file ({why})")
 
+    try:
+        file = pq.ParquetFile(path, page_checksum_verification=True)
+        header, rows = list(file.schema_arrow.names), file.metadata.num_rows
+        # sizes of single columns are not asked for: on some damaged files that aborts the process
+        unpacked = sum(file.metadata.row_group(k).total_byte_size for k in range(file.num_row_groups))
+        if unpacked > MOST_UNPACKED:
+            raise ValueError(f"it has {unpacked / 2**20:.0f} MB unpacked, more than {MOST_UNPACKED // 2**20}")
+    except Exception as error:
+        raise refused(error) from None
 
-class _Clock:
-    """Goes through the rows of a log that is averaged, and knows where its time did not increase."""
+    def column(index: int) -> np.ndarray:
+        kind, name = file.schema_arrow.types[index], header[index]
+        kind = kind.value_type if pa.types.is_dictionary(kind) else kind
+        words = f"{path}: column '{name}' holds {kind}, which is no number"
+        if pa.types.is_nested(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
+            raise BadValue(words)
+        try:
+            text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
+            names = [name] if text else []  # each text once, however often the rows name it
+            source = pq.ParquetFile(path, read_dictionary=names, page_checksum_verification=True) if text else file
+            found = source.read(columns=[name]).column(0)
+            if len(found) != rows:
+                raise ValueError(f"column '{name}' has {len(found)} values in {rows} rows")
+            if pa.types.is_dictionary(found.type):
+                longest = max((len(str(text)) for chunk in found.chunks for text in chunk.dictionary), default=0)
+                if longest > LONGEST_CELL:
+                    raise ValueError(f"column '{name}' holds a text of {longest} characters")
+                found = found.cast(found.type.value_type)
+            if pa.types.is_decimal(kind):
+                found = found.cast(pa.float64())
+            return np.asarray(found.to_numpy())
+        except Exception as error:
+            raise refused(error) from None
 
-    def __init__(self, path: Path) -> None:
-        self.path, self._rows, self._last, self._alive = path, 0, -math.inf, -1
-        self._wrong: tuple[int, float, float] | None = None
+    def read(wanted: Collection[int]) -> Iterator[dict[int, np.ndarray]]:
+        yield {i: column(i) for i in wanted}
 
-    def passed(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The next rows without those before the first state and those without a time."""
-        t = columns["t"]
-        alive = np.isfinite(t) & np.any([np.isfinite(columns[c]) for c in STATES if c in columns], axis=0)
-        keep = np.isfinite(t)
-        if self._alive < 0:
-            keep[: int(np.argmax(alive)) if alive.any() else len(t)] = False
-        at = np.flatnonzero(keep)
-        times = np.concatenate([[self._last], t[at]])
-        back = np.flatnonzero(np.diff(times) <= 0)
-        if len(back) and self._wrong is None:
-            self._wrong = self._rows + int(at[back[0]]), float(times[back[0]]), float(times[back[0] + 1])
-        if alive.any():
-            self._alive = self._rows + int(np.flatnonzero(alive)[-1])
-        self._rows, self._last = self._rows + len(t), float(times[-1])
-        return {name: values[at] for name, values in columns.items()}
-
-    def check(self) -> None:
-        """Raises UserError where the time stood still or ran backwards before the last row with a state."""
-        if self._wrong is not None and self._wrong[0] <= self._alive:
-            row, before, after = self._wrong
-            raise BadValue(
-                f"{self.path}: time {'repeats' if after == before else 'runs backwards'} at row {row + 1}: t = "
-                f"{before:.10g} s, then {after:.10g} s; sort the rows or remove the doubled ones"
-            )
+    checked = checked_header(path, header)
+    if rows > MOST_ROWS:
+        raise OutOfRange(f"{path}: has {rows} rows, more than {MOST_ROWS}; divide it")
+    return TrialTable(path, checked, lines_and_hash(path)[1], rows, read)

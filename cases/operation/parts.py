@@ -17,7 +17,7 @@ import numpy as np
 from cases.io.conventions import converted
 from cases.io.headers import match_headers
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
-from cases.io.table import checked_header
+from cases.io.trial_table import checked_header
 from cases.io.units import to_si
 from cases.trial import RUDDERS
 from mmg.errors import BadValue, Missing, Unreadable, UserError

@@ -13,9 +13,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from cases.io.files import read_bytes
 from cases.io.headers import split_header
-from cases.io.table import read_table
+from cases.io.trial_table import trial_table
 from cases.io.units import to_si
 from mmg.compile.batch import batch_functions
 from mmg.errors import Missing, OutOfRange, UnknownName
@@ -50,24 +49,26 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     """
     if not path.exists():
         raise Missing(f"{path}: no such file; --captive takes a table of captive-test points")
-    header, numbers = read_table(path, read_bytes(path))
+    table = trial_table(path)
+    header = table.header
     cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
     found = {"delta" if name.startswith("delta") else name for name in cells}
     if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in found]:
         raise Missing(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
-    columns: dict[str, np.ndarray] = {}
+    factors: dict[str, tuple[int, float]] = {}
     for name, (i, unit) in cells.items():
         force = name.removeprefix("sigma_")
         if force in FORCES:
             if unit not in UNITS[force]:
                 raise UnknownName(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
-            columns[name] = numbers(i) * (1e3 if unit.startswith("k") else 1.0)
+            factors[name] = i, 1e3 if unit.startswith("k") else 1.0
         elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
             try:
-                factor = to_si(name, unit, f"{path}: column '{header[i]}'")
+                factors[name] = i, to_si(name, unit, f"{path}: column '{header[i]}'")
             except KeyError:
                 raise UnknownName(f"{path}: column '{header[i]}' is no actuator that a ship can have") from None
-            columns[name] = numbers(i) * factor
+    numbers = table.numbers([i for i, _ in factors.values()])
+    columns = {name: numbers[i] * factor for name, (i, factor) in factors.items()}
     motion = np.array([columns[name] for name in ("u", "v", "r")])
     actuators = {name: values for name, values in columns.items() if name.startswith(("n", "delta"))}
     empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)

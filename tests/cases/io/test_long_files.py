@@ -31,9 +31,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
 
     def limit(rows: int) -> None:
         monkeypatch.setattr("cases.io.block_means.MOST_KEPT", rows)
-        monkeypatch.setattr("cases.io.trial_table.MOST_KEPT", rows)
-        monkeypatch.setattr("cases.io.trial_table.SMALL", 0)
-        monkeypatch.setattr("cases.io.csv_table.AT_ONCE", 11 * 37)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", 4000)
 
     return limit
 
@@ -144,7 +142,7 @@ def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int],
     (tmp_path / "c.csv").write_text("\n".join([*lines, "0" + "," * 10, "1" + "," * 10]))  # the clock starts anew, empty
     assert np.abs(read_trial(tmp_path / "c.csv").t[-1] - read_trial(path).t[-1]) < 1.0
     (tmp_path / "d.csv").write_text("\n".join([*lines[:700], lines[700] + ",1,2", *lines[701:]]))
-    with pytest.raises(UserError, match="not a table"):
+    with pytest.raises(UserError, match="line 701 has 13 cells, the header 11"):
         read_trial(tmp_path / "d.csv")
     path.write_bytes(path.read_bytes().replace(b"psi [rad]", b"psi [grad]"))
     with pytest.raises(UserError, match="'grad'"):

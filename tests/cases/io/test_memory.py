@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cases.io.files import LARGEST
-from cases.io.table import MOST_ROWS
+from cases.io.trial_table import MOST_ROWS
 from tests.support.peak_memory import PEAK
 
 LIMIT = 500

@@ -1,0 +1,244 @@
+"""Tables of text in blocks of whole lines, by pyarrow: one way for small files and for those of gigabytes."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.io.files import opened
+from cases.io.units import as_number
+from mmg.errors import BadValue, OutOfRange, UserError
+
+BLOCK, LONGEST_LINE = 2**22, 2**20
+"""Bytes that are parsed at a time, and most of a line."""
+SEPARATORS = (";", "\t", "|", ",", " ")
+"""Between cells; " " stands for any blanks."""
+COMMENT = ("#", "%", "//", "!")
+"""How lines of comment begin in raw logs."""
+EMPTY = ("", "nan", "null", "none", "na", "n/a", "<na>", "-", "--", "---", "#n/a", "nat")
+"""Cells that hold nothing, in lower case."""
+WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
+"""A number with a decimal comma."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """Text in a column of numbers: the first ``row`` with any (0 = first below the header), what it holds, and the
+    ``count`` of such cells."""
+
+    row: int
+    text: str
+    count: int
+
+    def error(self, path: Path, name: str, before: int = 0) -> UserError:
+        """What is wrong with the column ``name`` of the file ``path``, with so many rows ``before``."""
+        shown = f"{self.text[:60]}{'...' * (len(self.text) > 60)}"
+        advice = f"({self.count} such cells in the column); correct it or leave the cell empty"
+        return BadValue(f"{path}: row {before + self.row + 1}, column '{name}': '{shown}' is not a number {advice}")
+
+
+def floats_of_cells(cells: Any) -> tuple[np.ndarray, Text | None]:
+    """The ``cells`` (N,) of any kind as floats, NaN for gaps and for text; and the text in them."""
+    cells = np.asarray(cells)
+    if cells.dtype.kind in "iuf":
+        return cells.astype(float), None
+    values = np.array([_number(cell) for cell in cells], dtype=float)
+    unread = [i for i in np.flatnonzero(np.isnan(values)).tolist() if str(cells[i]).strip().lower() not in EMPTY]
+    return values, Text(unread[0], str(cells[unread[0]]), len(unread)) if unread else None
+
+
+def _number(cell: Any) -> float:
+    if isinstance(cell, str):
+        return np.nan if "_" in cell else as_number(cell)  # Python reads 1_0 as ten
+    try:
+        return np.nan if cell is None or isinstance(cell, bool | np.bool_) else float(cell)
+    except (TypeError, ValueError):
+        return np.nan
+    except OverflowError:  # an integer of hundreds of digits
+        return np.inf
+
+
+def lines_and_hash(path: Path) -> tuple[int, str]:
+    """How many lines the file ``path`` has, whatever system ended them, and the SHA-256 of its bytes."""
+    digest, new, old, end = hashlib.sha256(), 0, 0, b""
+    with opened(path) as stream:
+        while piece := stream.read(BLOCK):
+            digest.update(piece)
+            new, old, end = new + piece.count(b"\n"), old + piece.count(b"\r"), piece[-1:]
+    return max(new, old) + (end not in (b"\n", b"\r")), digest.hexdigest()
+
+
+def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
+    """The lines of the file ``path``, in UTF-8 and with "\\n" at their ends, in blocks; and whether a block is the last.
+
+    Text in UTF-16 needs its mark; what is no UTF-8 is taken for Windows-1252. Raises UserError for a line longer than
+    LONGEST_LINE, and for what is no text.
+    """
+    held, last = b"", False
+    with opened(path) as stream:
+        wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        stream.seek(0)
+        source: Any = io.TextIOWrapper(stream, "utf-16", "replace", newline="") if wide else stream
+        while not last:
+            piece = source.read(BLOCK)
+            piece, last = (piece.encode() if wide else piece), not piece
+            if b"\0" in piece[:4096]:
+                raise BadValue(f"{path}: is no text; expected a table of text, Parquet, or an Excel file (.xlsx)")
+            end = held.rfind(b"\n") + 1
+            if len(held) - end > LONGEST_LINE:
+                raise OutOfRange(f"{path}: a line is longer than {LONGEST_LINE} bytes; it is no table")
+            if end and not last:
+                yield _utf8(held[:end]), False
+                held = held[end:]
+            held += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    yield _utf8(held.removesuffix(b"\n") + b"\n"), True
+
+
+def _utf8(block: bytes) -> bytes:
+    block = block.removeprefix(codecs.BOM_UTF8)
+    try:
+        block.decode()
+    except UnicodeDecodeError:
+        return block.decode("cp1252", "replace").encode()
+    return block
+
+
+def without_comments(block: bytes) -> tuple[bytes, int]:
+    """The lines of a ``block`` that are no comments, and how many are."""
+    if not any(mark.encode() in block for mark in COMMENT):
+        return block, 0
+    return re.subn(rb"(?m)^[ \t]*(?:#|%|//|!).*\n", b"", block)
+
+
+def cells_of(text: str, separator: str) -> list[list[str]]:
+    """The cells of the lines of ``text`` that are not blank, between separators; " " stands for any blanks."""
+    if separator == " ":
+        return [line.split() for line in text.splitlines() if line.strip()]
+    try:
+        return [row for row in csv.reader(io.StringIO(text), delimiter=separator) if len(row) > 1 or any(map(str.strip, row))]
+    except csv.Error:
+        return [line.split(separator) for line in text.splitlines() if line.strip()]
+
+
+@dataclass
+class TextTable:
+    """The rows of a text file below its header.
+
+    path: of it; width: cells of the header; skipped: lines above the first row that are neither blank nor comments;
+    log: a raw one, in which lines may be comments, and a row may lack cells only where the file is cut off; separator,
+    decimal: of its cells. While it is read, rows, comments and cut say how many rows and comments there were, and
+    whether the last line was cut off.
+    """
+
+    path: Path
+    width: int
+    skipped: int = 1
+    log: bool = False
+    separator: str = ","
+    decimal: str = "."
+    rows: int = 0
+    comments: int = 0
+    cut: bool = False
+
+    def pieces(self, wanted: Collection[int], texts: Collection[int] = ()) -> Iterator[dict[int, np.ndarray]]:
+        """The columns ``wanted``, by number, of one block after another: floats (N,), NaN for gaps, or, where a cell is
+        no number, objects: text without blanks around it, with decimal points, or None.
+
+        texts: columns that are known to hold some. Raises UserError for rows with other numbers of cells.
+        """
+        skip, line = self.skipped, 1
+        for block, last in blocks(self.path):
+            kept, comments = without_comments(block) if self.log else (block, 0)
+            while skip and kept.strip():
+                kept, skip = kept.lstrip().partition(b"\n")[2], skip - 1
+            self.comments += comments
+            if kept.strip():
+                table, odd = self._parsed(kept, wanted, texts)
+                if odd:
+                    table = self._by_rows(kept, wanted, block, line, last)
+                yield {i: self._column(table.column(str(i))) for i in wanted}
+                self.rows += table.num_rows
+            line += block.count(b"\n")
+
+    def _parsed(self, block: bytes, wanted: Collection[int], texts: Collection[int]) -> tuple[Any, int]:
+        """The table of the cells of a ``block``, and how many of its rows have another number of cells."""
+        import pyarrow as pa
+        import pyarrow.csv
+
+        odd, names = [], [str(i) for i in range(self.width)]
+        if self.separator == " ":
+            block = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[^\S\n]+", b" ", block))
+        nothing = sorted({form for word in (*EMPTY, "NaN", "NaT") for form in (word, word.upper(), word.capitalize())})
+
+        def read(numbers: bool) -> Any:
+            odd.clear()
+            kinds = {str(i): pa.float64() if numbers and i not in texts else pa.string() for i in wanted}
+            return pa.csv.read_csv(
+                pa.BufferReader(block),
+                pa.csv.ReadOptions(use_threads=False, block_size=len(block) + 1, column_names=names),
+                pa.csv.ParseOptions(delimiter=self.separator, invalid_row_handler=lambda row: odd.append(0) or "skip"),
+                pa.csv.ConvertOptions(
+                    column_types=kinds, include_columns=list(kinds), null_values=nothing, strings_can_be_null=True,
+                    decimal_point=self.decimal,
+                ),
+            )  # fmt: skip
+
+        try:
+            try:
+                return read(numbers=True), len(odd)
+            except pa.ArrowInvalid:
+                return read(numbers=False), len(odd)
+        except pa.ArrowInvalid as error:
+            raise BadValue(f"{self.path}: not a table ({' '.join(str(error).split())[:120]})") from None
+
+    def _by_rows(self, kept: bytes, wanted: Collection[int], block: bytes, line: int, last: bool) -> Any:
+        """As ``_parsed``, for rows of which some have other numbers of cells. line: number of the first of ``block``."""
+        import pyarrow as pa
+
+        rows, width = cells_of(kept.decode(), self.separator), self.width
+        wrong = [i for i, row in enumerate(rows) if any(map(str.strip, row[width:])) or (self.log and len(row) < width)]
+        if self.log and last and wrong == [len(rows) - 1] and len(rows[-1]) < width:
+            rows, wrong, self.cut = rows[:-1], [], True
+        if wrong:
+            row, lines = rows[wrong[0]], block.decode().split("\n")
+            own = [n for n, words in enumerate(lines) if words.strip() and not (self.log and is_comment(words))]
+            mixed = next((s for s in SEPARATORS[:4] if len(row) < width and s.join(row).count(s) >= width - 1), "")
+            why = f"cells look separated by {mixed!r} there" if mixed else "correct the line"
+            raise BadValue(
+                f"{self.path}: line {line + own[len(own) - len(rows) + wrong[0]]} has {len(row)} cells, the header "
+                f"{width} ({len(wrong)} such lines); {why}"
+            )
+        padded = [(row + [""] * width)[:width] for row in rows]
+        return pa.table({str(i): pa.array([row[i] for row in padded], pa.string()) for i in wanted})
+
+    def _column(self, column: Any) -> np.ndarray:
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        if not pa.types.is_floating(column.type):
+            column = pc.utf8_trim_whitespace(column)
+            empty = pc.is_in(pc.utf8_lower(column), value_set=pa.array(EMPTY))
+            column = pc.if_else(empty, pa.scalar(None, pa.string()), column)
+            if self.separator != ",":
+                column = pc.replace_substring_regex(column, WITH_COMMA, r"\1.\2")
+            try:
+                column = pc.cast(column, pa.float64())
+            except pa.ArrowInvalid:
+                return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
+        one = column.combine_chunks()  # its own way to numpy imports pandas, which takes longer than small files
+        known = np.from_dlpack(pc.cast(pc.is_valid(one), pa.uint8()))
+        return np.where(known, np.frombuffer(one.buffers()[1])[one.offset :][: len(one)], np.nan)
+
+
+def is_comment(line: str) -> bool:
+    """Whether a ``line`` of a raw log is a comment."""
+    return line.lstrip().startswith(COMMENT)
