@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest import mock
 
 from benchmarks.fuzz.reproducers import REPRODUCERS
 from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
@@ -13,7 +14,7 @@ from cases.checks import check
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.log_columns import log_of
-from cases.importing.long_text import read_long_text
+from cases.importing.text_log import read_text_log
 from cases.io.controls import read_controls
 from cases.io.groups import group_trials
 from cases.io.read import read_trial
@@ -70,7 +71,7 @@ def readers(folder: Path) -> dict[str, Reader]:
         "log": (folder / "log.csv", lambda: _imported(folder / "log.csv")),
         "long_log": (
             folder / "long.csv",
-            lambda: log_of(read_long_text(folder / "long.csv", ImportMap()), ImportMap()),
+            lambda: _averaged(folder / "long.csv"),
         ),
         "nmea": (folder / "log.nmea", lambda: _imported(folder / "log.nmea")),
         "import_map": (folder / "import.toml", lambda: read_map(folder / "import.toml")),
@@ -118,6 +119,12 @@ def _imported(path: Path) -> object:
     if found.problems:
         raise UserError("; ".join(found.problems))
     return found
+
+
+def _averaged(path: Path) -> object:
+    """A raw log as one that is longer than is kept."""
+    with mock.patch("cases.io.block_means.MOST_KEPT", 10), mock.patch("cases.io.text_table.BLOCK", 3000):
+        return log_of(read_text_log(path), ImportMap())
 
 
 def _effect(text: str, ship: Ship) -> None:

@@ -17,7 +17,7 @@ from cases.importing.track_direction import positions_problem
 from cases.importing.unit_evidence import by_evidence, with_units_of_size
 from cases.importing.vocabulary import factor, known_units, turn_of
 from cases.io.conventions import converted
-from cases.io.table import MOST_ROWS
+from cases.io.trial_table import MOST_ROWS
 from cases.trial import RUDDERS, UNITS, wraps
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData
 from mmg.messages import Message

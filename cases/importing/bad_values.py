@@ -1,21 +1,11 @@
-"""Numbers that stand for nothing, channels that stand still, and positions of lost satellites: found and masked."""
+"""Channels that stand still, and positions of lost satellites: found and masked."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from mmg.messages import Message
 
-_NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
-SENTINELS = (
-    *(sign * nines for nines in _NINES for sign in (-1, 1)),
-    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
-)  # fmt: skip
-"""Numbers that loggers write where they have none; those of AIS are among them."""
-BEYOND = 4.0
-"""A sentinel lies so many ranges of the other values (1 to 99 %) beyond them."""
 BY_CHANCE = 1e-9
 """Probability of a row of equal values below which a channel stands still."""
 FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0
@@ -24,51 +14,6 @@ LARGEST = 1e15
 """No measurement in any unit is larger."""
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
 """Channels that never stand still while the ship moves."""
-
-
-def without_sentinels(
-    values: np.ndarray, header: str, further: Sequence[float] = ()
-) -> tuple[np.ndarray, list[Message]]:
-    """The ``values`` (N,) with numbers that stand for nothing as NaN, and what was found.
-
-    header: for the message; further: numbers that a person named. One of SENTINELS counts only where it lies far beyond
-    the other values.
-    """
-    out, said = values.copy(), []
-    huge = np.abs(values) > LARGEST
-    if huge.any():
-        out[huge] = np.nan
-        said.append(
-            Message(f"{header}: {huge.sum()} cells hold over {LARGEST:g}, which stands for nothing", "sentinel")
-        )
-    present = np.unique(out[np.isfinite(out)])
-    possible = np.isin(present, SENTINELS) | np.any([np.isclose(present, f) for f in further] or [False], axis=0)
-    for number in nothing_in(out, present[possible].tolist(), further):
-        where = values == number
-        out[where] = np.nan
-        said.append(Message(f"{header}: {where.sum()} cells hold {number:g}, which stands for nothing", "sentinel"))
-    return out, said
-
-
-def nothing_in(values: np.ndarray, candidates: Sequence[float], further: Sequence[float] = ()) -> list[float]:
-    """Those ``candidates`` that stand for nothing among ``values`` (N,), whether they occur there or not.
-
-    further: those that a person named. Others lie BEYOND the other values, which must be half of all at least.
-    """
-    finite = values[np.isfinite(values)]
-    found = []
-    for number in sorted(set(candidates)):
-        if any(np.isclose(number, f) for f in further):
-            found.append(number)
-            continue
-        rest = finite[finite != number]
-        if not len(rest) or len(rest) < 0.5 * len(finite):
-            continue
-        low, high = np.percentile(rest, [1, 99])
-        width = max(high - low, 1e-3 * max(abs(low), abs(high)), 1e-9)
-        if not low - BEYOND * width <= number <= high + BEYOND * width:
-            found.append(number)
-    return found
 
 
 def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:

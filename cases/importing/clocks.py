@@ -80,10 +80,7 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
     t = clock.t[np.isfinite(clock.t)]
     if len(t) < 2:
         raise TooFewData(f"{where}: column '{clock.header}' holds fewer than two times")
-    back = np.flatnonzero(np.diff(t) < 0)
-    if len(back):
-        i = int(back[0])
-        raise backwards(where, clock.header, i + 1, float(t[i] - t[i + 1]), f" ({len(back)} such rows)")
+    check_forward(clock, where)
     if t[0] == t[-1]:
         raise BadValue(f"{where}: the clock '{clock.header}' stands still")
     return [Message(f"time from '{clock.header}': {clock.words}", "clock")]
@@ -119,15 +116,21 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
     return spread, [Message(f"{words} hold several rows", "time_spread")]
 
 
-def backwards(where: str, header: str, row: int, far: float, more: str = "") -> UserError:
-    """What is said of a clock that runs backwards.
+def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.inf) -> None:
+    """Raises UserError where the ``clock`` runs backwards: the first row, and how often.
 
-    where, header: the table and its clock; row: the last good one, 1 for the first; far: by how much [s]; more: words.
+    where: the table; before, end: rows of it before those of the clock, and their last time [s].
     """
-    return BadValue(
-        f"{where}: the clock '{header}' runs backwards by {far:.3g} s after row {row}{more}; "
-        "divide the file there, or leave out the rows that were logged twice"
-    )
+    rows = np.flatnonzero(np.isfinite(clock.t))
+    t = np.append(end, clock.t[rows])
+    back = np.flatnonzero(np.diff(t) < 0)
+    if len(back):
+        i = int(back[0])
+        row = before + (int(rows[i - 1]) + 1 if i else 0)
+        raise BadValue(
+            f"{where}: the clock '{clock.header}' runs backwards by {t[i] - t[i + 1]:.3g} s after row {row} "
+            f"({len(back)} such rows); divide the file there, or leave out the rows that were logged twice"
+        )
 
 
 def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:

@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases.importing.delimited_text import EMPTY, KNOWN_UNITS, PREAMBLE, ship_named
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
+from cases.importing.text_log import LOOKED_AT, PREAMBLE, layout
 from cases.io.files import LARGEST, read_bytes
+from cases.io.text_table import EMPTY
 from mmg.errors import BadValue, NotInstalled, OutOfRange, Unreadable, UserError
-from mmg.messages import Message
 
 
 def read_excel_tables(path: Path) -> list[RawTable]:
@@ -63,35 +63,12 @@ def _table(path: Path, title: str, several: bool, rows: list[list[Any]]) -> RawT
     """The table of a sheet, or None where it holds none."""
     import pandas as pd
 
-    first = next((i for i, row in enumerate(rows[: PREAMBLE + 2]) if _is_data(row)), None)
-    if first is None or first == 0:
+    words = [["" if c is None else str(c) for c in row] for row in rows[: PREAMBLE + LOOKED_AT]]
+    if not words:
         return None
-    units = [""] * len(rows[first])
-    header = first - 1
-    if header > 0 and _are_units(rows[header]):
-        units = ["" if c is None else str(c).strip("[]() ") for c in rows[header]]
-        header -= 1
-    cells = ["" if c is None else str(c) for c in rows[header]]
-    notices = [Message(f"lines before the header, left out: {header}", "lines_before_header")] if header else []
-    frame = pd.DataFrame(rows[first:], dtype=object)
-    table = raw_table(path, f"{path}, sheet '{title}'" if several else str(path), cells, units, frame, notices)
-    return replace(table, ship=ship_named("; ".join(str(c) for c in row if c is not None) for row in rows[:header]))
-
-
-def _is_data(row: list[Any]) -> bool:
-    """Whether most cells that are not empty hold something else than text."""
-    filled = [c for c in row if c is not None]
-    return sum(not isinstance(c, str) or _is_number(c) for c in filled) > 0.5 * len(filled)
-
-
-def _is_number(text: str) -> bool:
     try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _are_units(row: list[Any]) -> bool:
-    filled = [str(c).strip() for c in row if c is not None]
-    return bool(filled) and sum(c.strip("[]() ").lower() in KNOWN_UNITS for c in filled) >= 0.7 * len(filled)
+        found = layout(path, words, [], "; ")
+    except BadValue:
+        return None
+    frame, name = pd.DataFrame(rows[found.first :], dtype=object), f"{path}, sheet '{title}'" if several else str(path)
+    return replace(raw_table(path, name, found.header, found.units, frame, found.notices), ship=found.ship)

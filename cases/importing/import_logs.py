@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from cases.importing.assembled_run import ImportedRun, assembled, with_name
-from cases.importing.delimited_text import read_text_table
 from cases.importing.excel_sheet import read_excel_tables
 from cases.importing.import_map import ImportMap, names_apart
 from cases.importing.log_columns import Log, log_of
-from cases.importing.long_text import LARGEST_LOG, SMALL, read_long_text
 from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import RawTable, raw_table
 from cases.importing.runs import grouped, run_name
+from cases.importing.text_log import LARGEST_LOG, read_text_log
 from cases.importing.unit_evidence import with_units_of_size
 from cases.importing.vocabulary import known_units
 from cases.io.files import LARGEST, check_file
@@ -73,7 +72,7 @@ def import_logs(
     problems: list[str] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file, chosen)]
+            logs += [log_of(table, chosen) for table in _tables(file)]
         except UserError as error:
             problems.append(str(error))
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
@@ -123,7 +122,7 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
-def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
+def _tables(file: Path) -> list[RawTable]:
     check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
@@ -137,9 +136,7 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     with file.open("rb") as stream:
         if is_nmea(stream.read(8192)):
             return [read_nmea(file)]
-    if file.stat().st_size > SMALL:
-        return [read_long_text(file, chosen)]
-    return [read_text_table(file)]
+    return [read_text_log(file)]
 
 
 def _parquet(file: Path) -> RawTable:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from cases.importing.bad_values import lost_satellites, stands_still, without_sentinels
-from cases.importing.clocks import Clock, check_clock, clock_of, within_stamps
+from cases.importing.bad_values import LARGEST, lost_satellites, stands_still
+from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap
-from cases.importing.raw_table import RawTable, split_unit
+from cases.importing.raw_table import Clock, RawTable, split_unit
 from cases.importing.sign_columns import hold_signs, sign_columns, signed
 from cases.importing.vocabulary import SIGNS, factor, known_units, meaning, turn_in, turn_of, unit_of
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName
+from cases.io.block_means import BlockMeans, rows_together
+from cases.io.sentinels import remarks, sentinels_in
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName
 from mmg.messages import Message
 
 HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
@@ -80,25 +83,16 @@ class Log:
 
 
 def log_of(table: RawTable, chosen: ImportMap) -> Log:
-    """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers.
+    """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers; of one that is
+    longer than MOST_KEPT rows, means of them.
 
     Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
     clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
     """
     mapped, unknown, unsure = assigned(table, chosen)
-    date = mapped["date"].header if "date" in mapped else None
-    clock = table.clock or clock_of(table, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
-    notices = [*table.notices, *check_clock(clock, table.name)]
-    columns, unitless = {}, []
-    for quantity, column in mapped.items():
-        if quantity == "t" or quantity in TEXT:
-            continue
-        values = numbers_of(table, quantity, column)
-        values = np.where(np.isfinite(values), values, np.nan)
-        values, said = without_sentinels(values, column.header, chosen.sentinels)
-        values = with_sign(values, quantity, table, mapped, chosen)
-        if f"{quantity}_sign" in mapped:
-            said.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
+    notices, scales, unitless = list(table.notices), {}, []
+    for quantity in [q for q in mapped if q != "t" and q not in TEXT]:
+        column = mapped[quantity]
         unit = unit_in(table, quantity, column)
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None:
@@ -108,31 +102,89 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             )
         if scale is None and unit_of(quantity):
             unitless.append(quantity)
-        columns[quantity] = column.sign * values * (scale or 1.0)
+        if f"{quantity}_sign" in mapped:
+            notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
+        scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
-        notices += said
+    count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
+    means = BlockMeans(count, {q: turn_of(q) for q in scales if turn_of(q)})
+    words: dict[str, set[str]] = {"ship": set(), "zone": set()}
+    clock, days, end = None, 0.0, -np.inf
+    for piece in table.pieces([column.header for column in mapped.values()]):
+        if not piece.cells(mapped["t"].header).notna().any():
+            continue
+        own = table.clock or _clock(piece, mapped, chosen)
+        clock = clock or own
+        if own.absolute != clock.absolute:
+            raise BadValue(f"{table.name}: column '{own.header}' changes its kind of time after row {piece.before}")
+        if own.zoned != clock.zoned and chosen.zone_hours is None:
+            raise mixed_zones(f"{table.name}: column '{own.header}'", piece.before + 1)
+        days += 86400.0 * (own.words == "times of a day" and np.nanmin(own.t) + days < end - 43200.0)
+        own = replace(own, t=own.t + days)
+        check_forward(own, table.name, piece.before, end)
+        end = float(np.nanmax(own.t))
+        columns = {q: _values(piece, q, mapped, chosen, nothing) * scale for q, scale in scales.items()}
+        if count > 1 and {"latitude", "longitude"} <= set(columns):
+            lost = (columns["latitude"] == 0) & (columns["longitude"] == 0)
+            columns |= {name: np.where(lost, np.nan, columns[name]) for name in ("latitude", "longitude")}
+        if not means.rows:  # without units, the first rows tell which turn directions have
+            means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if turn_of(q)}
+        t, columns, said = _rows(own.t, columns, means.periods)
+        means.add({"t": t, **columns})
+        notices += [m for m in (*piece.notices, *said) if m.code not in {n.code for n in notices}]
+        for name in words.keys() & mapped.keys():
+            words[name] |= {str(cell).strip().removesuffix(".0") for cell in piece.cells(mapped[name].header).dropna()}
+    columns = means.columns()
+    if clock is None or not columns:
+        raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
+    t = columns.pop("t")
+    notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
+    if count > 1:
+        kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
+        notices.append(Message(kept, "rows_averaged"))
     _check_globe(table.name, columns, mapped)
-    t, columns, said = _rows(clock, columns, unitless)
-    notices += said
+    for name, several in words.items():
+        if len(several) > 1:
+            what = "ships" if name == "ship" else "UTM zones"
+            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     own = chosen.of(table.path)
     t = t + own.clock_offset + own.clock_drift * (t - t[0])
     for clean in (lost_satellites, stands_still):
         columns, said = clean(t, columns)
         notices += said
-    words = {name: _word(table, mapped, name) for name in ("ship", "zone")}
-    words["ship"] = words["ship"] or table.ship
     return Log(
-        table.without_cells(),
-        t,
-        clock.absolute,
-        columns,
-        mapped,
-        tuple(unitless),
-        tuple(unknown),
-        unsure,
-        **words,
-        notices=tuple(notices),
-    )
+        table.without_cells(), t, clock.absolute, columns, mapped, tuple(unitless), tuple(unknown), unsure,
+        "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
+    )  # fmt: skip
+
+
+def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
+    date = mapped["date"].header if "date" in mapped else None
+    return clock_of(piece, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
+
+
+def _values(
+    piece: RawTable, quantity: str, mapped: dict[str, ColumnMap], chosen: ImportMap, nothing: Counter[tuple[str, float]]
+) -> np.ndarray:
+    """The ``quantity`` in a ``piece`` (N,) in the unit of the file, with its signs, NaN where a number stands for
+    nothing: these are counted in ``nothing``, by header and number, and known from piece to piece."""
+    column = mapped[quantity]
+    values = numbers_of(piece, quantity, column)
+    values = np.where(np.isfinite(values), values, np.nan)
+    huge = np.abs(values) > LARGEST
+    if huge.any():
+        nothing[column.header, LARGEST] += int(huge.sum())
+        values[huge] = np.nan
+    known = [number for header, number in nothing if header == column.header]
+    for number, rows in sentinels_in(values, [*chosen.sentinels, *known]).items():
+        nothing[column.header, number] += int(rows.sum())
+        values[rows] = np.nan
+    sign = mapped.get(f"{quantity}_sign")
+    return signed(values, quantity, piece, sign.header, chosen) if sign else values
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(values), initial=0.0))
 
 
 def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], list[str], dict[str, str]]:
@@ -155,10 +207,10 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
             continue  # of another file
         mapped[quantity] = column
     taken = {column.header for column in mapped.values()}
-    of_the_hull = any(re.search(HULL, other.lower()) for other in (*table.headers, *table.others))
+    of_the_hull = any(re.search(HULL, other.lower()) for other in table.headers)
     unknown, unsure, ignored = [], {}, {split_unit(cell)[0] for cell in chosen.ignored_in(table.path)}
     signs = [h for h in table.headers if h not in taken and h not in ignored and hold_signs(table, h)]
-    for header in (*table.headers, *table.others):
+    for header in table.headers:
         if header in taken or header in ignored or header in signs:
             continue
         found = meaning(header)
@@ -184,17 +236,6 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
         headers = ", ".join(table.headers)
         raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return mapped, unknown, unsure
-
-
-def with_sign(
-    values: np.ndarray, quantity: str, table: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap
-) -> np.ndarray:
-    """The ``values`` (N,) of a ``quantity`` in a ``table`` with the signs that another column holds, if one does.
-
-    mapped: columns of the table by quantity; chosen: the map. Raises UserError for a word that is no sign.
-    """
-    column = mapped.get(f"{quantity}_sign")
-    return signed(values, quantity, table, column.header, chosen) if column else values
 
 
 def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
@@ -239,33 +280,23 @@ def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, C
 
 
 def _rows(
-    clock: Clock, columns: dict[str, np.ndarray], unitless: Sequence[str]
+    stamps: np.ndarray, columns: dict[str, np.ndarray], turns: Mapping[str, float]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], list[Message]]:
-    """Rows with a time, those of coarse stamps apart and others with the same time averaged; and what was done."""
-    known = np.isfinite(clock.t)
+    """Rows with a time [s], those of coarse stamps apart and others with the same time averaged; and what was done.
+
+    turns: of the directions among the columns, after which their values begin anew.
+    """
+    known = np.isfinite(stamps)
     columns = {name: values[known] for name, values in columns.items()}
-    times, said = within_stamps(clock.t[known], columns.values())
+    times, said = within_stamps(stamps[known], columns.values())
     t, where = np.unique(times, return_inverse=True)
     for name, values in columns.items() if len(t) < len(times) else ():
         first = np.full(len(t), np.nan)
         good = np.flatnonzero(np.isfinite(values))[::-1]
         first[where[good]] = values[good]
         off = values - first[where]
-        largest = float(np.nanmax(np.abs(values), initial=0.0))
-        turn = turn_in(name, "", largest) if name in unitless else turn_of(name)
-        if turn:  # the short way round
+        if turn := turns.get(name):  # the short way round
             off = np.remainder(off + turn / 2, turn) - turn / 2
         count = np.bincount(where, np.isfinite(values), len(t))
         columns[name] = first + np.bincount(where, np.nan_to_num(off), len(t)) / np.maximum(count, 1)
     return t, columns, said
-
-
-def _word(table: RawTable, mapped: dict[str, ColumnMap], name: str) -> str:
-    """The one word that the column of ``name`` holds, "" without. Raises UserError where it holds several."""
-    if name not in mapped:
-        return ""
-    words = sorted({str(cell).strip() for cell in table.cells(mapped[name].header).dropna()})
-    if len(words) > 1:
-        what = "ships" if name == "ship" else "UTM zones"
-        raise Conflict(f"{table.name}: rows of several {what} ({', '.join(words[:4])}); divide the file")
-    return words[0] if words else ""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cases.io.cells import floats_of_cells
+from cases.io.text_table import TextTable, floats_of_cells
 from mmg.errors import Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
@@ -38,8 +39,9 @@ class RawTable:
 
     path: of the file; name: of the table in messages; headers: (C,) unique cells without their units; units: (C,) as
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
-    times; notices: what was found on reading; clock: of a table that was averaged, else None; others: headers of
-    columns that were not kept; before: rows of the log before those of the table; ship: that lines above it name.
+    times, labelled by the numbers of the columns in the file; notices: what was found on reading; clock: where it is
+    known already; before: rows of the log before those of the table; ship: that lines above it name; rows: of the log;
+    source: of the rows of a table that holds only a sample of them.
     """
 
     path: Path
@@ -49,16 +51,31 @@ class RawTable:
     frame: Any
     notices: tuple[Message, ...] = ()
     clock: Clock | None = None
-    others: tuple[str, ...] = ()
     before: int = 0
     ship: str = ""
+    rows: int = 0
+    source: TextTable | None = None
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def without_cells(self) -> RawTable:
         """The same table without its rows."""
-        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None)
+        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None, source=None)
+
+    def pieces(self, headers: Collection[str]) -> Iterator[RawTable]:
+        """All rows of the log in tables that hold the columns below ``headers`` at least."""
+        import pandas as pd
+
+        if self.source is None:
+            yield self
+            return
+        at = [self.headers.index(header) for header in dict.fromkeys(headers)]
+        names, units = zip(*((self.headers[i], self.units[i]) for i in at), strict=True)
+        for columns in self.source.pieces([int(self.frame.columns[i]) for i in at]):
+            said = tuple(self.source.notices())
+            frame, before = pd.DataFrame(columns), self.source.rows
+            yield RawTable(self.path, self.name, names, units, frame, said, before=before, rows=self.rows)
 
     def cells(self, header: str) -> Any:
         """The pandas series (N,) of cells below ``header``."""
@@ -68,7 +85,7 @@ class RawTable:
         """The column below ``header`` as floats (N,), NaN where cells are empty. Raises UserError on text."""
         values, text = floats_of_cells(self.cells(header))
         if text is not None:
-            raise replace(text, row=text.row + self.before).error(Path(self.name), header)
+            raise text.error(Path(self.name), header, self.before)
         return values
 
     def numeric(self, header: str) -> bool:

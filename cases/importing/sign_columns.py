@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.importing.bad_values import without_sentinels
 from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import RawTable
 from cases.importing.vocabulary import NOT_USED, SIDES, plain_words
+from cases.io.sentinels import sentinels_in
 from mmg.errors import BadValue, UserError
 
 
@@ -168,7 +168,9 @@ def _positive(table: RawTable, header: str, chosen: ImportMap) -> bool:
     """Whether no number below ``header`` is negative, without those that stand for nothing."""
     if header not in table.headers or not table.numeric(header):
         return False
-    values, _ = without_sentinels(table.numbers(header), header, chosen.sentinels)
+    values = table.numbers(header)
+    for rows in sentinels_in(values, chosen.sentinels).values():
+        values = np.where(rows, np.nan, values)
     return bool(np.nanmin(values, initial=np.inf) >= 0)
 
 

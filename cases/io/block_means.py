@@ -26,12 +26,14 @@ class BlockMeans:
 
     def __init__(self, count: int, periods: Mapping[str, float]) -> None:
         self.count, self.periods = count, dict(periods)
+        self.rows = 0
         self._rest: dict[str, np.ndarray] = {}
         self._parts: list[dict[str, np.ndarray]] = []
         self._late: list[tuple[int, dict[str, np.ndarray]]] = []
 
     def add(self, columns: Mapping[str, np.ndarray]) -> None:
         """The next rows: columns (N,) by name, "t" [s] among them, increasing and without NaN."""
+        self.rows += len(columns["t"])
         if self.count == 1:
             self._parts.append(dict(columns))
             return

@@ -13,8 +13,11 @@ CODE = "sentinel"
 """Of the notice on such numbers."""
 
 _NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
-WELL_KNOWN = (*(sign * nines for nines in _NINES for sign in (-1, 1)), 32767.0, -32768.0, 65535.0, -1e30, 1e30)
-"""Numbers that loggers write where they have none."""
+WELL_KNOWN = (
+    *(sign * nines for nines in _NINES for sign in (-1, 1)),
+    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
+)
+"""Numbers that loggers write where they have none; those of AIS are among them."""
 
 JUMP = 20.0
 """Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
@@ -31,7 +34,7 @@ def without_sentinels(
 ) -> dict[str, np.ndarray]:
     """``columns``, name -> (N,), in which what stands for no value is missing; each adds one of the ``notices``.
 
-    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``found``.
+    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
     """
     out, counts = masked(columns, wanted, further)
     notices += remarks(counts)
@@ -50,7 +53,7 @@ def masked(
         factor = wanted[name][1]
         if name == "t" or not np.isfinite(values).any():
             continue
-        for number, rows in found(values if factor == 1 else np.round(values / factor, 6), further).items():
+        for number, rows in sentinels_in(values if factor == 1 else np.round(values / factor, 6), further).items():
             out[name] = np.where(rows, np.nan, out[name])
             counts[name, number] += int(rows.sum())
     return out, counts
@@ -62,13 +65,15 @@ def remarks(counts: Mapping[tuple[str, float], int]) -> list[Message]:
     return [Message(f"{name}: {n} samples hold {number:g}, {what}", CODE) for (name, number), n in counts.items()]
 
 
-def found(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
+def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
     """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it.
 
     further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
     and back, and never where most rows hold it.
     """
     out = {}
+    finite = np.isfinite(values)
+    present = values[finite]
     known = np.unique(values[np.isin(values, WELL_KNOWN)]).tolist()
     for number in dict.fromkeys([*further, *known]):
         rows = values == number
@@ -76,14 +81,14 @@ def found(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.n
             if rows.any():
                 out[float(number)] = rows
             continue
-        rest = values[~rows & np.isfinite(values)]
-        if len(rest) < max(10, 0.5 * len(values)):
+        here = rows[finite]
+        rest = present[~here]
+        if len(rest) < max(10, 0.5 * len(present)):
             continue
         changes = np.abs(np.diff(rest))
         usual = max(float(np.quantile(changes, LARGER)), 1e-9 * abs(number))
-        edges = np.flatnonzero(np.diff(rows.astype(int)))
-        beside = np.where(rows[edges], values[edges + 1], values[edges])
-        off = np.abs(beside[np.isfinite(beside)] - number)
+        edges = np.flatnonzero(np.diff(here.astype(int)))
+        off = np.abs(np.where(here[edges], present[edges + 1], present[edges]) - number)
         if len(off) and float(np.median(off)) > JUMP * usual:
             out[float(number)] = rows
     return out

@@ -7,8 +7,8 @@ import csv
 import hashlib
 import io
 import re
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from cases.io.files import opened
 from cases.io.units import as_number
 from mmg.errors import BadValue, OutOfRange, UserError
+from mmg.messages import Message
 
 BLOCK, LONGEST_LINE = 2**22, 2**20
 """Bytes that are parsed at a time, and most of a line."""
@@ -78,7 +79,7 @@ def lines_and_hash(path: Path) -> tuple[int, str]:
 
 
 def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
-    """The lines of the file ``path``, in UTF-8 and with "\\n" at their ends, in blocks; and whether a block is the last.
+    """Blocks of the lines of the file ``path``, in UTF-8, each with "\\n" at its end; and whether a block is the last.
 
     Text in UTF-16 needs its mark; what is no UTF-8 is taken for Windows-1252. Raises UserError for a line longer than
     LONGEST_LINE, and for what is no text.
@@ -124,7 +125,11 @@ def cells_of(text: str, separator: str) -> list[list[str]]:
     if separator == " ":
         return [line.split() for line in text.splitlines() if line.strip()]
     try:
-        return [row for row in csv.reader(io.StringIO(text), delimiter=separator) if len(row) > 1 or any(map(str.strip, row))]
+        return [
+            row
+            for row in csv.reader(io.StringIO(text), delimiter=separator)
+            if len(row) > 1 or any(map(str.strip, row))
+        ]
     except csv.Error:
         return [line.split(separator) for line in text.splitlines() if line.strip()]
 
@@ -135,8 +140,9 @@ class TextTable:
 
     path: of it; width: cells of the header; skipped: lines above the first row that are neither blank nor comments;
     log: a raw one, in which lines may be comments, and a row may lack cells only where the file is cut off; separator,
-    decimal: of its cells. While it is read, rows, comments and cut say how many rows and comments there were, and
-    whether the last line was cut off.
+    decimal: of its cells; source: blocks of a sample of the file, of which odd rows are left out. While it is read,
+    rows, comments and cut say how many rows and comments there were, and whether the last line was cut off; texts are
+    the numbers of columns that hold some.
     """
 
     path: Path
@@ -145,31 +151,41 @@ class TextTable:
     log: bool = False
     separator: str = ","
     decimal: str = "."
+    source: Callable[[], Iterator[tuple[bytes, bool]]] | None = None
     rows: int = 0
     comments: int = 0
     cut: bool = False
+    texts: set[int] = field(default_factory=set)
 
-    def pieces(self, wanted: Collection[int], texts: Collection[int] = ()) -> Iterator[dict[int, np.ndarray]]:
+    def pieces(self, wanted: Collection[int]) -> Iterator[dict[int, np.ndarray]]:
         """The columns ``wanted``, by number, of one block after another: floats (N,), NaN for gaps, or, where a cell is
         no number, objects: text without blanks around it, with decimal points, or None.
 
-        texts: columns that are known to hold some. Raises UserError for rows with other numbers of cells.
+        Raises UserError for rows with other numbers of cells.
         """
         skip, line = self.skipped, 1
-        for block, last in blocks(self.path):
+        for block, last in self.source() if self.source else blocks(self.path):
             kept, comments = without_comments(block) if self.log else (block, 0)
             while skip and kept.strip():
                 kept, skip = kept.lstrip().partition(b"\n")[2], skip - 1
             self.comments += comments
             if kept.strip():
-                table, odd = self._parsed(kept, wanted, texts)
-                if odd:
+                table, odd = self._parsed(kept, wanted)
+                if odd and self.source is None:
                     table = self._by_rows(kept, wanted, block, line, last)
-                yield {i: self._column(table.column(str(i))) for i in wanted}
+                found = {i: self._column(table.column(str(i))) for i in wanted}
+                self.texts |= {i for i, cells in found.items() if cells.dtype == object}
+                yield found
                 self.rows += table.num_rows
             line += block.count(b"\n")
 
-    def _parsed(self, block: bytes, wanted: Collection[int], texts: Collection[int]) -> tuple[Any, int]:
+    def notices(self) -> list[Message]:
+        """What was left out."""
+        words = {"comment_lines": f"lines of comment, left out: {self.comments}" if self.comments else "",
+                 "last_line_cut": "the last line is cut off and left out" if self.cut else ""}  # fmt: skip
+        return [Message(text, code) for code, text in words.items() if text]
+
+    def _parsed(self, block: bytes, wanted: Collection[int]) -> tuple[Any, int]:
         """The table of the cells of a ``block``, and how many of its rows have another number of cells."""
         import pyarrow as pa
         import pyarrow.csv
@@ -181,7 +197,7 @@ class TextTable:
 
         def read(numbers: bool) -> Any:
             odd.clear()
-            kinds = {str(i): pa.float64() if numbers and i not in texts else pa.string() for i in wanted}
+            kinds = {str(i): pa.float64() if numbers and i not in self.texts else pa.string() for i in wanted}
             return pa.csv.read_csv(
                 pa.BufferReader(block),
                 pa.csv.ReadOptions(use_threads=False, block_size=len(block) + 1, column_names=names),
@@ -201,7 +217,7 @@ class TextTable:
             raise BadValue(f"{self.path}: not a table ({' '.join(str(error).split())[:120]})") from None
 
     def _by_rows(self, kept: bytes, wanted: Collection[int], block: bytes, line: int, last: bool) -> Any:
-        """As ``_parsed``, for rows of which some have other numbers of cells. line: number of the first of ``block``."""
+        """As ``_parsed``, for rows of which some have other numbers of cells. line: number of the first of a block."""
         import pyarrow as pa
 
         rows, width = cells_of(kept.decode(), self.separator), self.width

@@ -29,8 +29,7 @@ def pieces(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
     def limit(rows: int = 10**6) -> None:
         monkeypatch.setattr("cases.io.block_means.MOST_KEPT", rows)
-        monkeypatch.setattr("cases.importing.import_logs.SMALL", 0)
-        monkeypatch.setattr("cases.importing.long_text.AT_ONCE", 9 * 101)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", 9000)
 
     return limit
 

@@ -96,8 +96,7 @@ def test_stamps_with_and_without_a_zone_are_asked_for_theirs(
 ) -> None:
     """With ``zone_hours`` the stamps without a zone are so much ahead, and only they."""
     if large:
-        monkeypatch.setattr("cases.importing.import_logs.SMALL", 0)
-        monkeypatch.setattr("cases.importing.long_text.AT_ONCE", 8 * 100)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", 9000)
     truth = raw_logs.run()
     hours = {"+00:00": 0, "+09:00": 9, "": 9}
     times = []
