@@ -7,8 +7,8 @@ import os
 import secrets
 import shutil
 from pathlib import Path
+from typing import Any
 
-from cases.importing.assembled_run import ImportedRun
 from cases.importing.import_logs import Imported
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import ImportMap, names_apart
@@ -63,45 +63,30 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
     """
     import tomlkit
 
-    document = tomlkit.document()
-    document.add(tomlkit.comment("What mmg import did; mmg import FILE... --map import.toml --out DIR does it again."))
+    document: dict[str, Any] = {}
     for key in KEYS:
         value = getattr(chosen, key)
         if value is not None and value != ImportMap.model_fields[key].get_default(call_default_factory=True):
-            document.add(key, value)
+            document[key] = value
     if found.origin is not None:
-        document.add("origin", list(found.origin))
-    files = tomlkit.table(is_super_table=True)
+        document["origin"] = list(found.origin)
+    files: dict[str, dict[str, Any]] = {}
     named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
-    for run in found.runs:
-        for log in run.logs:
-            name = named[log.table.path]
-            table = files.get(name) or tomlkit.table()
-            own = chosen.of(log.table.path)
-            for key in ("clock_offset", "clock_drift"):
-                if key in own.model_fields_set:
-                    table[key] = getattr(own, key)
-            unused = [*own.ignore, *log.unsure]
-            if unused:
-                table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
-            if len(run.logs) > 1:
-                table["run"] = run.name
-            columns = table.get("columns") or tomlkit.table()
-            for quantity, column in log.of.items():
-                row = tomlkit.inline_table()
-                row["from"] = column.header
-                if column.unit:
-                    row["unit"] = column.unit
-                if column.sign == -1:
-                    row["sign"] = -1
-                columns[quantity] = row
-            table["columns"] = columns
-            files[name] = table
-    for path in found.skipped:
-        files[named[path]] = tomlkit.table()
-        files[named[path]]["skip"] = True
-    document.add("files", files)
-    return tomlkit.dumps(document)
+    for run, log in [(one, log) for one in found.runs for log in one.logs]:
+        table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
+        table |= {key: getattr(own, key) for key in ("clock_offset", "clock_drift") if key in own.model_fields_set}
+        if unused := [*own.ignore, *log.unsure]:
+            table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
+        if len(run.logs) > 1:
+            table["run"] = run.name
+        for quantity, column in log.of.items():
+            row = tomlkit.inline_table()
+            row.update({"from": column.header} | ({"unit": column.unit} if column.unit else {}))
+            row.update({"sign": -1} if column.sign == -1 else {})
+            table.setdefault("columns", {})[quantity] = row
+    files |= {named[path]: {"skip": True} for path in found.skipped}
+    words = "# What mmg import did; mmg import FILE... --map import.toml --out DIR does it again.\n"
+    return words + tomlkit.dumps({**document, "files": files})
 
 
 def _sidecar(found: Imported, inputs: str) -> str:
@@ -109,32 +94,12 @@ def _sidecar(found: Imported, inputs: str) -> str:
     derived."""
     import tomlkit
 
-    document = tomlkit.document()
-    document.add(
-        tomlkit.comment("Written by mmg import; the files are canonical (SI, radians), what was done: import.toml")
-    )
-    default = tomlkit.table()
-    default["inputs"] = inputs
-    document.add("default", default)
-    files = tomlkit.table(is_super_table=True)
+    files: dict[str, dict[str, object]] = {}
     for run in found.runs:
-        entry = _entry(run)
+        entry: dict[str, object] = {"day": run.day} if run.day else {}
+        if run.std:
+            entry["std"] = {name: float(f"{value:.3g}") for name, value in run.std.items()}
         if entry:
-            table = tomlkit.table()
-            for key, value in entry.items():
-                table[key] = value
-            files[f"{run.name}.csv"] = table
-    document.add("files", files)
-    return tomlkit.dumps(document)
-
-
-def _entry(run: ImportedRun) -> dict[str, object]:
-    import tomlkit
-
-    entry: dict[str, object] = {"day": run.day} if run.day else {}
-    if run.std:
-        row = tomlkit.inline_table()
-        for name, value in run.std.items():
-            row[name] = float(f"{value:.3g}")
-        entry["std"] = row
-    return entry
+            files[f"{run.name}.csv"] = entry
+    words = "# Written by mmg import; the files are canonical (SI, radians), what was done: import.toml\n"
+    return words + tomlkit.dumps({"default": {"inputs": inputs}, "files": files})

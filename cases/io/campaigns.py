@@ -6,21 +6,17 @@ name, or of a clock that counts seconds since 1970); else, where trials lie in s
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from pathlib import Path
 
-from cases.io.groups import dates_in, no_dates_in
+from cases.io.groups import dates_in, day_of, folders_of, no_dates_in
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import Conflict, UnknownName
 from mmg.messages import Message
 from mmg.ship import Ship
 
-CLOCK = (631_152_000.0, 4_102_444_800.0)
-"""Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day."""
 UNKNOWN = "no campaign"
 """Name of what trials belong to of which nothing is known."""
 TAKEN, MEAN = "campaign", "campaign_mean"
@@ -54,15 +50,12 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
     Raises UserError where the sidecar names for a campaign another day than the file name, or another folder of
     these trials than that in which the file lies.
     """
-    folders = _folders(trials)
-    labels = []
+    folders, labels = folders_of(trials), campaign_labels(trials)
     messages: list[Message] = []
-    for trial, folder in zip(trials, folders, strict=True):
-        said, day = trial.meta.get("campaign", ""), _day(trial)
+    for trial, folder, label in zip(trials, folders, labels, strict=True):
+        said, day = trial.meta.get("campaign", ""), day_of(trial)
         _refuse_contradiction(trial, said, day, folder, folders)
-        labels.append(said or day or folder or UNKNOWN)
-        if not said and not day:
-            messages += _no_dates(trial, labels[-1])
+        messages += _no_dates(trial, label) if not said and not day else []
     names = tuple(sorted(set(labels)))
     messages += _copies(trials, labels)
     return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
@@ -70,8 +63,8 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
 
 def campaign_labels(trials: Sequence[Trial]) -> list[str]:
     """The campaign of each of ``trials``, UNKNOWN where nothing tells it; contradictions are passed over."""
-    labels = zip(trials, _folders(trials), strict=True)
-    return [trial.meta.get("campaign", "") or _day(trial) or folder or UNKNOWN for trial, folder in labels]
+    labels = zip(trials, folders_of(trials), strict=True)
+    return [trial.meta.get("campaign", "") or day_of(trial) or folder or UNKNOWN for trial, folder in labels]
 
 
 def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
@@ -82,7 +75,7 @@ def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
     names = list(known)
     if said := trial.meta.get("campaign", ""):
         return said if said in names else None
-    if (day := _day(trial)) in names:
+    if (day := day_of(trial)) in names:
         return day
     if trial.path is None:
         return None
@@ -156,32 +149,6 @@ def campaigns_taken(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
 
 def _listed(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= MOST_LISTED else f"{names[0]} and {len(names) - 1} others"
-
-
-def _day(trial: Trial) -> str:
-    """The day of a trial as ISO 8601 writes it, or ""."""
-    if known := trial.meta.get("day", ""):
-        return known
-    if found := _dates(trial):
-        return found
-    start = float(trial.t[0])
-    return datetime.fromtimestamp(start, timezone.utc).date().isoformat() if CLOCK[0] < start < CLOCK[1] else ""
-
-
-def _dates(trial: Trial) -> str:
-    """The first day in the name of a trial, or ""."""
-    texts = (trial.path.stem if trial.path is not None else "", trial.name)
-    return next((day for text in texts for day in dates_in(text)), "")
-
-
-def _folders(trials: Sequence[Trial]) -> list[str]:
-    """The folder of each trial below the one that holds all; "" where all lie in one, or one has none."""
-    parents = [trial.path.resolve().parent for trial in trials if trial.path is not None]
-    if len(parents) < len(trials) or len(set(parents)) < 2:
-        return [""] * len(trials)
-    base = os.path.commonpath([str(p) for p in parents])
-    below = [Path(os.path.relpath(p, base)).as_posix() for p in parents]
-    return [Path(base).name if name == "." else name for name in below]
 
 
 def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folders: Sequence[str]) -> None:

@@ -6,12 +6,15 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime, timezone
+from pathlib import Path
 
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import Missing, TooFewData, UnknownName
 
+CLOCK = (631_152_000.0, 4_102_444_800.0)
+"""Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day."""
 CALENDAR = {"day": 10, "month": 7, "year": 4}
 """Length of each part of a date as ISO 8601 writes it."""
 KEYS = (*CALENDAR, "folder", "group", "kind", "role")
@@ -42,13 +45,16 @@ class Groups:
 def group_trials(trials: Sequence[Trial], by: str) -> Groups:
     """Group ``trials`` ``by`` "day" ("month", "year"), "folder", or a key of the sidecar: "group", "kind", "role".
 
-    The day is that of the sidecar, else the first date in the file name. Returns the groups. Raises UserError for
+    The day is that of ``day_of``. Returns the groups. Raises UserError for
     another word, for a trial that belongs to none, and for fewer than two groups.
     """
     key = by.strip().lower()
     if key not in KEYS:
         raise UnknownName(f"--between {by}: not one of {', '.join(KEYS)}")
-    labels = _folders(trials) if key == "folder" else [_label(trial, key) for trial in trials]
+    labels = [_label(trial, key) for trial in trials] if key != "folder" else folders_of(trials)
+    for trial in trials:
+        if key == "folder" and trial.path is None:
+            raise Missing(f"--between folder: {trial.name} was not read from a file")
     names = tuple(sorted(set(labels)))
     if len(names) < 2:
         found = f"all trials are of one group ({names[0]})" if names else "no trials are given"
@@ -59,7 +65,11 @@ def group_trials(trials: Sequence[Trial], by: str) -> Groups:
 def _label(trial: Trial, key: str) -> str:
     """The group of a trial."""
     if key in CALENDAR:
-        return _day(trial)[: CALENDAR[key]]
+        if day := day_of(trial):
+            return day[: CALENDAR[key]]
+        line = line_for(trial.path, trial.name, 'day = "2026-11-22"')
+        words = f"no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026)"
+        raise Missing(f"--between day: {words}; add to {line}")
     label = trial.meta.get("group", "") if key == "group" else str(getattr(trial, key))
     if not label:
         line = line_for(trial.path, trial.name, f'{key} = "..."')
@@ -67,13 +77,23 @@ def _label(trial: Trial, key: str) -> str:
     return label
 
 
-def _folders(trials: Sequence[Trial]) -> list[str]:
-    """The folder of each trial, below the one that holds all."""
-    for trial in trials:
-        if trial.path is None:
-            raise Missing(f"--between folder: {trial.name} was not read from a file")
-    folders = [str(trial.path.resolve().parent) for trial in trials if trial.path is not None]
-    return [os.path.relpath(folder, os.path.commonpath(folders)) for folder in folders]
+def folders_of(trials: Sequence[Trial]) -> list[str]:
+    """The folder of each trial below the one that holds all; "" where all lie in one, or one has none."""
+    parents = [trial.path.resolve().parent for trial in trials if trial.path is not None]
+    if len(parents) < len(trials) or len(set(parents)) < 2:
+        return [""] * len(trials)
+    base = os.path.commonpath([str(p) for p in parents])
+    below = [Path(os.path.relpath(p, base)).as_posix() for p in parents]
+    return [Path(base).name if name == "." else name for name in below]
+
+
+def day_of(trial: Trial) -> str:
+    """The day of a ``trial`` as ISO 8601 writes it: of its sidecar, of its name, or of a clock that counts since 1970;
+    "" where nothing tells it."""
+    texts = (trial.path.stem if trial.path is not None else "", trial.name)
+    start = float(trial.t[0])
+    clock = datetime.fromtimestamp(start, timezone.utc).date().isoformat() if CLOCK[0] < start < CLOCK[1] else ""
+    return trial.meta.get("day", "") or next((day for text in texts for day in dates_in(text)), clock)
 
 
 def dates_in(text: str) -> list[str]:
@@ -98,17 +118,3 @@ def _found(text: str) -> list[tuple[str, str]]:
             except ValueError:
                 found.append(("", match[0]))
     return found
-
-
-def _day(trial: Trial) -> str:
-    """The day of a trial, as ISO 8601 writes it."""
-    known = trial.meta.get("day", "")
-    if known:
-        return known
-    for text in (trial.path.stem if trial.path is not None else "", trial.name):
-        if found := dates_in(text):
-            return found[0]
-    line = line_for(trial.path, trial.name, 'day = "2026-11-22"')
-    raise Missing(
-        f"--between day: no date in the name of {trial.name} (as 2026-11-22, 20261122 or 22-Nov-2026); add to {line}"
-    )

@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 
 from cases.shipfiles.estimates import STARTING, estimates, trust
-from cases.shipfiles.particulars import wrong_particulars
-from cases.shipfiles.unusual_particulars import impossible, unusual
+from cases.shipfiles.particulars import impossible, unusual, wrong_particulars
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE
@@ -74,25 +73,6 @@ def check_plausible(p: Mapping[str, float]) -> None:
     wrong = wrong_particulars(p)
     if wrong:
         raise OutOfRange(f"--new: {'; '.join(wrong)}")
-    L, B, d, C_b = (p[name] for name in LEAST)
-    D_P, A_R, ratio, froude = p.get("D_P", d), p.get("A_R", L * d), p.get("pitch_ratio", 0.7), 0.1
-    if "U_0" in p:
-        froude = p["U_0"] / reference_speed(L)
-    rules = (
-        (C_b >= 0.3, f"C_b = {C_b:g}: a block coefficient lies between 0.3 and 1"),
-        (2.0 <= L / B <= 15.0, f"L / B = {L:g} / {B:g} = {L / B:.3g} is outside 2 to 15; check L and B"),
-        (1.0 <= B / d <= 12.0, f"B / d = {B:g} / {d:g} = {B / d:.3g} is outside 1 to 12; check B and d"),
-        (0.3 <= ratio <= 1.6, f"pitch_ratio = {ratio:g}: pitch by diameter lies between 0.3 and 1.6"),
-        (0.1 * d <= D_P, f"D_P = {D_P:g} m is less than a tenth of the draught d = {d:g} m"),
-        (0.002 * L * d <= A_R, f"A_R = {A_R:g} m² is less than 0.002 L d = {0.002 * L * d:.3g} m²"),
-        (
-            0.02 <= froude <= 0.6,
-            f"U_0 = {p.get('U_0', 0.0):g} m/s is Froude number {froude:.2g}; displacement ships have 0.02 to 0.6",
-        ),
-    )
-    for holds, sentence in rules:
-        if not holds:
-            raise OutOfRange(f"--new: {sentence}")
     for sentence in impossible(p):
         raise OutOfRange(f"--new: {sentence}")
 

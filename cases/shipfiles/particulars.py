@@ -1,6 +1,7 @@
-"""Particulars that no ship has: signs, sizes by one another, and units that the numbers themselves refute.
+"""Particulars that no ship has, and unusual ones: signs, ratios, and units that the numbers themselves refute.
 
-Ship files and the starting ships of ``mmg ships --new`` are held to these rules; they leave room for odd ships.
+Ship files are held to ``wrong_particulars``, which leave room for odd ships, the starting ships of ``mmg ships --new``
+to ``impossible`` as well.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Iterator, Mapping
 
 from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
-from mmg.motion.froude import time_scale
+from mmg.motion.froude import reference_speed, time_scale
 
 PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
 PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
@@ -21,6 +22,20 @@ LONGEST = 600.0
 """m; the longest ship built has 458."""
 LARGEST = 1e12
 """Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
+KNOT = 1852 / 3600
+"""m/s."""
+RATIOS = (
+    ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
+    ("L / B", ("L",), ("B",), (2.0, 15.0), (3.5, 10.0)),
+    ("B / d", ("B",), ("d",), (1.0, 12.0), (1.8, 6.0)),
+    ("L / d", ("L",), ("d",), (0.0, math.inf), (9.0, 40.0)),
+    ("pitch_ratio", ("pitch_ratio",), (), (0.3, 1.6), (0.3, 1.6)),
+    ("D_P / d", ("D_P",), ("d",), (0.1, 1.0), (0.25, 0.95)),
+    ("A_R / (L d)", ("A_R",), ("L", "d"), (0.002, 0.1), (0.008, 0.045)),
+    ("m / (rho L B d C_b)", ("m",), ("rho", "L", "B", "d", "C_b"), (0.8, 1.2), (0.96, 1.04)),
+)
+"""Ratio in words, what it divides by what, between which values a ship can be, and nearly all merchant ships lie (own
+judgement from the ships of benchmarks/literature and textbooks)."""
 
 
 def wrong_particulars(p: Mapping[str, float]) -> list[str]:
@@ -87,3 +102,50 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         most = 10 * math.radians(20) / time_scale(p["L"])
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
+
+
+def impossible(p: Mapping[str, float]) -> list[str]:
+    """A sentence for each of RATIOS, and for a service speed, among ``p`` [SI] that no displacement ship has."""
+    found = [f"{words}; check {first} and its unit" for words, first in _outside(p, 3)]
+    froude, usual = _froude(p)
+    most = 1.5 * usual if p["C_b"] >= 0.7 else 0.6
+    if froude is not None and not 0.02 <= froude <= most:
+        found.append(
+            f"U_0 = {p['U_0']:g} m/s is Froude number {froude:.2g}, outside 0.02 to {most:.2g} of ships of C_b = "
+            f"{p['C_b']:g}; speeds are in m/s: {p['U_0']:g} kn are U_0={p['U_0'] * KNOT:.3g}"
+        )
+    return found
+
+
+def unusual(p: Mapping[str, float]) -> Iterator[str]:
+    """A sentence for each particular among those given in ``p`` [SI] that few ships have."""
+    froude, usual = _froude(p)
+    if froude is not None and not 0.05 <= froude <= 1.25 * usual:
+        yield (
+            f"U_0 = {p['U_0']:g} m/s is Froude number {froude:.2g}, unusual for C_b = {p['C_b']:g} (usually about "
+            f"{usual:.2f}); if it was meant in knots, give U_0={p['U_0'] * KNOT:.3g}"
+        )
+    for words, first in _outside(p, 4):
+        yield f"{words} of merchant ships, so it is unusual; check {first} and its unit"
+
+
+def _outside(p: Mapping[str, float], which: int) -> Iterator[tuple[str, str]]:
+    """Words on each of RATIOS that lies outside its limits in the column ``which``, and its first particular."""
+    p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}
+    for row in RATIOS:
+        words, above, below = row[:3]
+        low, high = row[which]
+        if {*above, *below} <= set(p) and p[above[0]] > 0:
+            ratio = math.prod(p[name] for name in above) / math.prod(p[name] for name in below)
+            ratio *= 2 if above == ("A_R",) and which == 4 and p.get("y_P", 0.0) > 0 else 1  # of two rudders
+            if not low <= ratio <= high:
+                size = f"{above[0]} = {p[above[0]]:g} {PARTICULARS[above[0]][1]}"
+                yield f"{size}: {words} = {ratio:.3g} is outside {low:g} to {high:g}", above[0]
+
+
+def _froude(p: Mapping[str, float]) -> tuple[float | None, float]:
+    """Froude number of the service speed in ``p`` [SI], None without, and the one that goes with its C_b.
+
+    That is (1.08 - C_b) / 1.68, at least 0.12: Alexander's formula with K = 1.08, as quoted in textbooks.
+    """
+    return p["U_0"] / reference_speed(p["L"]) if "U_0" in p else None, max((1.08 - p["C_b"]) / 1.68, 0.12)

@@ -248,32 +248,19 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
         if key in PARTICULARS:
             number.comment("{} [{}]".format(*PARTICULARS[key])).trivia.comment_ws = "  "
         stated.add(key, number)
-    model = tomlkit.table()
-    for key, name in (*ship.components.items(), *((("effects", list(ship.effects)),) if ship.effects else ())):
-        model.add(key, name)
-    tables = tomlkit.table(is_super_table=True)
-    for symbol, c in ship.coefficients.items():
-        entry = tomlkit.table()
-        for key in CoefficientEntry.model_fields:
-            value = getattr(c, key)
-            if isinstance(value, float | int) and not isinstance(value, bool):
-                entry.add(key, float(value))
-            elif value:
-                entry.add(key, value)
-        tables.add(symbol, entry)
-    document.add("ship", stated).add("model", model)
+    document.add("ship", stated)
+    document.add("model", {**ship.components, **({"effects": list(ship.effects)} if ship.effects else {})})
     if ship.mark:
-        mark = tomlkit.table()
-        for key, value in vars(ship.mark).items():
-            mark.add(key, value)
-        document.add("calibration", mark)
-    document.add("coefficients", tables)
+        document.add("calibration", dict(vars(ship.mark)))
+    document.add("coefficients", {symbol: _entry(c) for symbol, c in ship.coefficients.items()})
     if ship.campaigns:
-        own = tomlkit.table(is_super_table=True)
-        for name, values in ship.campaigns.items():
-            row = tomlkit.table()
-            for symbol, value in values.items():
-                row.add(symbol, float(value))
-            own.add(name, row)
+        own = {name: {s: float(value) for s, value in values.items()} for name, values in ship.campaigns.items()}
         document.add("campaigns", own)
     return document.as_string()
+
+
+def _entry(c: Coefficient) -> dict[str, Any]:
+    """The table of a coefficient: its numbers, and of the rest what is said."""
+    given = {key: getattr(c, key) for key in CoefficientEntry.model_fields}
+    numbers = {k: float(v) for k, v in given.items() if isinstance(v, float | int) and not isinstance(v, bool)}
+    return {key: numbers.get(key, value) for key, value in given.items() if key in numbers or value}
