@@ -10,21 +10,10 @@ from typing import Any
 import numpy as np
 
 from cases.importing.raw_table import Clock, RawTable
+from cases.io.units import FACTORS, factor_of
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError
 from mmg.messages import Message
 
-SECONDS = {
-    "s": 1.0,
-    "sec": 1.0,
-    "seconds": 1.0,
-    "ms": 1e-3,
-    "us": 1e-6,
-    "µs": 1e-6,
-    "ns": 1e-9,
-    "min": 60.0,
-    "h": 3600.0,
-}
-"""Units of a clock in seconds."""
 EPOCH = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 1e19)}
 """What counts since 1970 in this unit holds numbers of this size (1973 to 2286)."""
 DAYS_1899 = 25569.0
@@ -141,21 +130,21 @@ def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
     middle = float(np.median(known))
     for name, (low, high) in EPOCH.items():
         if low <= middle < high and (not unit or unit.lower() == name or (name == "s" and unit.lower() == "sec")):
-            return Clock(values * SECONDS[name], True, header, f"{name} since 1970")
+            return Clock(values * FACTORS["s"][name], True, header, f"{name} since 1970")
     if not unit and 2e4 < middle < 8e4 and np.ptp(values[np.isfinite(values)]) < 1.0:
         return Clock((values - DAYS_1899) * 86400.0, True, header, "days of a spreadsheet")
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
-    factor = SECONDS.get(unit.lower())
+    factor = factor_of("s", unit)
     if factor is None:
-        raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(SECONDS)}")
+        raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(FACTORS['s'])}")
     return Clock(values * factor, False, header, f"in {unit}")
 
 
 def _unit_of(table: RawTable, header: str) -> str:
     """The unit of a clock that the header gives, or the words of the header themselves (``time_ms``)."""
     unit = table.units[table.headers.index(header)].lower()
-    if unit in SECONDS:
+    if factor_of("s", unit) is not None:
         return unit
     ending = re.search(r"(?:^|[_\s.])(seconds|sec|ms|us|ns|min|s)$", header.lower())
     return ending[1] if ending else ""

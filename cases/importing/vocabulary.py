@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 
 from cases.io.headers import FRT_NAMES
-from cases.io.units import FACTORS, SPELLINGS, is_canonical, si_unit
+from cases.io.units import FACTORS, SPELLINGS, factor_of, is_canonical, si_unit
 from cases.trial import wraps
 from mmg.motion.flow import INPUTS
 
@@ -21,41 +21,14 @@ RAW |= dict.fromkeys(SIGNS, "")
 """Quantities of raw logs that no trial file holds, and the unit they are turned into. The angle of the true wind is
 counted from the bow."""
 
-MORE: dict[str, dict[str, float]] = {
-    "m": {"km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "nm": 1852.0},
-    "rad": {"mrad": 0.001},
-    "m/s": {"km/h": 1 / 3.6, "cm/s": 0.01, "mm/s": 0.001, "ft/s": 0.3048},
-    "rad/s": {"deg/min": math.pi / 10800.0, "rad/min": 1 / 60.0, "mrad/s": 0.001},
-    "rps": {"rad/s": 1 / (2 * math.pi)},
-    "deg": {"deg": 1.0, "rad": 180.0 / math.pi},
-}
-"""Unit of a quantity -> further units of raw logs -> factor."""
-MORE_SPELLINGS = {
-    "°/min": "deg/min", "degrees/min": "deg/min", "deg/minute": "deg/min", "dpm": "deg/min", "km/t": "km/h",
-    "kmh": "km/h",
-    "kmph": "km/h",
-    "deg.": "deg", "m/sec": "m/s", "m/s²": "", "meter/s": "m/s", "degt": "deg", "°t": "deg", "deg_t": "deg",
-    "upm": "rpm", "u/min": "rpm", "r/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "s-1": "rps", "r/s": "rps",
-}  # fmt: skip
-ENDINGS = {
-    "deg": "deg", "degrees": "deg", "rad": "rad", "kn": "kn", "kt": "kn", "kts": "kn", "knots": "kn", "mps": "m/s",
-    "m_s": "m/s", "ms": "m/s", "kmh": "km/h", "deg_s": "deg/s", "degs": "deg/s", "dps": "deg/s", "deg_min": "deg/min",
-    "rad_s": "rad/s", "rads": "rad/s", "rpm": "rpm", "rps": "rps", "m": "m", "s": "s", "sec": "s", "us": "us",
-    "ns": "ns",
-}  # fmt: skip
+_ENDINGS = "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns"
+ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | {"ms": "m/s"}
 """Last words of a header that are a unit."""
 
 BEYOND_A_TURN = 6.6
 """No direction in radians is larger."""
 
-SIDES = {
-    "port": "port",
-    "ps": "port",
-    "stbd": "starboard",
-    "starboard": "starboard",
-    "sb": "starboard",
-    "stb": "starboard",
-}
+SIDES = dict.fromkeys(("port", "ps"), "port") | dict.fromkeys(("stbd", "starboard", "sb", "stb"), "starboard")
 _WORDS: tuple[tuple[str, str], ...] = (
     (r"(gps|gnss)?_?(lat|latitude)(_decimal)?", "latitude"),
     (r"(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?", "longitude"),
@@ -174,12 +147,9 @@ def turn_in(quantity: str, unit: str, largest: float) -> float:
 
 def known_units(quantity: str) -> dict[str, float]:
     """Unit that a raw log may use for a ``quantity`` -> factor to ``unit_of`` it."""
-    own = unit_of(quantity)
-    return {**FACTORS.get(own, {}), **MORE.get(own, {})}
+    return FACTORS.get(unit_of(quantity), {})
 
 
 def factor(quantity: str, unit: str) -> float | None:
     """Factor from ``unit`` as written to ``unit_of`` the ``quantity``, or None for one that does not belong to it."""
-    key = unit.strip().lower()
-    key = MORE_SPELLINGS.get(key, SPELLINGS.get(key, key))
-    return {name.lower(): value for name, value in known_units(quantity).items()}.get(key.lower())
+    return factor_of(unit_of(quantity), unit)

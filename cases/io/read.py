@@ -16,7 +16,7 @@ import numpy as np
 from cases.inputs import SAMPLED
 from cases.io.conventions import converted
 from cases.io.files import check_file
-from cases.io.headers import match_headers
+from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.toml_file import validated
@@ -76,13 +76,16 @@ def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> li
 
 
 def read_trial(
-    path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None, refuse: bool = True
+    path: str | Path,
+    settings: SidecarEntry | Mapping[str, Any] | None = None,
+    refuse: bool = True,
+    from_rest: bool = False,
 ) -> Trial:
     """One run in SI units, radians and the frames of this product.
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
-    None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute. Raises UserError,
-    naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than
+    None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute; from_rest: the
+    states of a file that holds none of psi, u, v, r are zero. Raises UserError, naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than
     two usable rows, time that does not increase, a required column without values, lags that leave no row, and, where
     ``refuse``, units that the numbers refute.
     """
@@ -94,7 +97,7 @@ def read_trial(
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
     labels: dict[str, tuple[str, str]] = {}
-    raw, digest = _si_columns(path, entry, notices, labels)
+    raw, digest = _si_columns(path, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
     sentence = implausible(columns) if refuse else ""
@@ -143,12 +146,20 @@ def _named(paths: Iterable[Path]) -> list[Path]:
 
 
 def _si_columns(
-    path: Path, entry: SidecarEntry, notices: list[Message], labels: dict[str, tuple[str, str]]
+    path: Path, entry: SidecarEntry, notices: list[Message], labels: dict[str, tuple[str, str]], from_rest: bool
 ) -> tuple[dict[str, np.ndarray], str]:
     """Canonical columns of the file in SI and radians, scaled but not yet turned or moved, every row or means of rows;
     and the hash of the file. labels: to which the header and the unit of each column are added."""
     table = trial_table(path)
-    matched = match_headers(path, table.header, entry, notices)
+    named = {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, table.header))}
+    at_rest = [f"{name} [{si_unit(name)}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
+    matched = match_headers(path, table.header + at_rest, entry, notices)
+    if at_rest:
+        notices.append(Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest"))
+        matched = {name: column for name, column in matched.items() if name not in STATES[2:]}
+        if "apparent_wind_speed" in matched and "wind_speed" not in matched:
+            words = "apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction"
+            raise Missing(f"{path}: {words}")
     wanted = {}
     for name, (index, unit) in matched.items():
         factor = to_si(name, unit, f"{path}: column '{table.header[index]}'")
@@ -157,6 +168,7 @@ def _si_columns(
         if factor != 1.0:
             notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
     columns = table.columns(wanted, None if entry.sentinels == [] else entry.sentinels or (), notices)
+    columns |= {name: np.zeros(len(columns["t"])) for name in STATES[2:] if at_rest}
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
     if absent:
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}

@@ -1,7 +1,7 @@
 """Units that the numbers themselves refute: degrees passed off as radians, and the like.
 
-Only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate
-and with the course made good, a rudder angle with the largest one a rudder can take.
+Only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate, a rudder angle
+with the largest one a rudder can take.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _CAUSES = {
 def implausible(columns: Mapping[str, np.ndarray]) -> str:
     """One sentence about the first contradiction between the units of the columns, "" when there is none.
 
-    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, delta, wind if present.
+    columns: canonical name -> (N,) in house units; needs t, psi, r; uses u, v, n, rudders and wind if present.
     """
-    tests = (_revolutions, _angles, _full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
+    tests = (_revolutions, _angles, _full_turn_jumps, _heading_and_rate, _spin)
     return next(filter(None, (test(columns) for test in tests)), "")
 
 
@@ -128,37 +128,6 @@ def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) 
     size = float(np.median(np.abs(psi[lag:] - psi[:-lag])[usable]))
     ratio = size / max(float(np.median(np.abs(turn))), 1e-12)
     return f"{_CAUSES[best]}: psi changes by {ratio:.3g} x the integral of r; correct the unit"
-
-
-def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
-    """Displacement over some seconds against (u, v) turned by the heading, read as radians and as degrees."""
-    if not {"x", "y", "u", "v"} <= set(columns):
-        return ""
-    t, psi, u, v, x, y = (np.asarray(columns[c]) for c in ("t", "psi", "u", "v", "x", "y"))
-    good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v) & np.isfinite(x) & np.isfinite(y)
-    if good.sum() < 20 or np.abs(psi[good]).max() < 2 * math.pi + 0.1:
-        return ""
-    t, psi, body, place = t[good], psi[good], (u + 1j * v)[good], (x + 1j * y)[good]
-    lag = max(1, min(20, len(t) // 10))
-    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
-    moved = (place[lag:] - place[:-lag])[usable]
-    turned = integral(t, columns["r"][good])
-    heading = np.unwrap(psi)
-    change, turn = (heading[lag:] - heading[:-lag])[usable], (turned[lag:] - turned[:-lag])[usable]
-    if float(np.std(turn)) > 0.01 and _misfit(change, turn) < 0.5:
-        return ""  # the turn rate says that these are radians: something else is wrong
-    scale = math.sqrt(float(np.mean(np.abs(moved) ** 2)))
-    misfit = []
-    for unit in (1.0, DEG):
-        way = integral(t, body * np.exp(1j * psi * unit))
-        error = moved - (way[lag:] - way[:-lag])[usable]
-        misfit.append(math.sqrt(float(np.mean(np.abs(error) ** 2))) / max(scale, 1e-12))
-    if misfit[1] < 0.35 and misfit[0] > 0.3 and misfit[0] > 4 * misfit[1]:
-        return (
-            "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
-            f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
-        )
-    return ""
 
 
 def _spin(columns: Mapping[str, np.ndarray]) -> str:
