@@ -56,6 +56,14 @@ def wraps(column: str) -> bool:
     return re.fullmatch(r"psi|cog|azimuth(_[2-9])?|(apparent_)?wind_direction|true_wind_angle", column) is not None
 
 
+def unwrapped(values: np.ndarray) -> np.ndarray:
+    """Directions ``values`` (N,) [rad] without jumps of 2 pi, NaN where one is missing."""
+    out = np.array(values, dtype=float)
+    good = np.isfinite(out)
+    out[good] = np.unwrap(out[good])
+    return out
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One run in canonical columns.
@@ -131,10 +139,7 @@ class Trial:
 
     def unwrapped(self, column: str) -> np.ndarray:
         """A ``column`` of directions [rad] without jumps of 2 pi, NaN where it is missing, shape (N,)."""
-        values = np.array(self.columns[column], dtype=float)
-        good = np.isfinite(values)
-        values[good] = np.unwrap(values[good])
-        return values
+        return unwrapped(self.columns[column])
 
     @property
     def rudder(self) -> np.ndarray:

@@ -15,9 +15,8 @@ from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.log_columns import log_of
 from cases.importing.text_log import read_text_log
-from cases.io.controls import read_controls
 from cases.io.groups import group_trials
-from cases.io.read import read_trial
+from cases.io.read import read_controls, read_trial
 from cases.io.site import read_site
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, varying_effects, with_effects

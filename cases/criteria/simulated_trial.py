@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cases.criteria.completeness import check_completeness
 from cases.io.campaigns import ship_in
-from cases.io.controls import read_controls
+from cases.io.read import read_controls
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.gusts import Wind, parse_wind
 from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed

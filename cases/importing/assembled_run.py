@@ -3,34 +3,35 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cases.importing.clock_match import clock_problems
-from cases.importing.derived_motion import derived_velocities
-from cases.importing.import_map import ImportMap, conventions
-from cases.importing.local_frame import globe_positions, local_positions
+from cases.importing.derived_motion import derived_velocities, smoothed
+from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
 from cases.importing.track_direction import positions_problem
-from cases.importing.unit_evidence import by_evidence, with_units_of_size
-from cases.importing.vocabulary import factor, known_units, turn_of
+from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, turn_of, unit_of
 from cases.io.conventions import converted
+from cases.io.headers import lacking
+from cases.io.sidecar import SidecarEntry
 from cases.io.trial_table import MOST_ROWS
-from cases.trial import RUDDERS, UNITS, wraps
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData
+from cases.trial import RUDDERS, UNITS, unwrapped, wraps
+from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
-from mmg.motion.flow import INPUTS, PROPELLERS
 
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
+CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}
+"""Keys of the map that a sidecar has as well."""
 GAP = 2.5
 """Gaps of a column beyond so many of its steps stay gaps."""
 LEAST_ROWS = 20
 """Least rows of a run, and numbers of a column."""
 LARGE = 1e5
 """Eastings and northings beyond are counted from the first position."""
-THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))
     columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
-    canonical = converted({"t": t, **columns}, conventions(chosen), notices)
+    canonical = converted({"t": t, **columns}, SidecarEntry(**chosen.model_dump(include=CONVENTIONS)), notices)
     for q in filter(wraps, canonical):
         canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
     first = logs[0].t[0] if logs[0].absolute else None
@@ -202,12 +203,7 @@ def _place(
 
 def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:
     """Raises UserError that says everything that is missing, and which headers are not known."""
-    missing = [name for name in ("psi", "u", "v", "r") if name not in columns]
-    pods = bool(set(columns) & set(THRUSTERS))
-    if "n" not in columns and not pods:
-        missing.append("n")
-    if not set(columns) & set(RUDDERS) and not pods:
-        missing.append("delta")
+    missing = lacking({"t", *columns})
     if not missing:
         return
     more = {"u": "u (or positions, or speed and course over ground)", "v": "v (likewise)", "r": "r (or heading)"}
@@ -221,6 +217,107 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
-def with_name(run: ImportedRun, name: str) -> ImportedRun:
-    """The same ``run`` with another ``name``."""
-    return replace(run, name=name)
+CLOSE, APART = 0.10, 0.25
+"""Relative difference of a unit that fits, and least one of all others."""
+RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
+"""Units that are read where they are written, but not looked for: other ones lie too near."""
+
+
+def with_units_of_size(log: Log) -> Log:
+    """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
+    for quantity in log.unitless:
+        values = log.columns[quantity]
+        largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
+        if wraps(quantity) and BEYOND_A_TURN < largest <= 361:
+            log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than a turn in radians")
+        elif (quantity in RUDDERS or quantity == "pitch") and 1.75 < largest <= 110:
+            log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than 100 deg if in radians")
+        elif unit_of(quantity) == "m" and largest > 2e4:
+            log = log.with_unit(quantity, "m", "of the size of eastings and northings")
+        elif unit_of(quantity) == "rps" and 60 < largest < 5000:
+            log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
+    return log
+
+
+def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[str, str]:
+    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
+
+    t: (N,) even times [s]; columns: of the same run, with known units. A speed is compared with that of the positions,
+    a turn rate with the change of the heading.
+    """
+    h = float(np.median(np.diff(t)))
+    if quantity == "r" and "psi" in columns:
+        return _fitting(quantity, values, smoothed(h, unwrapped(columns["psi"])).rate, "the change of the heading")
+    if quantity in ("sog", "u") and {"x", "y"} <= set(columns):
+        speed = np.hypot(*(smoothed(h, columns[name]).rate for name in ("x", "y")))
+        return _fitting(quantity, values, speed, "the speed of the positions")
+    return "", ""
+
+
+def _fitting(quantity: str, values: np.ndarray, truth: np.ndarray, what: str) -> tuple[str, str]:
+    """The unit in which ``values`` agree with the ``truth`` (N,), if only one does."""
+    good = np.isfinite(values) & np.isfinite(truth)
+    square = float(values[good] @ values[good])
+    if good.sum() < 10 or square == 0:
+        return "", ""
+    slope = float(values[good] @ truth[good]) / square
+    error = truth[good] - slope * values[good]
+    if slope <= 0 or error @ error > 0.2 * float(truth[good] @ truth[good]):
+        return "", ""
+    off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
+    ranked = sorted(off, key=lambda unit: off[unit])
+    if off[ranked[0]] > CLOSE or off[ranked[1]] < APART:
+        return "", ""
+    assert factor(quantity, ranked[0]) is not None
+    return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
+
+
+FURTHEST = 200e3
+"""Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
+
+
+def local_positions(
+    latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, float], where: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """x north and y east [m] of positions (N,) [deg] in the transverse Mercator projection about ``origin`` (latitude,
+    longitude) on the WGS 84 ellipsoid.
+
+    where: for messages. Raises UserError where pyproj is missing and for positions further than FURTHEST away.
+    """
+    pyproj = _pyproj(where)
+    lat, lon = origin
+    frame = pyproj.Proj(proj="tmerc", lat_0=lat, lon_0=lon, k=1.0, ellps="WGS84")
+    east, north = frame(
+        np.where(np.isfinite(longitude), longitude, lon), np.where(np.isfinite(latitude), latitude, lat)
+    )
+    known = np.isfinite(latitude) & np.isfinite(longitude)
+    x, y = (np.where(known & np.isfinite(v), v, np.nan) for v in (np.asarray(north), np.asarray(east)))
+    far = np.hypot(x, y)
+    if np.nanmax(far, initial=0.0) > FURTHEST:
+        raise OutOfRange(
+            f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
+        )
+    return x, y
+
+
+def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N".
+
+    where: for messages. Raises UserError for a zone that is none, and where pyproj is missing.
+    """
+    match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
+    if match is None or not 1 <= int(match[1]) <= 60:
+        raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")
+    south = (match[2] != "" and match[2] != "S" and match[2] < "N") or match[2] == "S"
+    frame = _pyproj(where).Proj(proj="utm", zone=int(match[1]), ellps="WGS84", south=south)
+    longitude, latitude = frame(easting, northing, inverse=True)
+    return np.asarray(latitude), np.asarray(longitude)
+
+
+def _pyproj(where: str):  # type: ignore[no-untyped-def]
+    try:
+        import pyproj
+    except ImportError:
+        words = "latitudes and longitudes need pyproj; pip install 'mmg-ident[import]'"
+        raise NotInstalled(f"{where}: {words}") from None
+    return pyproj

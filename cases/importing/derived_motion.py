@@ -11,9 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize
 
+from cases.trial import unwrapped
 from mmg.errors import TooFewData
 from mmg.messages import Message
 
@@ -60,14 +62,15 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     slope = np.zeros(n) if rate is None else np.where(np.isfinite(rate), rate * h / unit, 0.0)
     with_rate = np.zeros(n, dtype=bool) if rate is None else np.isfinite(rate)
     with_rate[[0, -1]] = False
-    D = _differences(n)
-    R = _rates(n, with_rate)
+    third = sparse.diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(n - 3, n), format="csr")
+    central = sparse.diags([-0.5, 0.5], [-1, 1], shape=(n, n), format="csr")[with_rate]
+    D, R, turned = _band(third.T @ third), _band(central.T @ central), central.T @ slope[with_rate]
 
     def parts(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         noise, jerk, rates = np.exp(-logs)
         A = D * jerk + R * rates
         A[-1] += known * noise
-        b = known * y * noise + _transposed_rate(with_rate * slope) * rates
+        b = known * y * noise + turned * rates
         total = noise * float(y @ y) + rates * float((with_rate * slope) @ slope)
         return A, b, total
 
@@ -119,10 +122,8 @@ def derived_velocities(
     new: dict[str, np.ndarray] = {}
     std: dict[str, float] = {}
     said: list[Message] = []
-    psi = columns["psi"]
-    heading = psi.copy()
+    heading = unwrapped(columns["psi"])
     good = np.isfinite(heading)
-    heading[good] = np.unwrap(heading[good])
     if "r" not in columns:
         found = _smoothed_every(steps.get("psi", h), h, heading)
         new["r"], std["r"] = _where_near(good, found.rate, h), found.rate_std
@@ -178,33 +179,9 @@ def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
     return np.where(inside, values, np.nan)
 
 
-def _differences(n: int) -> np.ndarray:
-    """Squared third differences of n values as an upper band (4, n)."""
-    stencil = np.array([-1.0, 3.0, -3.0, 1.0])
-    band = np.zeros((BAND + 1, n))
-    for i in range(4):
-        for j in range(i, 4):
-            band[BAND - (j - i), j : n - 3 + j] += stencil[i] * stencil[j]
-    return band
-
-
-def _rates(n: int, where: np.ndarray) -> np.ndarray:
-    """Squared central differences of n values at the rows ``where`` they are measured, as an upper band (4, n)."""
-    band = np.zeros((BAND + 1, n))
-    at = np.flatnonzero(where)
-    each = 0.25
-    np.add.at(band[BAND], at + 1, each)
-    np.add.at(band[BAND], at - 1, each)
-    np.add.at(band[BAND - 2], at + 1, -each)
-    return band
-
-
-def _transposed_rate(values: np.ndarray) -> np.ndarray:
-    """The transpose of the central difference on ``values`` (N,), zero at the ends."""
-    out = np.zeros(len(values))
-    out[2:] += values[1:-1] / 2
-    out[:-2] -= values[1:-1] / 2
-    return out
+def _band(squares: sparse.spmatrix) -> np.ndarray:
+    """A symmetric matrix of BAND diagonals beside the main one as an upper band (4, n)."""
+    return np.array([np.append(np.zeros(k), squares.diagonal(k)) for k in range(BAND, -1, -1)])
 
 
 def _rate_std(root: np.ndarray, known: np.ndarray) -> float:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from cases.importing.assembled_run import ImportedRun, assembled, with_name
+from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
 from cases.importing.excel_sheet import read_excel_tables
 from cases.importing.import_map import ImportMap, names_apart
 from cases.importing.log_columns import Log, log_of
 from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import RawTable, raw_table
-from cases.importing.runs import grouped, run_name
 from cases.importing.text_log import LARGEST_LOG, read_text_log
-from cases.importing.unit_evidence import with_units_of_size
 from cases.importing.vocabulary import known_units
 from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
@@ -81,12 +79,7 @@ def import_logs(
     problems += _several_ships(logs)
     origin = _origin(logs, chosen)
     runs: list[ImportedRun] = []
-    try:
-        groups = grouped(logs, chosen)
-    except UserError as error:
-        groups = []
-        problems.append(str(error))
-    for group in groups:
+    for group in grouped(logs, chosen):
         try:
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
@@ -173,7 +166,7 @@ def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | Non
                 i = int(np.argmax(good))
                 return round(float(log.columns["latitude"][i]), 4), round(float(log.columns["longitude"][i]), 4)
         if log.zone and {"x", "y"} <= set(log.columns):
-            from cases.importing.local_frame import globe_positions
+            from cases.importing.assembled_run import globe_positions
 
             lat, lon = globe_positions(log.columns["x"][:1], log.columns["y"][:1], log.zone, log.name)
             return round(float(lat[0]), 4), round(float(lon[0]), 4)
@@ -191,6 +184,69 @@ def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
             seen[run.name] += 1
             folder = run.logs[0].table.path.parent.name
             new = f"{folder}_{run.name}" if len(parents) == names[run.name] else f"{run.name}_{seen[run.name]}"
-            run = with_name(run, new)
+            run = replace(run, name=new)
         out.append(run)
     return out
+
+
+OVERLAP = 0.5
+"""Least share of the shorter of two logs in which both run."""
+HEADING, WHERE, ROTATION = (
+    {"psi"},
+    {"x", "latitude", "sog", "u"},
+    {"n", "n_2", "n_bow", "n_stern", "n_azimuth", "delta"},
+)
+
+
+def grouped(logs: Sequence[Log], chosen: ImportMap) -> list[list[Log]]:
+    """The ``logs`` of each run, in the order of their first files.
+
+    chosen: the map. Logs of one run are those with the same ``run`` in it. Others are joined where they lie in one
+    folder, their clocks are absolute and overlap, and one that is not complete by itself adds what the others lack.
+    """
+    runs: list[list[Log]] = []
+    for log in logs:
+        name = chosen.of(log.table.path).run
+        for run in runs:
+            other = chosen.of(run[0].table.path).run
+            same = bool(name) and name == other
+            if same or (not name and not other and not chosen.separate and _completes(log, run)):
+                run.append(log)
+                break
+        else:
+            runs.append([log])
+    return runs
+
+
+def complete(quantities: set[str]) -> bool:
+    """Whether a run can be made of these ``quantities``: heading, motion and an actuator."""
+    return bool(quantities & HEADING) and bool(quantities & WHERE) and bool(quantities & ROTATION)
+
+
+def run_name(run: Sequence[Log], chosen: ImportMap) -> str:
+    """The name of a ``run``: that of the map ``chosen``, the stem of its file, or what the stems of its files have in
+    common."""
+    named = chosen.of(run[0].table.path).run
+    if named:
+        return named
+    stems = [log.table.path.stem for log in run]
+    if len(set(stems)) == 1:
+        sheet = re.search(r"sheet '(.*)'$", run[0].name)
+        return f"{stems[0]}_{sheet[1]}" if sheet and len(run) == 1 else stems[0]
+    least, most = min(stems), max(stems)
+    same = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), len(least))
+    return least[:same].rstrip("_- .") or stems[0]
+
+
+def _completes(log: Log, run: Sequence[Log]) -> bool:
+    """Whether ``log`` completes the logs of a ``run``, at the same time."""
+    if not log.absolute or not all(other.absolute for other in run):
+        return False
+    if log.table.path.parent != run[0].table.path.parent:
+        return False
+    own, theirs = set(log.columns), set().union(*(other.columns for other in run))
+    if complete(own) or not own - theirs or (complete(theirs) and own & theirs):
+        return False
+    a, b = max(other.t[0] for other in run), min(other.t[-1] for other in run)
+    both = min(b, log.t[-1]) - max(a, log.t[0])
+    return bool(both > OVERLAP * min(b - a, log.t[-1] - log.t[0]))

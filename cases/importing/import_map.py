@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from cases.importing.vocabulary import RAW, known_units
-from cases.io.sidecar import SidecarEntry
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.io.units import is_canonical
 
@@ -119,12 +118,3 @@ def names_apart(paths: Iterable[Path]) -> dict[Path, str]:
 def read_map(path: Path) -> ImportMap:
     """The map at ``path``. Raises UserError, in one line, for all that is wrong with it."""
     return validated(ImportMap, read_toml(path), str(path))
-
-
-def conventions(chosen: ImportMap) -> SidecarEntry:
-    """What a sidecar would say of logs with the map ``chosen``."""
-    return SidecarEntry(
-        rudder_positive=chosen.rudder_positive,
-        wind_direction=chosen.wind_direction,
-        velocity_frame=chosen.velocity_frame,
-    )

@@ -13,8 +13,8 @@ import numpy as np
 
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.block_means import rows_together
-from cases.io.files import opened
-from cases.io.text_table import SEPARATORS, WITH_COMMA, TextTable, blocks, cells_of, is_comment, lines_and_hash
+from cases.io.files import lines_and_hash, opened
+from cases.io.text_table import SEPARATORS, WITH_COMMA, TextTable, blocks, cells_of, is_comment
 from cases.io.units import FACTORS, SPELLINGS
 from mmg.errors import BadValue, OutOfRange, TooFewData
 from mmg.messages import Message

@@ -17,12 +17,6 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import BadValue, NotWritable, TargetExists
 
-KEYS = (
-    "rudder_positive", "wind_direction", "velocity_frame", "inputs", "zone_hours", "sentinels", "separate", "step",
-    "ignore",
-)  # fmt: skip
-"""Of the map, for all files."""
-
 
 def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
     """Write the runs of ``found`` into ``folder``; returns the trial files.
@@ -63,18 +57,14 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
     """
     import tomlkit
 
-    document: dict[str, Any] = {}
-    for key in KEYS:
-        value = getattr(chosen, key)
-        if value is not None and value != ImportMap.model_fields[key].get_default(call_default_factory=True):
-            document[key] = value
+    document = chosen.model_dump(exclude_defaults=True, exclude={"columns", "origin", "files"})
     if found.origin is not None:
         document["origin"] = list(found.origin)
     files: dict[str, dict[str, Any]] = {}
     named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
     for run, log in [(one, log) for one in found.runs for log in one.logs]:
         table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
-        table |= {key: getattr(own, key) for key in ("clock_offset", "clock_drift") if key in own.model_fields_set}
+        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift"})
         if unused := [*own.ignore, *log.unsure]:
             table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
         if len(run.logs) > 1:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cases.io.groups import dates_in, day_of, folders_of, no_dates_in
+from cases.io.groups import dates_in, day_of, folders_of
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import Conflict, UnknownName
@@ -27,8 +27,7 @@ MOST_LISTED = 3
 
 @dataclass(frozen=True)
 class Campaigns:
-    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on trials of
-    which none is known, and on copies."""
+    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on copies."""
 
     names: tuple[str, ...]
     number: tuple[int, ...]
@@ -51,14 +50,10 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
     these trials than that in which the file lies.
     """
     folders, labels = folders_of(trials), campaign_labels(trials)
-    messages: list[Message] = []
-    for trial, folder, label in zip(trials, folders, labels, strict=True):
-        said, day = trial.meta.get("campaign", ""), day_of(trial)
-        _refuse_contradiction(trial, said, day, folder, folders)
-        messages += _no_dates(trial, label) if not said and not day else []
+    for trial, folder in zip(trials, folders, strict=True):
+        _refuse_contradiction(trial, trial.meta.get("campaign", ""), day_of(trial), folder, folders)
     names = tuple(sorted(set(labels)))
-    messages += _copies(trials, labels)
-    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
+    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(_copies(trials, labels)))
 
 
 def campaign_labels(trials: Sequence[Trial]) -> list[str]:
@@ -167,16 +162,6 @@ def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folder
             f"{trial.name}: the sidecar says campaign {said}, but the file lies in folder {folder}, and {said} is "
             f"another folder of these trials; move the file, or correct {where}"
         )
-
-
-def _no_dates(trial: Trial, label: str) -> list[Message]:
-    """A message where the name of a ``trial`` holds a date that is none of the calendar."""
-    wrong = no_dates_in(trial.path.stem if trial.path is not None else trial.name)
-    if not wrong:
-        return []
-    line = line_for(trial.path, trial.name, 'campaign = "..."')
-    words = f"{trial.name}: {wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
-    return [Message(words, "no_date")]
 
 
 def _copies(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.io.sidecar import SidecarEntry
-from cases.trial import RUDDERS, wraps
+from cases.trial import RUDDERS, unwrapped, wraps
 from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.frames import true_wind
@@ -59,10 +59,8 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
     for name, seconds in lags.items():
         at = t + seconds
         keep &= (at >= t[0]) & (at <= t[-1])
-        values = np.array(columns[name], dtype=float)
+        values = unwrapped(columns[name]) if wraps(name) else columns[name]
         good = np.isfinite(values)
-        if wraps(name):
-            values[good] = np.unwrap(values[good])
         if good.any():
             near = np.interp(at, t, good.astype(float))
             out[name] = np.where(near > 0.999, np.interp(at, t[good], values[good]), np.nan)

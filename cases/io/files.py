@@ -1,4 +1,5 @@
-"""Files as they are: ordinary ones read whole, JSON that is an object, texts written whole or not at all."""
+"""Files as they are: ordinary ones read whole, JSON that is an object, texts written whole or not at all, locks that
+end with the process that holds them (of fcntl on POSIX, of msvcrt on Windows)."""
 
 from __future__ import annotations
 
@@ -21,7 +22,13 @@ try:
     import fcntl
 except ImportError:  # Windows has no locks of this kind
     fcntl = None  # type: ignore[assignment]
+try:
+    import msvcrt
+except ImportError:  # POSIX
+    msvcrt = None  # type: ignore[assignment]
 
+HELD = (BlockingIOError, PermissionError)
+"""What the operating systems raise where another process has the lock."""
 LARGEST = 256 * 2**20
 """Most bytes of a file that is read; several times as much memory is needed for it."""
 
@@ -66,11 +73,17 @@ def file_hash(path: Path, largest: int = LARGEST) -> str:
     largest: most bytes that it may have. Raises UserError as ``check_file`` does.
     """
     check_file(path, largest)
-    digest = hashlib.sha256()
+    return lines_and_hash(path)[1]
+
+
+def lines_and_hash(path: Path) -> tuple[int, str]:
+    """How many lines the file ``path`` has, whatever system ended them, and the SHA-256 of its bytes."""
+    digest, new, old, end = hashlib.sha256(), 0, 0, b""
     with opened(path) as stream:
         while piece := stream.read(2**22):
             digest.update(piece)
-    return digest.hexdigest()
+            new, old, end = new + piece.count(b"\n"), old + piece.count(b"\r"), piece[-1:]
+    return max(new, old) + (end not in (b"\n", b"\r")), digest.hexdigest()
 
 
 def decoded(content: bytes, where: object) -> str:
@@ -153,3 +166,55 @@ def _remove_leftovers(path: Path) -> None:
                 left.unlink()
             finally:
                 os.close(handle)
+
+
+@contextlib.contextmanager
+def alone(mark: Path) -> Iterator[bool]:
+    """While it lasts, no other process gets True for the file ``mark``, which is made, and removed at the end.
+
+    Yields False where another one has it. A file system that knows no locks keeps nobody out. Raises OSError where
+    the file cannot be made.
+    """
+    while True:
+        handle = os.open(mark, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            mine = _taken(handle)
+            there = not mine or _same(handle, mark)
+        except BaseException:
+            os.close(handle)
+            raise
+        if there:
+            break
+        os.close(handle)  # its last owner removed it in between
+    try:
+        yield mine
+    finally:
+        if mine and fcntl:
+            with contextlib.suppress(OSError):
+                mark.unlink()  # while it is ours
+        os.close(handle)
+        if mine and not fcntl:
+            with contextlib.suppress(OSError):
+                mark.unlink()  # Windows removes no open file; fails where another process has opened it by now
+
+
+def _taken(handle: int) -> bool:
+    """Whether this process has the lock of the open file ``handle`` now."""
+    try:
+        if fcntl:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        elif msvcrt:
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+    except HELD:
+        return False
+    except OSError:
+        return True  # no locks there
+    return True
+
+
+def _same(handle: int, mark: Path) -> bool:
+    """Whether the open file ``handle`` is still the one called ``mark``."""
+    try:
+        return os.path.samestat(os.fstat(handle), mark.stat())
+    except OSError:
+        return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Sequence
@@ -98,23 +99,10 @@ def day_of(trial: Trial) -> str:
 
 def dates_in(text: str) -> list[str]:
     """The days that ``text`` names, as ISO 8601 writes them; what is no day of the calendar is passed over."""
-    return [day for day, _ in _found(text) if day]
-
-
-def no_dates_in(text: str) -> list[str]:
-    """What in ``text`` is written as a date with its parts apart, and is no day of the calendar (2026-02-30)."""
-    return [words for day, words in _found(text) if not day and not words.isdigit()]
-
-
-def _found(text: str) -> list[tuple[str, str]]:
-    """Dates in a text: the day, "" for what is none, and how it is written."""
     found = []
-    for pattern in DATES:
-        for match in pattern.finditer(text):
-            month = match["m"].lower()[:3]
-            number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
-            try:
-                found.append((date(int(match["y"]), number, int(match["d"])).isoformat(), match[0]))
-            except ValueError:
-                found.append(("", match[0]))
+    for match in (match for pattern in DATES for match in pattern.finditer(text)):
+        month = match["m"].lower()[:3]
+        number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
+        with contextlib.suppress(ValueError):
+            found.append(date(int(match["y"]), number, int(match["d"])).isoformat())
     return found

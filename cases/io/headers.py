@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from cases.io.sidecar import NAME, SidecarEntry, line_for
@@ -107,15 +108,19 @@ def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, noti
     return unit
 
 
+def lacking(columns: Collection[str]) -> list[str]:
+    """Required columns that are not among the canonical ``columns`` of a trial."""
+    without = bool({*THRUSTERS} & {*columns}) and not {"n", *RUDDERS} & {*columns}
+    missing = [name for name in REQUIRED if name not in columns and not (without and name == "n")]
+    twins = [c for c in ("delta_port", "delta_starboard") if c not in columns]
+    if twins and "delta" not in columns and not without:
+        missing += ["delta"] if len(twins) == 2 else twins
+    return missing
+
+
 def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -> None:
     """Raises UserError naming the required columns that are missing and how to map them."""
-    thrusters = [name for name in taken if name in THRUSTERS]
-    without = bool(thrusters) and not {"n", *RUDDERS} & set(taken)
-    missing = [name for name in REQUIRED if name not in taken and not (without and name == "n")]
-    if "delta" not in taken and not without:
-        twins = [c for c in ("delta_port", "delta_starboard") if c not in taken]
-        missing += [] if not twins else ["delta"] if len(twins) == 2 else twins
-    if missing:
+    if missing := lacking(taken):
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
         line = f'columns = {{ {missing[0]} = "HEADER" }}'
         raise Missing(

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cases.inputs import SAMPLED
+from cases.inputs import SAMPLED, actuator_columns
 from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import FRT_NAMES, match_headers, split_header
@@ -26,6 +27,7 @@ from cases.io.units import si_unit, to_si
 from cases.trial import RUDDERS, Trial
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
+from mmg.motion.flow import INPUTS
 from mmg.states import STATES
 
 SUFFIXES = (".csv", ".parquet")
@@ -85,9 +87,9 @@ def read_trial(
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
     None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute; from_rest: the
-    states of a file that holds none of psi, u, v, r are zero. Raises UserError, naming file, column and row, for missing or doubled columns, unknown or missing units, text in numbers, fewer than
-    two usable rows, time that does not increase, a required column without values, lags that leave no row, and, where
-    ``refuse``, units that the numbers refute.
+    states of a file that holds none of psi, u, v, r are zero. Raises UserError, naming file, column and row, for
+    missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
+    not increase, a required column without values, lags that leave no row, and, where ``refuse``, such units.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -231,3 +233,44 @@ def _kind_from_name(stem: str, notices: list[Message]) -> str:
     if kind:
         notices.append(Message(f"kind '{kind}' taken from the file name", "kind_from_name"))
     return kind
+
+
+_INPUTS = (*INPUTS, "wind_speed", "wind_direction")
+
+
+def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -> Trial:
+    """Inputs and the first state of a run; a file without psi, u, v, r starts from rest at the origin.
+
+    Returns a trial that begins at its first complete state, inputs without gaps: a missing sample holds the
+    last one, and that is said in the notices. Units, signs and the sidecar are those of ``read_trial``.
+    Raises UserError as ``read_trial`` does, when an input is missing from the start, and as ``actuator_columns`` does
+    for a ship with these ``actuators``. path: CSV or Parquet.
+    """
+    path = Path(path)
+    trial = read_trial(path, from_rest=True)
+    actuator_columns(trial, actuators)
+    return _without_gaps(trial, path)
+
+
+def _without_gaps(trial: Trial, path: Path) -> Trial:
+    """From the first complete state on, missing inputs replaced by the last one given."""
+    whole = np.isfinite(trial.states[:, 2:]).all(axis=1)
+    if not whole.any() or len(trial) - int(np.argmax(whole)) < 2:
+        raise Missing(f"{path}: no row with psi, u, v and r to start from")
+    first, notices = int(np.argmax(whole)), list(trial.notices)
+    if first:
+        text = f"the simulation starts at row {first + 1}, the first with a complete state"
+        notices.append(Message(text, "late_start"))
+    columns = {name: values[first:] for name, values in trial.columns.items()}
+    for name in _INPUTS:
+        if name not in columns:
+            continue
+        good = np.isfinite(columns[name])
+        if not good[0]:
+            raise Missing(f"{path}: {name} has no value where the simulation starts (row {first + 1})")
+        if not good.all():
+            last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
+            columns[name] = columns[name][last]
+            text = f"{name}: {int((~good).sum())} missing samples hold the last value"
+            notices.append(Message(text, "samples_held"))
+    return replace(trial, columns=columns, notices=tuple(notices))

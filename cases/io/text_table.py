@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import hashlib
 import io
 import re
 from collections.abc import Callable, Collection, Iterator
@@ -66,16 +65,6 @@ def _number(cell: Any) -> float:
         return np.nan
     except OverflowError:  # an integer of hundreds of digits
         return np.inf
-
-
-def lines_and_hash(path: Path) -> tuple[int, str]:
-    """How many lines the file ``path`` has, whatever system ended them, and the SHA-256 of its bytes."""
-    digest, new, old, end = hashlib.sha256(), 0, 0, b""
-    with opened(path) as stream:
-        while piece := stream.read(BLOCK):
-            digest.update(piece)
-            new, old, end = new + piece.count(b"\n"), old + piece.count(b"\r"), piece[-1:]
-    return max(new, old) + (end not in (b"\n", b"\r")), digest.hexdigest()
 
 
 def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:

@@ -15,9 +15,9 @@ import numpy as np
 
 from cases.io.block_means import BlockMeans, rows_together
 from cases.io.files import LARGEST as LARGEST_FILE
-from cases.io.files import check_file
+from cases.io.files import check_file, lines_and_hash
 from cases.io.sentinels import masked, remarks
-from cases.io.text_table import LONGEST_LINE, TextTable, blocks, floats_of_cells, lines_and_hash
+from cases.io.text_table import LONGEST_LINE, TextTable, blocks, floats_of_cells
 from cases.io.units import as_number
 from cases.trial import wraps
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError

@@ -41,26 +41,23 @@ def implausible(columns: Mapping[str, np.ndarray]) -> str:
 
     columns: canonical name -> (N,) in house units; needs t, psi, r; uses u, v, n, rudders and wind if present.
     """
-    tests = (_revolutions, _angles, _full_turn_jumps, _heading_and_rate, _spin)
-    return next(filter(None, (test(columns) for test in tests)), "")
+    if wrong := mislabelled(columns):
+        return wrong[0][2]
+    return next(filter(None, (test(columns) for test in (_full_turn_jumps, _heading_and_rate, _spin))), "")
 
 
-def _revolutions(columns: Mapping[str, np.ndarray]) -> str:
+def _revolutions(columns: Mapping[str, np.ndarray], name: str) -> str:
     """Revolutions that no propeller of a ship or a model has."""
-    n = np.abs(columns.get("n", np.zeros(1)))
+    n = np.abs(columns[name])
     if np.isfinite(n).any() and (typical := float(np.nanpercentile(n, 75))) > REVOLUTIONS_LIMIT:
-        return f"n is {typical:.4g} rps a quarter of the time: are these rpm labelled rps? (label the column 'n [rpm]')"
+        words = f"{name} is {typical:.4g} rps a quarter of the time: are these rpm labelled rps?"
+        return f"{words} (label the column '{name} [rpm]')"
     return ""
-
-
-def _angles(columns: Mapping[str, np.ndarray]) -> str:
-    """Angles too large to be radians: rudders and wind directions."""
-    return next(filter(None, (_angle(columns, name) for name in (*RUDDERS, *_DIRECTIONS))), "")
 
 
 def _angle(columns: Mapping[str, np.ndarray], name: str) -> str:
     """The sentence about the rudder or wind direction ``name``."""
-    size = np.abs(columns.get(name, np.full(1, np.nan)))
+    size = np.abs(columns[name])
     if not np.isfinite(size).any():
         return ""
     if name in RUDDERS and (largest := float(np.nanmax(size))) > RUDDER_LIMIT:
@@ -151,10 +148,6 @@ def _misfit(change: np.ndarray, turn: np.ndarray) -> float:
 def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
     allows; columns: as ``implausible`` takes them."""
-    out = []
-    for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS):
-        turns = name in ("n", "n_2")
-        sentence = (_revolutions({"n": columns[name]}) if turns else _angle(columns, name)) if name in columns else ""
-        if sentence:
-            out.append((name, 1 / 60 if turns else DEG, sentence))
-    return out
+    known = [name for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS) if name in columns]
+    tests = {name: (_revolutions, 1 / 60) if name in ("n", "n_2") else (_angle, DEG) for name in known}
+    return [(name, factor, words) for name, (test, factor) in tests.items() if (words := test(columns, name))]

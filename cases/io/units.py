@@ -26,8 +26,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0, "rad/s": 0.5 / math.pi},
     "deg": {"deg": 1.0, "rad": 1.0 / DEG},
 }
-"""Unit in a Trial, or of the latitude of a raw log -> accepted unit -> factor: value in the file times factor = value in
-the Trial."""
+"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial."""
 
 SPELLINGS = {
     "sec": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "minutes": "min", "µs": "us",

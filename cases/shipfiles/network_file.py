@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
 
 from cases.io.files import check_file, parse_json
-from cases.io.tensors import save_tensors
-from mmg.errors import BadValue, Conflict, NotWritable, Unreadable, UserError
+from cases.io.toml_file import Name, Section
+from cases.shipfiles.schema import Bound
+from mmg.errors import BadValue, Conflict, Missing, NotWritable, Unreadable, UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
@@ -25,7 +28,7 @@ NETWORK = "network.safetensors"
 """Its name in a run folder."""
 FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
 """Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``)."""
-_PLAIN = ("feature_scales", "output_scales", "lower", "upper")
+PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 
 def ship_hash(ship: Ship) -> str:
@@ -51,7 +54,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
     be written.
     """
     network.check(ship.name, ship.actuators)
-    arrays = {name: getattr(network, name) for name in _PLAIN}
+    arrays = {name: getattr(network, name) for name in PLAIN}
     for k, member in enumerate(network.members):
         arrays |= {f"{k}.weight.{i}": W for i, W in enumerate(member.weights)}
         arrays |= {f"{k}.bias.{i}": b for i, b in enumerate(member.biases)}
@@ -82,7 +85,7 @@ def load_network(path: str | Path, ship: Ship) -> Network:
     try:
         features = tuple(str(name) for name in parse_json(about["features"]))
         members = tuple(_member(arrays, k) for k in range(members_in(about, arrays)))
-        network = Network(features, members=members, **{name: arrays[name] for name in _PLAIN})
+        network = Network(features, members=members, **{name: arrays[name] for name in PLAIN})
     except (KeyError, ValueError, TypeError) as error:
         raise BadValue(f"{path}: is incomplete ({error}); train it again") from None
     try:
@@ -105,3 +108,86 @@ def _member(arrays: dict[str, np.ndarray], k: int) -> Layers:
     """Member k; its layers are numbered from 0 without gaps."""
     counts = {kind: sum(name.startswith(f"{k}.{kind}.") for name in arrays) for kind in ("weight", "bias")}
     return Layers(*(tuple(arrays[f"{k}.{kind}.{i}"] for i in range(count)) for kind, count in counts.items()))
+
+
+class MemberTable(Section):
+    """it holds weights and biases of one network"""
+
+    weights: list[list[list[float]]]
+    biases: list[list[float]]
+
+
+class NetworkTable(Section):
+    """it holds a learned residual, or the name of its file"""
+
+    file: Name = ""
+    features: list[str] = Field(default_factory=list)
+    feature_scales: list[float] = Field(default_factory=list)
+    lower: list[Bound] = Field(default_factory=list)
+    upper: list[Bound] = Field(default_factory=list)
+    output_scales: list[float] = Field(default_factory=list)
+    members: list[MemberTable] = Field(default_factory=list)
+
+
+def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
+    """The network in a ``table`` of the file of ``ship``, which lies in ``folder`` (None: it is a text on its own).
+
+    Raises UserError where it cannot be read or does not fit the ship.
+    """
+    if table.file:
+        if folder is None:
+            raise Missing(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
+        return load_network(folder / table.file, ship)
+    try:
+        members = tuple(Layers(_arrays(m.weights, 2), _arrays(m.biases, 1)) for m in table.members)
+        arrays = {name: np.array(getattr(table, name), dtype=float) for name in PLAIN}
+    except ValueError:
+        raise BadValue("[network] the rows of a matrix must be of one length") from None
+    network = Network(tuple(table.features), members=members, **arrays)
+    try:
+        network.check(ship.name, ship.actuators)
+    except UserError as error:
+        raise type(error)(f"[network] {error}") from None
+    return network
+
+
+def _arrays(rows: Iterable[Any], dimensions: int) -> tuple[np.ndarray, ...]:
+    found = tuple(np.array(r, dtype=float) for r in rows)
+    if any(a.ndim != dimensions for a in found):
+        raise ValueError("ragged")
+    return found
+
+
+def network_table(network: Network) -> dict[str, Any]:
+    """The table of a ``network``: lists of numbers, ranges that are not known as infinite ones."""
+    members = [
+        {"weights": [W.tolist() for W in m.weights], "biases": [b.tolist() for b in m.biases]} for m in network.members
+    ]
+    arrays: dict[str, Any] = {name: getattr(network, name).tolist() for name in PLAIN}
+    return {"features": list(network.features), **arrays, "members": members}
+
+
+def network_text(network: Network) -> str:
+    """The table of a ``network`` as TOML, every number with all its digits."""
+    table = network_table(network)
+    lines = ["[network]", f"features = {json.dumps(table['features'])}"]
+    lines += [f"{name} = {table[name]!r}" for name in PLAIN]
+    for member in table["members"]:
+        lines += ["", "[[network.members]]", f"weights = {member['weights']!r}", f"biases = {member['biases']!r}"]
+    return "\n".join(lines) + "\n"
+
+
+def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[str, str]) -> None:
+    """Write ``arrays``, such as (K, N), with the metadata ``about`` to ``path``; equal content gives equal bytes.
+
+    The library itself writes metadata in an order that changes from run to run: here it is that of the alphabet.
+    Raises OSError where the file cannot be written, SafetensorError for arrays of a kind that the format lacks.
+    """
+    content = save({name: np.ascontiguousarray(array) for name, array in arrays.items()}, dict(about))
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:end])
+    header = {"__metadata__": dict(sorted(about.items())), **{k: v for k, v in header.items() if k != "__metadata__"}}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)  # numbers begin at a multiple of eight bytes
+    path.write_bytes(len(text).to_bytes(8, "little") + text + content[end:])
+    path.chmod(0o644)

@@ -16,9 +16,8 @@ from typing import Any
 
 from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
-from cases.shipfiles.generated_terms import generated_terms, optional_particulars
-from cases.shipfiles.network_file import NETWORK, is_black_box, load_network
-from cases.shipfiles.network_table import NetworkTable, network_of, network_text
+from cases.shipfiles.generated_ship import generated_terms, optional_particulars
+from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
 from cases.shipfiles.particulars import wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile
 from cases.shipfiles.ship_json import tables

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from math import inf, isinf
 from typing import Any
 
-from cases.shipfiles.network_table import network_table
+from cases.shipfiles.network_file import network_table
 from cases.shipfiles.schema import CoefficientEntry
 from mmg.components.particulars import PARTICULARS
 from mmg.errors import BadValue

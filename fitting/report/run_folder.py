@@ -25,8 +25,7 @@ import numpy as np
 from pydantic import BeforeValidator
 from safetensors.numpy import load_file
 
-from cases.io.files import read_json, replace_text
-from cases.io.locks import alone
+from cases.io.files import alone, read_json, replace_text
 from cases.trial import Trial
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.effects import with_present_names

@@ -17,8 +17,7 @@ from safetensors import SafetensorError, safe_open
 
 from cases.inputs import step_means
 from cases.io.files import check_file, parse_json
-from cases.io.tensors import save_tensors
-from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, ship_hash
+from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, save_tensors, ship_hash
 from cases.trial import Trial
 from fitting.prediction.stretches import Stretch
 from mmg.errors import BadValue, Conflict, NoSolution, NotWritable, Unreadable

@@ -13,10 +13,9 @@ import pandas as pd
 import pytest
 
 from benchmarks.fuzz.damage import numbered
-from cases.io.controls import read_controls
-from cases.io.files import LARGEST, parse_json, read_json
-from cases.io.read import read_trial, read_trials
-from cases.io.text_table import LONGEST_LINE, lines_and_hash
+from cases.io.files import LARGEST, lines_and_hash, parse_json, read_json
+from cases.io.read import read_controls, read_trial, read_trials
+from cases.io.text_table import LONGEST_LINE
 from cases.io.trial_table import MOST_ROWS, MOST_UNPACKED, trial_table
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.captive import read_captive

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cases.io.locks import alone
+from cases.io.files import alone
 
 MARK = ".run.lock"
 

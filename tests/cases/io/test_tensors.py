@@ -8,7 +8,7 @@ import numpy as np
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
-from cases.io.tensors import save_tensors
+from cases.shipfiles.network_file import save_tensors
 
 
 def test_equal_content_gives_equal_bytes_whatever_its_order(tmp_path: Path) -> None:
