@@ -14,13 +14,13 @@ import numpy as np
 from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
 from cases.io.block_means import rows_together
 from cases.io.files import lines_and_hash, opened
-from cases.io.text_table import SEPARATORS, WITH_COMMA, TextTable, blocks, cells_of, is_comment
+from cases.io.text_table import SEPARATORS, WITH_COMMA, TextTable, as_utf8, blocks, cells_of, is_comment
 from cases.io.units import FACTORS, SPELLINGS
 from mmg.errors import BadValue, OutOfRange, TooFewData
 from mmg.messages import Message
 
-LARGEST_LOG = 8 * 2**30
-"""Most bytes of a log of text."""
+LARGEST_LOG, SMALL = 8 * 2**30, 2**25
+"""Most bytes of a log of text, and of one of which all columns are held."""
 LOOKED_AT, PREAMBLE = 400, 60
 """Lines by which separator and header are found, and most lines before the header."""
 PLACES, SAMPLE = 40, 2**15
@@ -48,7 +48,7 @@ class Layout(NamedTuple):
 
 
 def read_text_log(path: Path) -> RawTable:
-    """The table in the text file ``path``; one with so many rows that they are averaged is only looked at, and read in
+    """The table in the text file ``path``; a large one, or one whose rows are averaged, is only looked at, and read in
     ``RawTable.pieces``.
 
     Raises UserError where the file is empty or no text, where no line holds a header above rows of equally many cells,
@@ -57,8 +57,8 @@ def read_text_log(path: Path) -> RawTable:
     import pandas as pd
 
     count, (begin, _) = lines_and_hash(path)[0] - 1, next(blocks(path))
-    long = rows_together(count) > 1
-    sample = begin if not long else b"\n".join([begin[:SAMPLE].rpartition(b"\n")[0], *_from_places(path)])
+    long = rows_together(count) > 1 or path.stat().st_size > SMALL
+    sample = begin if not long else as_utf8(b"\n".join([begin[:SAMPLE].rpartition(b"\n")[0], *_from_places(path)]))
     lines = [line for line in sample.decode("utf-8", "replace").split("\n") if line.strip()]
     body = [line for line in lines[: LOOKED_AT + PREAMBLE] if not is_comment(line)]
     if not body:

@@ -87,13 +87,14 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
             if len(held) - end > LONGEST_LINE:
                 raise OutOfRange(f"{path}: a line is longer than {LONGEST_LINE} bytes; it is no table")
             if end and not last:
-                yield _utf8(held[:end]), False
+                yield as_utf8(held[:end]), False
                 held = held[end:]
             held += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    yield _utf8(held.removesuffix(b"\n") + b"\n"), True
+    yield as_utf8(held.removesuffix(b"\n") + b"\n"), True
 
 
-def _utf8(block: bytes) -> bytes:
+def as_utf8(block: bytes) -> bytes:
+    """The text of a ``block`` in UTF-8: what is none is taken for Windows-1252."""
     block = block.removeprefix(codecs.BOM_UTF8)
     try:
         block.decode()

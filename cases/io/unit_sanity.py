@@ -1,7 +1,7 @@
 """Units that the numbers themselves refute: degrees passed off as radians, and the like.
 
-Only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate, a rudder angle
-with the largest one a rudder can take.
+Only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate, and a
+steady one with the track, a rudder angle with the largest one a rudder can take.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ _CAUSES = {
 def implausible(columns: Mapping[str, np.ndarray]) -> str:
     """One sentence about the first contradiction between the units of the columns, "" when there is none.
 
-    columns: canonical name -> (N,) in house units; needs t, psi, r; uses u, v, n, rudders and wind if present.
+    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present.
     """
     if wrong := mislabelled(columns):
         return wrong[0][2]
-    return next(filter(None, (test(columns) for test in (_full_turn_jumps, _heading_and_rate, _spin))), "")
+    tests = (_full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
+    return next(filter(None, (test(columns) for test in tests)), "")
 
 
 def _revolutions(columns: Mapping[str, np.ndarray], name: str) -> str:
@@ -125,6 +126,29 @@ def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) 
     size = float(np.median(np.abs(psi[lag:] - psi[:-lag])[usable]))
     ratio = size / max(float(np.median(np.abs(turn))), 1e-12)
     return f"{_CAUSES[best]}: psi changes by {ratio:.3g} x the integral of r; correct the unit"
+
+
+def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
+    """Displacement over some seconds against (u, v) turned by a steady heading, read as radians and as degrees."""
+    if not {"x", "y", "u", "v"} <= set(columns):
+        return ""
+    t, psi = columns["t"], columns["psi"]
+    body, place = columns["u"] + 1j * columns["v"], columns["x"] + 1j * columns["y"]
+    good = np.isfinite(psi) & np.isfinite(body) & np.isfinite(place)
+    t, psi, body, place = t[good], psi[good], body[good], place[good]
+    if len(t) < 20 or np.abs(psi).max() < 2 * math.pi + 0.1:
+        return ""
+    lag, misfit = max(1, min(20, len(t) // 10)), []
+    moved = place[lag:] - place[:-lag]
+    for unit in (1.0, DEG):
+        way = integral(t, body * np.exp(1j * psi * unit))
+        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag]) / max(np.linalg.norm(moved), 1e-12)))
+    if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):
+        return (
+            "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
+            f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
+        )
+    return ""
 
 
 def _spin(columns: Mapping[str, np.ndarray]) -> str:

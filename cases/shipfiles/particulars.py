@@ -24,7 +24,7 @@ LARGEST = 1e12
 """Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
 KNOT = 1852 / 3600
 """m/s."""
-RATIOS = (
+RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], tuple[float, float]], ...] = (
     ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
     ("L / B", ("L",), ("B",), (2.0, 15.0), (3.5, 10.0)),
     ("B / d", ("B",), ("d",), (1.0, 12.0), (1.8, 6.0)),
@@ -106,7 +106,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
 
 def impossible(p: Mapping[str, float]) -> list[str]:
     """A sentence for each of RATIOS, and for a service speed, among ``p`` [SI] that no displacement ship has."""
-    found = [f"{words}; check {first} and its unit" for words, first in _outside(p, 3)]
+    found = [f"{words}; check {first} and its unit" for words, first in _outside(p, merchant=False)]
     froude, usual = _froude(p)
     most = 1.5 * usual if p["C_b"] >= 0.7 else 0.6
     if froude is not None and not 0.02 <= froude <= most:
@@ -125,19 +125,18 @@ def unusual(p: Mapping[str, float]) -> Iterator[str]:
             f"U_0 = {p['U_0']:g} m/s is Froude number {froude:.2g}, unusual for C_b = {p['C_b']:g} (usually about "
             f"{usual:.2f}); if it was meant in knots, give U_0={p['U_0'] * KNOT:.3g}"
         )
-    for words, first in _outside(p, 4):
+    for words, first in _outside(p, merchant=True):
         yield f"{words} of merchant ships, so it is unusual; check {first} and its unit"
 
 
-def _outside(p: Mapping[str, float], which: int) -> Iterator[tuple[str, str]]:
-    """Words on each of RATIOS that lies outside its limits in the column ``which``, and its first particular."""
+def _outside(p: Mapping[str, float], merchant: bool) -> Iterator[tuple[str, str]]:
+    """Words on each of RATIOS outside its limits, or those of ``merchant`` ships, and its first particular."""
     p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}
-    for row in RATIOS:
-        words, above, below = row[:3]
-        low, high = row[which]
+    for words, above, below, possible, usual in RATIOS:
+        low, high = usual if merchant else possible
         if {*above, *below} <= set(p) and p[above[0]] > 0:
             ratio = math.prod(p[name] for name in above) / math.prod(p[name] for name in below)
-            ratio *= 2 if above == ("A_R",) and which == 4 and p.get("y_P", 0.0) > 0 else 1  # of two rudders
+            ratio *= 2 if above == ("A_R",) and merchant and p.get("y_P", 0.0) > 0 else 1  # of two rudders
             if not low <= ratio <= high:
                 size = f"{above[0]} = {p[above[0]]:g} {PARTICULARS[above[0]][1]}"
                 yield f"{size}: {words} = {ratio:.3g} is outside {low:g} to {high:g}", above[0]
