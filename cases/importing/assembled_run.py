@@ -176,29 +176,30 @@ def _place(
 ) -> None:
     """x and y of the local frame in place of latitude and longitude, or of eastings and northings."""
     zone = next((log.zone for log in logs if log.zone), "")
-    if "latitude" in columns and "longitude" in columns:
-        pass
-    elif zone and {"x", "y"} <= set(columns):
+    if not {"latitude", "longitude"} <= set(columns):
+        if not {"x", "y"} <= set(columns):
+            return
+        if not zone:
+            return _count_from_start(columns, where, notices)
         columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
-    elif {"x", "y"} <= set(columns):
-        for name in ("x", "y"):
-            if np.nanmax(np.abs(columns[name]), initial=0.0) > LARGE:
-                start = round(float(columns[name][np.isfinite(columns[name])][0]), -2)
-                columns[name] = columns[name] - start
-                notices.append(
-                    Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset")
-                )
-        if max(np.ptp(columns[n][np.isfinite(columns[n])]) for n in ("x", "y")) > LARGE:
-            raise OutOfRange(
-                f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
-            )
-        return
-    else:
-        return
     assert origin is not None
     columns["x"], columns["y"] = local_positions(columns.pop("latitude"), columns.pop("longitude"), origin, where)
     words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
     notices.append(Message(words, "local_frame"))
+
+
+def _count_from_start(columns: dict[str, np.ndarray], where: str, notices: list[Message]) -> None:
+    """Eastings and northings that are LARGE, from the first position on."""
+    for name in ("x", "y"):
+        known = columns[name][np.isfinite(columns[name])]
+        if np.abs(known).max(initial=0.0) > LARGE:
+            start = round(float(known[0]), -2)
+            columns[name] = columns[name] - start
+            notices.append(Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset"))
+        if np.ptp(known) > LARGE:
+            raise OutOfRange(
+                f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
+            )
 
 
 def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:

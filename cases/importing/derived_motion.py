@@ -66,8 +66,10 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     central = sparse.diags([-0.5, 0.5], [-1, 1], shape=(n, n), format="csr")[with_rate]
     D, R, turned = _band(third.T @ third), _band(central.T @ central), central.T @ slope[with_rate]
 
+    counts = np.array([known.sum(), n - BAND, with_rate.sum()])[: 3 if with_rate.any() else 2]
+
     def parts(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        noise, jerk, rates = np.exp(-logs)
+        noise, jerk, rates = np.append(np.exp(-logs), 0.0)[:3]
         A = D * jerk + R * rates
         A[-1] += known * noise
         b = known * y * noise + turned * rates
@@ -81,26 +83,14 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
         except np.linalg.LinAlgError:
             return 1e300
         x = cho_solve_banded((root, False), b)
-        sizes = known.sum() * logs[0] + (n - BAND) * logs[1] + with_rate.sum() * logs[2]
-        return float(2 * np.log(root[-1]).sum() + sizes + total - b @ x)
+        return float(2 * np.log(root[-1]).sum() + counts @ logs + total - b @ x)
 
     rough = float(np.nanvar(np.diff(y[known], 2))) / 6
     spread = float(np.nanvar(np.diff(slope[with_rate]))) / 2 if with_rate.any() else 1.0
     start = np.clip(np.log([max(rough, 1e-300), max(rough * 1e-4, 1e-300), max(spread, 1e-300)]), *np.transpose(SIZES))
-    free = [0, 1, 2] if with_rate.any() else [0, 1]
-
-    def of_free(q: np.ndarray) -> float:
-        logs = start.copy()
-        logs[free] = q
-        return cost(logs)
-
-    limits = [SIZES[i] for i in free]
-    best = minimize(
-        of_free, start[free], method="Nelder-Mead", bounds=limits, options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
-    )
-    logs = start.copy()
-    logs[free] = best.x
-    A, b, _ = parts(logs)
+    limits, ends = SIZES[: len(counts)], {"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
+    best = minimize(cost, start[: len(counts)], method="Nelder-Mead", bounds=limits, options=ends)
+    A, b, _ = parts(best.x)
     try:
         root = cholesky_banded(A)
     except np.linalg.LinAlgError:
@@ -179,7 +169,7 @@ def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
     return np.where(inside, values, np.nan)
 
 
-def _band(squares: sparse.spmatrix) -> np.ndarray:
+def _band(squares: sparse.csr_matrix) -> np.ndarray:
     """A symmetric matrix of BAND diagonals beside the main one as an upper band (4, n)."""
     return np.array([np.append(np.zeros(k), squares.diagonal(k)) for k in range(BAND, -1, -1)])
 

@@ -146,8 +146,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         if len(several) > 1:
             what = "ships" if name == "ship" else "UTM zones"
             raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
-    own = chosen.of(table.path)
-    t = t + own.clock_offset + own.clock_drift * (t - t[0])
+    said_of = chosen.of(table.path)
+    t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
     for clean in (lost_satellites, stands_still):
         columns, said = clean(t, columns)
         notices += said

@@ -77,7 +77,9 @@ def read_text_log(path: Path) -> RawTable:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
     looked_at = replace(text, source=lambda: iter([(sample + b"\n", False)])) if long else text
     pieces = list(looked_at.pieces(range(width)))
-    columns = {i: np.concatenate([piece[i] for piece in pieces or ({i: []},)]) for i in range(width)}
+    columns = {i: np.concatenate([piece[i] for piece in pieces]) for i in range(width) if pieces}
+    if not columns:
+        raise TooFewData(f"{path}: holds no rows of data below a header")
     said = [*notices, *(() if long else text.notices())]
     table = raw_table(path, str(path), found.header, found.units, pd.DataFrame(columns), said)
     return replace(table, ship=found.ship, rows=count, source=text if long else None)
@@ -92,7 +94,7 @@ def _from_places(path: Path) -> Iterator[bytes]:
             yield stream.read(SAMPLE).replace(b"\r", b"\n").partition(b"\n")[2].rpartition(b"\n")[0]
 
 
-def layout(path: Path, rows: Sequence[list[str]], commented: Sequence[str], separator: str) -> Layout:
+def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separator: str) -> Layout:
     """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells.
 
     Raises UserError where they hold none.

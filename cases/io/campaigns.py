@@ -86,7 +86,7 @@ def said_campaign(trials: Sequence[Trial], name: str | None, ship: Ship) -> list
     """
     if name is None:
         return list(trials)
-    _known(ship, name)
+    ship_of_campaign(ship, name)
     return [replace(trial, meta={**trial.meta, "campaign": name}) for trial in trials]
 
 
@@ -94,15 +94,11 @@ def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
     """The ``ship`` as the campaign ``name`` has it, as it is for None. Raises UserError for one it does not know."""
     if name is None:
         return ship
-    _known(ship, name)
-    return ship.of_campaign(name)
-
-
-def _known(ship: Ship, name: str) -> None:
     if not ship.campaigns:
         raise UnknownName(f"--campaign {name}: {ship.name} knows no campaigns: its instruments have one value for all")
     if name not in ship.campaigns:
         raise UnknownName(f"--campaign {name}: unknown; {ship.name} knows {', '.join(ship.campaigns)}")
+    return ship.of_campaign(name)
 
 
 def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:

@@ -53,10 +53,8 @@ def check_file(path: Path, largest: int = LARGEST) -> None:
 def read_bytes(path: Path) -> bytes:
     """The content of the ordinary file ``path``. Raises UserError as ``check_file`` does."""
     check_file(path)
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise Unreadable(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+    with opened(path) as stream:
+        return stream.read()
 
 
 def opened(path: Path) -> BinaryIO:

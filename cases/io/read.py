@@ -41,21 +41,16 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
     none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
     """
-    files = trial_files(paths)
-    found = [_read_or_why_not(file, refuse) for file in files]
-    problems = [one for one in found if isinstance(one, UserError)]
+    files, found, problems = trial_files(paths), list[Trial](), list[UserError]()
+    for file in files:
+        try:
+            found.append(read_trial(file, refuse=refuse))
+        except UserError as error:
+            problems.append(error)
     if problems:
         several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
         raise type(problems[0])(several + "; ".join(dict.fromkeys(map(str, problems))))
-    return [one for one in found if isinstance(one, Trial)]
-
-
-def _read_or_why_not(file: Path, refuse: bool) -> Trial | UserError:
-    """The trial in a ``file``, or why it cannot be read."""
-    try:
-        return read_trial(file, refuse=refuse)
-    except UserError as error:
-        return error
+    return found
 
 
 def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
@@ -105,7 +100,10 @@ def read_trial(
     sentence = implausible(columns) if refuse else ""
     if sentence:
         raise BadValue(f"{path}: {sentence}")
-    columns = _converted(path, columns, entry, notices)
+    try:
+        columns = converted(columns, entry, notices)
+    except UserError as error:
+        raise type(error)(f"{path}: {error}") from None
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:
@@ -176,15 +174,6 @@ def _si_columns(
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}
         notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
     return columns, table.sha256
-
-
-def _converted(
-    path: Path, columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]
-) -> dict[str, np.ndarray]:
-    try:
-        return converted(columns, entry, notices)
-    except UserError as error:
-        raise type(error)(f"{path}: {error}") from None
 
 
 def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ from cases.io.units import as_number
 from mmg.errors import BadValue, OutOfRange, UserError
 from mmg.messages import Message
 
-BLOCK, LONGEST_LINE = 2**22, 2**20
+BLOCK, LONGEST_LINE = 2**21, 2**20
 """Bytes that are parsed at a time, and most of a line."""
 SEPARATORS = (";", "\t", "|", ",", " ")
 """Between cells; " " stands for any blanks."""
@@ -180,10 +180,15 @@ class TextTable:
         import pyarrow as pa
         import pyarrow.csv
 
-        odd, names = [], [str(i) for i in range(self.width)]
+        odd: list[Any] = []
+        names = [str(i) for i in range(self.width)]
         if self.separator == " ":
             block = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[^\S\n]+", b" ", block))
         nothing = sorted({form for word in (*EMPTY, "NaN", "NaT") for form in (word, word.upper(), word.capitalize())})
+
+        def left_out(row: Any) -> str:
+            odd.append(row)
+            return "skip"
 
         def read(numbers: bool) -> Any:
             odd.clear()
@@ -191,7 +196,7 @@ class TextTable:
             return pa.csv.read_csv(
                 pa.BufferReader(block),
                 pa.csv.ReadOptions(use_threads=False, block_size=len(block) + 1, column_names=names),
-                pa.csv.ParseOptions(delimiter=self.separator, invalid_row_handler=lambda row: odd.append(0) or "skip"),
+                pa.csv.ParseOptions(delimiter=self.separator, invalid_row_handler=left_out),
                 pa.csv.ConvertOptions(
                     column_types=kinds, include_columns=list(kinds), null_values=nothing, strings_can_be_null=True,
                     decimal_point=self.decimal,

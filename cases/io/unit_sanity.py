@@ -142,7 +142,7 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     moved = place[lag:] - place[:-lag]
     for unit in (1.0, DEG):
         way = integral(t, body * np.exp(1j * psi * unit))
-        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag]) / max(np.linalg.norm(moved), 1e-12)))
+        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(moved)), 1e-12))
     if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):
         return (
             "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "

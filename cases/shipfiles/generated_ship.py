@@ -80,7 +80,9 @@ def generated_ship(ship: Ship, structure: Structure, name: str = "", hard: bool 
     if offset:
         rows = tuple(c.with_(std=OFFSET_SHARE * c.std, lower=-3 * c.std, upper=3 * c.std) for c in rows)
     table = coefficient_table(components, ship.particulars)
-    _check_effects(ship, components)
+    for effect, role in ((e, role) for e in ship.effects for role in EFFECTS[e].needs if role not in components):
+        words = f"its effect {effect} needs a {role} model, which a generated polynomial replaces"
+        raise Unsupported(f"{ship.name}: {words}; take the effect out first")
     own = tuple(f"{effect}." for effect in ship.effects)
     effects = {s: c for s, c in ship.coefficients.items() if s.startswith(own)}
     free = coefficient_table({"wind": ship.components["wind"]} if "wind" in ship.components else {}, ship.particulars)
@@ -107,16 +109,6 @@ def _inputs(structure: Structure, components: Iterable[str]) -> set[str]:
     names = {name for device in structure.devices for name in device.names}
     names |= {f"n_{name}" for name in names if name.startswith("azimuth")}
     return names | {name for name, role in TUNNELS.items() if role in components} & set(INPUTS)
-
-
-def _check_effects(ship: Ship, components: dict[str, str]) -> None:
-    for effect in ship.effects:
-        missing = [role for role in EFFECTS[effect].needs if role not in components]
-        if missing:
-            raise Unsupported(
-                f"{ship.name}: its effect {effect} needs a {missing[0]} model, which a generated polynomial replaces; "
-                "take the effect out first"
-            )
 
 
 RANGES = tuple(dict.fromkeys(name for pair in RANGE.values() for name in pair))
