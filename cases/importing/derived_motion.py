@@ -88,8 +88,10 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     rough = float(np.nanvar(np.diff(y[known], 2))) / 6
     spread = float(np.nanvar(np.diff(slope[with_rate]))) / 2 if with_rate.any() else 1.0
     start = np.clip(np.log([max(rough, 1e-300), max(rough * 1e-4, 1e-300), max(spread, 1e-300)]), *np.transpose(SIZES))
-    limits, ends = SIZES[: len(counts)], {"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
-    best = minimize(cost, start[: len(counts)], method="Nelder-Mead", bounds=limits, options=ends)
+    k = len(counts)
+    best = minimize(
+        cost, start[:k], method="Nelder-Mead", bounds=SIZES[:k], options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
+    )
     A, b, _ = parts(best.x)
     try:
         root = cholesky_banded(A)
