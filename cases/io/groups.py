@@ -79,7 +79,7 @@ def _label(trial: Trial, key: str) -> str:
 
 
 def folders_of(trials: Sequence[Trial]) -> list[str]:
-    """The folder of each trial below the one that holds all; "" where all lie in one, or one has none."""
+    """The folder of each of ``trials`` below the one that holds all; "" where all lie in one, or one has none."""
     parents = [trial.path.resolve().parent for trial in trials if trial.path is not None]
     if len(parents) < len(trials) or len(set(parents)) < 2:
         return [""] * len(trials)

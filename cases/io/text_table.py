@@ -111,7 +111,7 @@ def without_comments(block: bytes) -> tuple[bytes, int]:
 
 
 def cells_of(text: str, separator: str) -> list[list[str]]:
-    """The cells of the lines of ``text`` that are not blank, between separators; " " stands for any blanks."""
+    """The cells of the lines of ``text`` that are not blank, between each ``separator``; " " is any blanks."""
     if separator == " ":
         return [line.split() for line in text.splitlines() if line.strip()]
     try:

@@ -153,7 +153,7 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
     [
         ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],M [N m]", "missing column N"),
         ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [lbf],Y [N],N [N m]", "needs a unit out of N, kN"),
-        ("u [ft/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "'ft/s'"),
+        ("u [yd/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "'yd/s'"),
     ],
 )
 def test_bad_tables_are_refused(tmp_path: Path, header: str, words: str) -> None:
