@@ -180,8 +180,8 @@ def checked_header(path: Path, header: list[str]) -> list[str]:
 
 
 def check_forward(path: Path, t: np.ndarray, rows: np.ndarray) -> None:
-    """Raises UserError, naming the file ``path``, where times ``t`` (N,) [s] of these ``rows`` (N,), 0 the first, do not
-    increase."""
+    """Raises UserError for times ``t`` (N,) [s] that do not increase, naming the file ``path`` and the row among
+    ``rows`` (N,), 0 the first of the file."""
     bad = np.flatnonzero(np.diff(t) <= 0)
     if len(bad):
         i = int(bad[0])
