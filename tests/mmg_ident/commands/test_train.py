@@ -151,11 +151,11 @@ def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None
     assert set(content) == KEYS | OF_A_HYBRID and content["schema_version"] == 1
     assert set(content["per_seed"][0]) == {
         "seed", "status", "judged_by_part", "judged_window", "judged_restarts", "judged_runs", "stop_window",
-        "training_windows", "learning_rate", "restarts", "seconds", "history", "penalty",
+        "training_windows", "learning_rate", "restarts", "seconds", "history",
     }  # fmt: skip
     assert set(content["decision"]) == {
-        "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "seed_spread", "fold_spread",
-        "runs_error", "reason", "lowest", "highest", "groups", "past_s",
+        "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "runs_error",
+        "reason", "lowest", "highest", "groups", "past_s",
     }  # fmt: skip
     box = ["train", "esso_osaka_3m", str(folder / "trials"), "--model", "fnn", "--seeds", "1", "--epochs", "2"]
     assert main([*box, "--step", "1", "--out", str(tmp_path / "box")]) == 0
@@ -329,7 +329,7 @@ def test_the_report_of_a_hybrid_has_the_form_for_imo(
 
 def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
     content = read_result(folder / "run")
-    content["decision"] |= {"kept": False, "improvement": 0.004, "reason": "less than 1% is gained"}
+    content["decision"] |= {"kept": False, "improvement": 0.004, "words": "declined: less than 1% is gained"}
     content |= {"kept": False, "recommended": "calibrated"}
     found = headline(content)
     assert found["state"] == "declined" and "1%" in found["sentence"]
