@@ -108,6 +108,24 @@ class Product:
         """The longest Runge-Kutta step [s]; longer samples are divided, as in ``mmg simulate``."""
         return longest_step(self.ship)
 
+    @property
+    def sentences(self) -> list[str]:
+        """What it is, where it comes from, and its caveats."""
+        ship, source = self.ship, self.provenance
+        parts = ", ".join(f"{role} {name}" for role, name in ship.components.items())
+        lines = [f"Ship {ship.title}: {parts}."]
+        if ship.effects:
+            lines.append(f"Effects: {', '.join(ship.effects)}.")
+        if ship.network is not None:
+            lines.append(f"Hybrid: a residual network of {len(ship.network.members)} member(s) adds accelerations.")
+        made = f", made {source['created']}" if source.get("created") else ""
+        lines.append(f"Exported by mmg export from {source['source']} ({source['kind']}{made}).")
+        if source.get("data"):
+            hashes = sorted(str(row["sha256"]) for row in source["data"])
+            together = hashlib.sha256("\n".join(hashes).encode()).hexdigest()[:SHOWN]
+            lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])} (data {together}).")
+        return lines + [f"Caveat: {caveat}." for caveat in self.caveats]
+
     def about(self) -> dict[str, Any]:
         """What is said of it in a file beside the product: names, ranges, provenance, caveats; plain values."""
         return {
@@ -160,6 +178,25 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
         caveats.append(Message(words, NO_RANGE))
     caveats += _unexcited(content)
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
+
+
+def filled(template: Path, product: Product, markup: bool = False, **words: Any) -> str:
+    """The file ``template`` for a ``product``, filled with ``words`` by jinja; SHIP is its identifier, UPPER that in
+    capitals. Its title, caveats, numbers of states, inputs, coefficients and roles are always among the words.
+    markup: whether it is XML or HTML, in which words are escaped."""
+    from jinja2 import Environment, StrictUndefined
+
+    model, p = product.model, product.identifier
+    words |= {
+        "S": len(model.states), "C": len(model.controls), "P": len(model.symbols), "R": len(model.roles),
+        "LONGEST_STEP": product.longest_step, "TITLE": product.ship.title,
+        "CAVEATS": "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n",
+    }  # fmt: skip
+    text = template.read_text(encoding="utf-8").replace("SHIP", p).replace("UPPER", p.upper())
+    settings = Environment(
+        undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return settings.from_string(text).render(words)
 
 
 def unit_of(name: str) -> str:

@@ -25,12 +25,12 @@ from delivery.dictionaries.projection import (
     linear_parameters,
     masses,
     motions,
-    written,
 )
-from delivery.product import Product
+from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
 
+TEMPLATE = Path(__file__).parent / "templates" / "hull.sdf.j2"
 GYRATION = 0.25
 """Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -85,7 +85,7 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
-    written(target, "hull.sdf.j2", content, markup=True)
+    target.write_text(filled(TEMPLATE, product, markup=True, **content), encoding="utf-8")
     return messages
 
 

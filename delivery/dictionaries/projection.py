@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -356,12 +355,3 @@ def compared(samples: Motions, rates: Rates) -> tuple[dict[str, Any], Message]:
         words = f"turning {largest:.0f} deg, ship -> projection: {', '.join(figures)}"
     content = {"rudder_deg": largest, "n_rps": float(samples.n.max()), "ship": ship, "projection": projection}
     return content, Message(words, "projection_turning")
-
-
-def written(target: Path, template: str, words: Mapping[str, Any], markup: bool = False) -> None:
-    """Write the ``template`` of this room, filled with ``words``, to the file ``target``. markup: whether it is XML."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    loader = FileSystemLoader(Path(__file__).parent / "templates")
-    environment = Environment(loader=loader, undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True)
-    target.write_text(environment.get_template(template).render(words), encoding="utf-8")

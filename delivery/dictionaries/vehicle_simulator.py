@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,13 +30,13 @@ from delivery.dictionaries.projection import (
     linear_parameters,
     masses,
     motions,
-    written,
 )
-from delivery.product import Product
+from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 
+TEMPLATE = Path(__file__).parent / "templates" / "vehicle.py.j2"
 SIMULATOR = "the Python Vehicle Simulator"
 
 
@@ -53,7 +54,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     messages.append(compared(samples, vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
-    words = {
+    words: dict[str, Any] = {
         "called": repr(f"{product.ship.title}, projected by mmg-ident"), "title": _in_docstring(product.ship.title),
         "name": product.identifier, "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
@@ -62,7 +63,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
         "delta_rate": round(math.degrees(RATE) / scale, 3), "gain": 1.5, "time": round(L / speed, 3),
         "lead": round(10 * scale, 1),
     }  # fmt: skip
-    written(target, "vehicle.py.j2", words)
+    target.write_text(filled(TEMPLATE, product, **words), encoding="utf-8")
     return messages
 
 

@@ -9,13 +9,12 @@ of variables agree.
 from __future__ import annotations
 
 import math
-from html import escape
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from delivery.c.header import about, inserted
 from delivery.fmi.ship import CoSimulatedShip
 from delivery.fmi.variables import SHOWN, FmuVariable, VariableTable, exponents
+from delivery.product import filled
 from fitting.report.run_folder import versions
 
 CATEGORIES = {
@@ -47,7 +46,7 @@ def head(ship: CoSimulatedShip, version: str) -> dict[str, str]:
     return {
         "fmiVersion": version,
         "modelName": printable_words(ship.plain.ship.called),
-        "description": printable_words(" ".join(about(ship.plain))),
+        "description": printable_words(" ".join(ship.plain.sentences)),
         "version": versions()["mmg-ident"],
         "generationTool": f"mmg-ident {versions()['mmg-ident']}",
         "variableNamingConvention": "structured",
@@ -112,9 +111,8 @@ def description(ship: CoSimulatedShip, table: VariableTable, version: int, token
         Xml.SubElement(categories, "Category", name=name, description=words)
     Xml.SubElement(root, "DefaultExperiment", experiment(ship))
     variables = Xml.SubElement(root, "ModelVariables")
-    for row in table.rows[
-        1 if two else 0 :
-    ]:  # the time is not needed in FMI 2.0, and some importers want it to have a start
+    # the time is not needed in FMI 2.0, and some importers want it to have a start
+    for row in table.rows[1 if two else 0 :]:
         attributes = {
             "name": row.name, "valueReference": str(row.reference), "description": printable_words(row.words),
             "causality": row.causality, "variability": row.variability,
@@ -200,26 +198,8 @@ def osp_description(table: VariableTable) -> str:
 
 def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
-    ranges = [
-        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>"
-        for k, (a, b) in ship.ranges.items()
-    ]
-    limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
-    groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
-    return inserted(
-        PAGE.read_text(encoding="utf-8"), NAME=escape(ship.identifier), STEP=f"{ship.longest_step:g}",
-        TITLE=escape(ship.ship.title or ship.identifier),
-        WORDS="".join(f"<li>{escape(line)}</li>" for line in about(ship.plain)),
-        LIMITS=limits if ranges else "<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>",
-        TABLES="".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups),
+    groups = [(title, table.of(title.lower()[:-1])) for title in ("Inputs", "Outputs", "Parameters")]
+    return filled(
+        PAGE, ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}", WORDS=ship.plain.sentences,
+        RANGES=ship.ranges, GROUPS=groups,
     )  # fmt: skip
-
-
-def _rows(variables: tuple[FmuVariable, ...]) -> str:
-    """A table of ``variables``."""
-    cells = "".join(
-        f"<tr><td><code>{escape(v.name)}</code></td><td>{escape(v.unit or '')}</td>"
-        f"<td>{'' if v.start is None else f'{v.start:.6g}'}</td><td>{escape(v.words)}</td></tr>\n"
-        for v in variables
-    )
-    return f"<table><tr><th>name</th><th>unit</th><th>start</th><th>what it is</th></tr>\n{cells}</table>"

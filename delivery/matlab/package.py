@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from delivery.c.header import about, filled
 from delivery.c.source import COLUMNS, FEATURES, FORCES, RATES, SETTLED, approach, c_files, equations
-from delivery.product import Product, unit_of
+from delivery.product import Product, filled, unit_of
 from mmg.compile.portable_m import WHEN, MEmitter, m_number
 from mmg.errors import Unsupported
 from mmg.model import INVERSIONS
@@ -64,7 +63,7 @@ def function_m(product: Product) -> str:
         text = "; ...\n    ".join(", ".join(row) for row in values)
         return [*emitter.statements(program.needed([output])), f"{target} = [{text}];"]
 
-    lines = [f"% {line}" for line in about(product)]
+    lines = [f"% {line}" for line in product.sentences]
     words = "\n".join(line.encode("ascii", "replace").decode().replace("\n", " ") for line in lines)
     inputs = ", ".join(model.controls)
     try:
@@ -163,7 +162,7 @@ def _parameters(product: Product) -> str:
     lines = [
         f"p.ship = {m_text(product.ship.called)};",
         f"p.title = {m_text(product.ship.title)};",
-        f"p.about = {m_text(' '.join(about(product)))};",
+        f"p.about = {m_text(' '.join(product.sentences))};",
         f"p.states = {cell(model.states)};",
         f"p.state_units = {cell([unit_of(s) for s in model.states])};",
         f"p.inputs = {cell(model.controls)};",

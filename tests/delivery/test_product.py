@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
-from delivery.c.header import about
 from delivery.export import ABOUT, FORMATS, export
 from delivery.product import (
     LEFT_OUT,
@@ -132,7 +131,7 @@ def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
     assert found.provenance["result_sha256"] == record and found.provenance["source"] == f"run {record[:12]}"
     assert found.provenance["ship_sha256"] == hashlib.sha256((run / "ship.toml").read_bytes()).hexdigest()
     assert found.provenance["command"] == "mmg fit ship a.csv --out run"
-    assert f"run {record[:12]}" in " ".join(about(found)) and "(data " in " ".join(about(found))
+    assert f"run {record[:12]}" in " ".join(found.sentences) and "(data " in " ".join(found.sentences)
 
 
 def test_a_ship_that_was_never_calibrated_leaves_by_force_only(

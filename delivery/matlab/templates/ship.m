@@ -3,19 +3,19 @@ function varargout = SHIP(what, varargin)
 %
 %   p = SHIP()                                  struct of parameters: p.coefficients.NAME.value, .std (NaN: not
 %                                               known), .unit, .lower, .upper, .verdict; names, units, ranges
-%   rates = SHIP('rates', state, inputs, p)     d state / dt, @S@ x 1
-%   forces = SHIP('forces', state, inputs, p)   X, Y [N], N [N m] of each role of p.roles, @R@ x 3
+%   rates = SHIP('rates', state, inputs, p)     d state / dt, {{ S }} x 1
+%   forces = SHIP('forces', state, inputs, p)   X, Y [N], N [N m] of each role of p.roles, {{ R }} x 3
 %   columns = SHIP('columns', state, p)         x, y, psi, u, v, r as the instruments log them, 6 x 1
 %   state = SHIP('settle', columns, inputs, p)  the state behind logged columns, its memory settled
 %   state = SHIP('step', state, inputs, h, p)   the state h seconds later, inputs held
 %   e = SHIP('extrapolation', state, inputs, p) 0 inside what the trials held, else the largest distance outside over
 %                                               the width of that range; -1 where no range is known
 %
-% state: @STATES@
-% inputs: @INPUTS@
+% state: {{ STATES }}
+% inputs: {{ INPUTS }}
 % Without p the ship has its own parameters. SHIP_mex.c does the same as compiled code.
 %
-@ABOUT@
+{{ ABOUT }}
   if nargin == 0
     varargout{1} = parameters();
     return
@@ -36,7 +36,7 @@ function varargout = SHIP(what, varargin)
   rows = struct2cell(p.coefficients);
   rows = [rows{:}];
   theta = [rows.value].';
-  first = @S@;
+  first = {{ S }};
   if strcmp(what, 'settle')
     first = 6;
   end
@@ -46,8 +46,8 @@ function varargout = SHIP(what, varargin)
   state = varargin{1}(:);
   if count > 1
     inputs = varargin{2}(:);
-    if numel(inputs) ~= @C@
-      error('SHIP:size', 'there are @C@ inputs: @INPUTS@');
+    if numel(inputs) ~= {{ C }}
+      error('SHIP:size', 'there are {{ C }} inputs: {{ INPUTS }}');
     end
   end
   switch what
@@ -70,7 +70,7 @@ function state = step(state, inputs, h, theta)
   if ~isscalar(h) || ~(h >= 0) || isinf(h)
     error('SHIP:step', 'h must be a number of seconds, 0 or more');
   end
-  steps = max(1, ceil(h / @LONGEST_STEP@ - 1e-9));
+  steps = max(1, ceil(h / {{ LONGEST_STEP }} - 1e-9));
   h = h / steps;
   for k = 1:steps
     k1 = rates_of(state, inputs, theta);
