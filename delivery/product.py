@@ -109,6 +109,11 @@ class Product:
         return longest_step(self.ship)
 
     @property
+    def slow_squared(self) -> float:
+        """u^2 + v^2 [m^2/s^2] below which the drift angle has no meaning: that of a tenth of the trials' speed."""
+        return float((0.1 * max(map(abs, self.ranges.get("u", (0.0,))))) ** 2)
+
+    @property
     def sentences(self) -> list[str]:
         """What it is, where it comes from, and its caveats."""
         ship, source = self.ship, self.provenance

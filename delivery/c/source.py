@@ -95,7 +95,7 @@ def source_c(product: Product) -> tuple[str, int]:
             "STATE_STAGE": state_stage, "JACOBIANS": jacobians, "FORCES": made(FORCES, "forces", 3),
             "COLUMNS": made(COLUMNS, "columns"), "SETTLED": made(SETTLED, "settled"), "FEATURE": feature,
             "RANGE_STATEMENTS": emitter.statements(program.leading_to(wanted, COEFFICIENTS)),
-            "RANGES": product.ranges, "SLOW": (0.1 * max(map(abs, product.ranges.get("u", (0.0,))))) ** 2,
+            "RANGES": product.ranges, "SLOW": product.slow_squared,
         }  # fmt: skip
         places = [features.index(name) for name in network.features] if network else []
         words |= {"F": len(features), "HELD": max(len(held), 1), "PLACES": places, "NETWORK": ""}

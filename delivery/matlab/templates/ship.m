@@ -80,3 +80,97 @@ function state = step(state, inputs, h, theta)
     state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
   end
 end
+{% for head, lines in FUNCTIONS %}
+
+function {{ head }}
+{% for line in lines %}
+  {{ line }}
+{% endfor %}
+end
+{% endfor %}
+{% if MEMBERS %}
+
+function added = network(features)
+  persistent c
+  if isempty(c)
+    c = weights_of_network();
+  end
+  x = features([{{ PLACES | join(", ") }}]) ./ c.features;
+  total = zeros(3, 1);
+{% for depth in MEMBERS %}
+{% set k = loop.index %}
+  h = x;
+{% for i in range(1, depth + 1) %}
+  h = tanh(c.W{{ k }}_{{ i }} * h + c.b{{ k }}_{{ i }}) - tanh(c.b{{ k }}_{{ i }});
+{% endfor %}
+  total = total + c.W{{ k }} * h;
+{% endfor %}
+  added = c.outputs .* total / {{ MEMBERS | length }};
+end
+
+function c = weights_of_network()
+{% for line in WEIGHTS %}
+  {{ line }}
+{% endfor %}
+end
+{% endif %}
+
+function state = settle(logged, inputs, theta)
+  six = logged;
+  state = settled(six, inputs, theta);
+{% if MEASURED %}
+  for k = 1:{{ INVERSIONS }}
+    difference = columns_of(state, theta) - logged;
+    six = six - difference;
+    state = settled(six, inputs, theta);
+    if ~(max(abs(difference)) > 1e-12)
+      break
+    end
+  end
+{% endif %}
+end
+
+function e = extrapolation(state, inputs, theta)
+{% if RANGES %}
+  if ~all(isfinite(state))
+    e = realmax;
+    return
+  end
+  f = features_of(state, inputs, theta);
+  x = zeros({{ RANGES | length }}, 1);
+{% for name, (low, high) in RANGES.items() %}
+{% if name in FEATURE %}
+  x({{ loop.index }}) = f({{ FEATURE[name] }});
+{% else %}
+  x({{ loop.index }}) = {{ number(0.5 * (low + high)) }};
+  if f({{ FEATURE.u }})^2 + f({{ FEATURE.v }})^2 > {{ SLOW }}
+    x({{ loop.index }}) = atan2(-f({{ FEATURE.v }}), f({{ FEATURE.u }}));
+  end
+{% endif %}
+{% endfor %}
+  {{ LOW }}
+  {{ HIGH }}
+  width = max(max(high - low, 0.1 * max(abs(low), abs(high))), 1e-12);
+  e = max(max(max(x - high, low - x), 0) ./ width);
+{% else %}
+  e = -1;
+{% endif %}
+end
+
+function p = parameters()
+  p.ship = {{ text(NAME) }};
+  p.title = {{ text(TITLE) }};
+  p.about = {{ text(SENTENCES) }};
+{% for field, names in NAMED.items() %}
+  p.{{ field }} = { {{- names -}} };
+{% endfor %}
+  p.longest_step = {{ LONGEST_STEP }};
+  p.ranges = struct();
+{% for name, (low, high) in RANGES.items() %}
+  p.ranges.{{ name }} = [{{ number(low) }}, {{ number(high) }}];
+{% endfor %}
+{% for c in COEFFICIENTS %}
+  p.coefficients.{{ c.identifier }} = struct('value', {{ number(c.value) }}, 'std', {{ number(c.std) }}, 'unit', {{ text(c.unit) }}, 'lower', {{ number(c.lower) }}, 'upper', {{ number(c.upper) }}, 'fixed', {{ c.fixed | lower }}, 'verdict', {{ text(c.verdict) }}, 'description', {{ text(c.description) }}, 'symbol', {{ text(c.symbol) }});
+{% endfor %}
+end
+{{ WHEN }}
