@@ -190,13 +190,15 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_product_is_called_as_its_calibration(run: Path) -> None:
-    from delivery.fmi.description import head
+    from delivery.fmi.description import description
     from delivery.fmi.ship import CoSimulatedShip
+    from delivery.fmi.variables import variable_table
 
     found = product_of(run)
     mark = found.ship.mark
     assert mark is not None and mark.name != found.ship.name and found.about()["ship"] == mark.name
-    assert head(CoSimulatedShip.of(found), "2.0")["modelName"] == mark.name
+    ship = CoSimulatedShip.of(found)
+    assert f'modelName="{mark.name}"' in description(ship, variable_table(ship), 2, "", ())
 
 
 def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
