@@ -37,9 +37,24 @@ PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "rang
 """Codes of what is said of a product."""
 SHOWN = 12
 """Digits of a hash that a sentence shows."""
-UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s",
-         "wind_north": "m/s", "wind_east": "m/s", "time": "s", "a_x": "m/s", "a_y": "m/s", "beta": "rad"}  # fmt: skip
-"""Units of states, inputs and ranges; those of the actuators are in mmg.motion.flow, others are not stated."""
+QUANTITIES = {
+    "x": ("position of midship, north", "m"),
+    "y": ("position of midship, east", "m"),
+    "psi": ("heading, clockwise from north, continuous", "rad"),
+    "u": ("velocity over ground of midship, forward", "m/s"),
+    "v": ("velocity over ground of midship, to starboard", "m/s"),
+    "r": ("yaw rate, clockwise", "rad/s"),
+    "phi": ("roll angle", "rad"),
+    "p": ("roll rate", "rad/s"),
+    **INPUTS,
+    "wind_north": ("velocity of the air over ground, to the north", "m/s"),
+    "wind_east": ("velocity of the air over ground, to the east", "m/s"),
+    "time": ("time, for effects that change with it", "s"),
+    "a_x": ("velocity of the air relative to the hull, forward", "m/s"),
+    "a_y": ("velocity of the air relative to the hull, to starboard", "m/s"),
+    "beta": ("drift angle", "rad"),
+}
+"""States, inputs and ranges: words and unit. All other states are what an effect or an actuator remembers."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +221,7 @@ def filled(template: Path, product: Product, markup: bool = False, **words: Any)
 
 def unit_of(name: str) -> str:
     """SI unit of the state, input or range ``name``, "" where none is stated."""
-    unit = INPUTS[name][1] if name in INPUTS else UNITS.get(name, "")
+    unit = QUANTITIES.get(name, ("", ""))[1]
     return "1/s" if unit == "rps" else unit
 
 
