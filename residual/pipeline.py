@@ -252,7 +252,6 @@ def _judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
 def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
     """Per channel the residual over the training rows [m/s2, rad/s2]; "ship_rms": of the ship without it."""
     sizes = np.abs(network.accelerations(scales.features))
-    shares = np.linspace(0, 1, 101)
     own = (scales.output - LEAST_SCALE) / OUTPUT
     return {
         name: {
@@ -262,7 +261,6 @@ def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
             "bound": float(bound),
             "ship_rms": float(rms),
             "unit": RATES[name],
-            "quantiles": np.quantile(size, shares).tolist(),
         }
         for name, size, bound, rms in zip(RATES, sizes, network.bound, own, strict=True)
     }
