@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, nan, sqrt
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from fitting.report.plot_style import figures_of
 from fitting.report.use import shown_quantity
 from fitting.report.words import setting_rows
 from mmg.ship import Ship
-from residual.decide import MINIMUM_GAIN, percent
+from residual.decide import percent
 
 TROUBLE = 0.2
 """Share of validation rows outside the training range from which on the report warns."""
@@ -49,7 +49,6 @@ def _run(
         "after": "with residual" if hybrid else "black box",
         "headline": headline(result),
         "warnings": _warnings(result, outside),
-        "criteria": criteria(result),
         "judged": judged_table(result),
         "seeds": [f"seed {row['seed']}" for row in result["per_seed"]],
         "scores": score_sets(dict(result)),
@@ -113,32 +112,6 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
         f"{model} has an error of {trained[0]} in 30 s predictions {where}, the ship model beside it "
         f"({result['beside']}) {ship[0]}; {over}."
     )
-
-
-def criteria(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What a residual has to fulfil to be kept: name, what ``result`` found, what is needed, whether it is so."""
-    d = result.get("decision")
-    if not d or d["improvement"] is None:
-        return []
-    found = {name: nan if value is None else value for name, value in d.items()}
-    gain, spread, far = (found[name] for name in ("improvement", "spread", "restarts"))
-    chance = gain - found.get("lowest", nan)
-    count = sum(row["status"] != "diverged" for row in result["per_seed"])
-    allowed = -found["restarts_spread"] / sqrt(max(1, count))
-    rows = [("30 s predictions improve", gain, MINIMUM_GAIN, gain >= MINIMUM_GAIN, "at least")]
-    rows.append(("by more than the standard deviation among the trainings", gain, spread, gain > spread, "more than"))
-    if isfinite(chance):
-        rows.append(("by more than chance by the choice of runs (95 %)", gain, chance, gain > chance, "more than"))
-    if isfinite(far):
-        words = "100 s predictions become no worse than by their standard error"
-        rows.append((words, far, allowed, not far < allowed, "at least"))
-    table = [
-        {"words": w, "found": percent(value), "needed": f"{relation} {percent(need)}", "good": good}
-        for w, value, need, good, relation in rows
-    ]
-    if d["reason"] and all(row["good"] for row in table):
-        table.append({"words": "nothing else speaks against it", "found": d["reason"], "needed": "", "good": False})
-    return table
 
 
 def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -26,7 +26,7 @@ from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from residual.pipeline import train
-from residual.report import criteria, headline, page_of
+from residual.report import headline, page_of
 from residual.result import read_training
 from residual.settings import TrainSettings
 from tests.mmg_ident.commands.test_main import refused
@@ -333,7 +333,6 @@ def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path
     content |= {"kept": False, "recommended": "calibrated"}
     found = headline(content)
     assert found["state"] == "declined" and "1%" in found["sentence"]
-    assert criteria(content)[0]["good"] is False
 
 
 def test_bad_input_is_one_line_and_leaves_nothing(
