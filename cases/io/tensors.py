@@ -7,7 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
+
+from cases.io.files import check_file
+from mmg.errors import BadValue, Unreadable
 
 
 def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[str, str]) -> None:
@@ -24,3 +28,20 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
     text += b" " * (-len(text) % 8)  # numbers begin at a multiple of eight bytes
     path.write_bytes(len(text).to_bytes(8, "little") + text + content[end:])
     path.chmod(0o644)
+
+
+def read_tensors(path: Path, form: str, what: str) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """The metadata and the arrays of the file ``path`` of this ``form``; what: it is, in words.
+
+    Raises UserError where it cannot be read or is of another form.
+    """
+    check_file(path)
+    try:
+        with safe_open(path, framework="numpy") as file:
+            about = file.metadata() or {}
+            arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, TypeError) as error:
+        raise Unreadable(f"{path}: cannot be read as a {what} ({error}); train it again") from None
+    if about.get("format") != form:
+        raise BadValue(f"{path}: is no {what} of this program (format {about.get('format')!r}, not {form!r})")
+    return about, arrays

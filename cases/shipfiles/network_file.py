@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from cases.io.files import check_file, parse_json
-from cases.io.tensors import save_tensors
-from mmg.errors import BadValue, Conflict, NotWritable, Unreadable, UserError
+from cases.io.files import parse_json
+from cases.io.tensors import read_tensors, save_tensors
+from mmg.errors import BadValue, Conflict, NotWritable, UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
@@ -65,15 +65,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
 
 def load_network(path: str | Path, ship: Ship) -> Network:
     """The network of a ``ship`` in the file ``path``. Raises UserError when it cannot be read or is another ship's."""
-    check_file(Path(path))
-    try:
-        with safe_open(path, framework="numpy") as file:
-            about = file.metadata() or {}
-            arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError, ValueError, TypeError) as error:
-        raise Unreadable(f"{path}: cannot be read as a network file ({error}); train it again") from None
-    if about.get("format") != FORMAT:
-        raise BadValue(f"{path}: is no network file of this program (format {about.get('format')!r}, not {FORMAT!r})")
+    about, arrays = read_tensors(Path(path), FORMAT, "network file")
     if about.get("ship_hash") != ship_hash(ship):
         raise Conflict(
             f"{path}: {OTHER}: it was trained on {about.get('ship') or 'a ship'}, whose particulars or "
