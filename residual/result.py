@@ -268,9 +268,9 @@ def read_training(folder: str | Path) -> TrainResult:
     box, network, decision, recommended = None, None, None, ""
     try:
         if content["model"] == HYBRID:
-            values: dict[str, Any] = content["decision"]
-            names = [f.name for f in fields(Decision) if f.name in values]
-            decision = Decision(**{name: nan if values[name] is None else values[name] for name in names})
+            names = {f.name for f in fields(Decision)}
+            values: dict[str, Any] = {n: nan if v is None else v for n, v in content["decision"].items() if n in names}
+            decision = Decision(**values)
             recommended = content.get("recommended", HYBRID if content["kept"] else CALIBRATED)
             place = folder if recommended == HYBRID else folder / HYBRID
             start = load_ship(folder).without_network()

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -346,7 +346,7 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     words, arrays = found
     state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
-    ends = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
+    ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
     return Outcome(**words, **ends, history=history, judged=arrays["judged"], state=state)
 
 

@@ -17,15 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from delivery.dictionaries.projection import (
-    ChannelError,
-    Motions,
-    channel_errors,
-    error_messages,
-    linear_parameters,
-    masses,
-    motions,
-)
+from delivery.dictionaries.projection import ChannelError, Motions, channel_errors, linear_parameters, motions
 from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
@@ -64,9 +56,9 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         )
     samples = motions(product, simulator)
     factors, errors = project(samples, form)
-    words = f"the hydrodynamics plugin of {simulator}", f"the hull in the hydrodynamics plugin of {simulator}"
-    messages = error_messages(errors, samples, words, instead)
-    P, mass = samples.ship.particulars, masses(samples.ship)
+    held = f"the hydrodynamics plugin of {simulator}"
+    messages = samples.messages(errors, held, f"the hull in {held}", instead)
+    P, mass = samples.ship.particulars, samples.mass
     coefficient, error = thrust_coefficient(samples)
     hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
     sign = -1.0 if form == "gazebo" else 1.0
@@ -92,9 +84,9 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
 def wanted_force(samples: Motions, form: str) -> np.ndarray:
     """What a plugin's velocity terms must give (3, M): the force on the hull, without propeller and rudder, with what
     its added masses leave of the equations of motion. samples: motions; form: "gazebo" or "vrx"."""
-    mass = masses(samples.ship)
+    mass = samples.mass
     driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
-    force = samples.needed_force(mass) - sum(driving, np.zeros((3, len(samples.u))))
+    force = samples.needed_force() - sum(driving, np.zeros((3, len(samples.u))))
     if form == "gazebo":
         force[0] += mass.m_y * samples.v * samples.r
         force[1] -= mass.m_x * samples.u * samples.r

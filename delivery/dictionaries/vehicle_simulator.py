@@ -24,11 +24,8 @@ from delivery.dictionaries.projection import (
     Motions,
     Rates,
     channel_errors,
-    compared,
-    error_messages,
     fit_parameters,
     linear_parameters,
-    masses,
     motions,
 )
 from delivery.product import Product, filled
@@ -50,8 +47,8 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
         raise Unsupported(f"{SIMULATOR} needs a propeller of its own; {name} has none beside its hull model: {EXACT}")
     samples = motions(product, SIMULATOR)
     p, errors = project(samples)
-    messages = error_messages(errors, samples, (SIMULATOR, f"the tanker of {SIMULATOR}"))
-    messages.append(compared(samples, vehicle_rates(samples, p))[1])
+    messages = samples.messages(errors, SIMULATOR, f"the tanker of {SIMULATOR}")
+    messages.append(samples.compared(vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
     words: dict[str, Any] = {
@@ -101,7 +98,7 @@ def terms(samples: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.nd
 
 def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
     """Parameters of the form and the errors, by ``samples``: motions of the ship."""
-    P, mass = samples.ship.particulars, masses(samples.ship)
+    P, mass = samples.ship.particulars, samples.mass
     L, m, u, n = P["L"], P["m"], samples.u, samples.n
     t = samples.ship.coefficients["t_P"].value if "t_P" in samples.ship.coefficients else 0.2
     p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}

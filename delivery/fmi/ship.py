@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 
@@ -93,7 +94,7 @@ class CoSimulatedShip(Product):
                 return ca.Function(name, [z, theta], [function(z, old_theta)], {"cse": True})
             return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
 
-        functions = {name: changed(getattr(model, name)) for name in _FUNCTIONS}
+        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in _FUNCTIONS}
         return replace(model, symbols=symbols, controls=controls, **functions)
 
     def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:

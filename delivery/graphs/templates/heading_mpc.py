@@ -11,6 +11,7 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -64,7 +65,7 @@ class HeadingController:
     def _interval(self, step: ca.Function) -> ca.Function:
         """Function (state (S,), rudder angle, wind (2,)) -> state one interval later."""
         state, delta, wind = (ca.SX.sym(n, k) for n, k in (("z", len(self.about["states"])), ("d", 1), ("wind", 2)))
-        given = {"n": self.n, "delta": delta, "wind_north": wind[0], "wind_east": wind[1]}
+        given: dict[str, Any] = {"n": self.n, "delta": delta, "wind_north": wind[0], "wind_east": wind[1]}
         controls, after = ca.vertcat(*[given.get(row["name"], 0.0) for row in self.about["controls"]]), state
         parts = max(1, math.ceil(self.dt / self.about["longest_step_s"] - 1e-9))
         for _ in range(parts):
@@ -77,8 +78,8 @@ class HeadingController:
         state (S,); delta: rudder angle so far [rad]; heading: wanted [rad]; wind: velocity of the air to north and east
         as the controller knows it [m/s]. Raises RuntimeError where no plan is found.
         """
-        known = {self.start: state, self.before: delta, self.heading: heading, self.wind: wind}
-        for parameter, value in known.items():
+        known: list[tuple[Any, Any]] = [(self.start, state), (self.before, delta), (self.heading, heading)]
+        for parameter, value in (*known, (self.wind, wind)):
             self.problem.set_value(parameter, value)
         if not self.plan.any():
             self.problem.set_initial(self.states, np.tile(state[:, None], len(self.plan)))
