@@ -28,15 +28,14 @@ class Format:
     writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
     to ``target``, a folder or a file that exists and is empty, and returns messages on what it
     wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
-    further options that the function takes. writes_second: whether it writes a second file
-    next to its target; ``replace`` then says whether that may take the place of another.
+    further options that the function takes; one of them, "replace", says whether what it writes beside its target may
+    take the place of another file, as --force does.
     """
 
     writer: str
     suffix: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
-    writes_second: bool = False
 
     @property
     def function(self) -> Callable[..., Sequence[Message] | None]:
@@ -57,8 +56,8 @@ FORMATS: dict[str, Format] = {
     "pvs": Format("dictionaries.vehicle_simulator:write_vehicle", ".py"),
     "gazebo": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "gazebo"}),
     "vrx": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "vrx"}),
-    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms",), writes_second=True),
-    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms",), writes_second=True),
+    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms", "replace")),
+    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms", "replace")),
 }
 """The formats of ``mmg export`` by name."""
 
@@ -77,7 +76,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if chosen.writes_second:
+    if "replace" in chosen.options:
         options["replace"] = force
 
     def fill(place: Path) -> None:
