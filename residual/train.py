@@ -292,8 +292,8 @@ def tasks_of(
     """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
 
     trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
-    the windows that judge are not those that stop, which would flatter; means: of inputs over steps, as of
-    ``pieces_of``. Raises UserError where there is too little data.
+    the windows that judge are not those that stop, which would flatter; means: of inputs (N, C) over
+    steps, as of ``pieces_of``. Raises UserError where there is too little data.
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
     pieces, held_out = (pieces_of(some, h, kind.inputs(ship), means) for some in (trials, validation))

@@ -31,7 +31,7 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
 
 
 def read_tensors(path: Path, form: str, what: str) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The metadata and the arrays of the file ``path`` of this ``form``; what: it is, in words.
+    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words.
 
     Raises UserError where it cannot be read or is of another form.
     """
