@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import secrets
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from cases.io.files import replaced
 from cases.shipfiles.ship_file import dump_whole_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from delivery.product import Product, product_of
@@ -27,17 +26,16 @@ class Format:
     """A format: the module and the function in it that write, and what comes of it.
 
     writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
-    to ``target``, a folder that exists and is empty, or a file that does not exist yet, and returns messages on what it
+    to ``target``, a folder or a file that exists and is empty, and returns messages on what it
     wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
-    further options that the function takes. writes_second: whether it writes a second file
-    next to its target; ``replace`` then says whether that may take the place of another.
+    further options that the function takes; one of them, "replace", says whether what it writes beside its target may
+    take the place of another file, as --force does.
     """
 
     writer: str
     suffix: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
-    writes_second: bool = False
 
     @property
     def function(self) -> Callable[..., Sequence[Message] | None]:
@@ -58,8 +56,8 @@ FORMATS: dict[str, Format] = {
     "pvs": Format("dictionaries.vehicle_simulator:write_vehicle", ".py"),
     "gazebo": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "gazebo"}),
     "vrx": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "vrx"}),
-    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms",), writes_second=True),
-    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms",), writes_second=True),
+    "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms", "replace")),
+    "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms", "replace")),
 }
 """The formats of ``mmg export`` by name."""
 
@@ -78,7 +76,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if chosen.writes_second:
+    if "replace" in chosen.options:
         options["replace"] = force
 
     def fill(place: Path) -> None:
@@ -86,10 +84,16 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
-    if chosen.suffix:
-        _write_file(target, fill)
-    else:
+    if not chosen.suffix:
         write_whole(target, fill, replace=force)
+        return messages
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with replaced(target) as scratch:
+            fill(scratch)
+    except OSError as error:
+        why = error.strerror or error
+        raise NotWritable(f"--out {target}: cannot be written ({why}); choose another place") from None
     return messages
 
 
@@ -124,21 +128,6 @@ def check_target(target: Path, chosen: Format, force: bool) -> None:
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
         raise NotWritable(f"--out {target}: cannot be written ({parent} is no writable folder); choose another place")
-
-
-def _write_file(target: Path, write: Callable[[Path], None]) -> None:
-    """Let ``write`` make a file beside ``target`` that then takes its name."""
-    scratch = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write(scratch)
-        os.replace(scratch, target)
-    except OSError as error:
-        why = error.strerror or error
-        raise NotWritable(f"--out {target}: cannot be written ({why}); choose another place") from None
-    finally:
-        with contextlib.suppress(OSError):
-            scratch.unlink(missing_ok=True)
 
 
 def write_toml(product: Product, target: Path) -> None:

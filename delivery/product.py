@@ -37,9 +37,24 @@ PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "rang
 """Codes of what is said of a product."""
 SHOWN = 12
 """Digits of a hash that a sentence shows."""
-UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s", "phi": "rad", "p": "rad/s",
-         "wind_north": "m/s", "wind_east": "m/s", "time": "s", "a_x": "m/s", "a_y": "m/s", "beta": "rad"}  # fmt: skip
-"""Units of states, inputs and ranges; those of the actuators are in mmg.motion.flow, others are not stated."""
+QUANTITIES = {
+    "x": ("position of midship, north", "m"),
+    "y": ("position of midship, east", "m"),
+    "psi": ("heading, clockwise from north, continuous", "rad"),
+    "u": ("velocity over ground of midship, forward", "m/s"),
+    "v": ("velocity over ground of midship, to starboard", "m/s"),
+    "r": ("yaw rate, clockwise", "rad/s"),
+    "phi": ("roll angle", "rad"),
+    "p": ("roll rate", "rad/s"),
+    **INPUTS,
+    "wind_north": ("velocity of the air over ground, to the north", "m/s"),
+    "wind_east": ("velocity of the air over ground, to the east", "m/s"),
+    "time": ("time, for effects that change with it", "s"),
+    "a_x": ("velocity of the air relative to the hull, forward", "m/s"),
+    "a_y": ("velocity of the air relative to the hull, to starboard", "m/s"),
+    "beta": ("drift angle", "rad"),
+}
+"""States, inputs and ranges: words and unit. All other states are what an effect or an actuator remembers."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +123,29 @@ class Product:
         """The longest Runge-Kutta step [s]; longer samples are divided, as in ``mmg simulate``."""
         return longest_step(self.ship)
 
+    @property
+    def slow_squared(self) -> float:
+        """u^2 + v^2 [m^2/s^2] below which the drift angle has no meaning: that of a tenth of the trials' speed."""
+        return float((0.1 * max(map(abs, self.ranges.get("u", (0.0,))))) ** 2)
+
+    @property
+    def sentences(self) -> list[str]:
+        """What it is, where it comes from, and its caveats."""
+        ship, source = self.ship, self.provenance
+        parts = ", ".join(f"{role} {name}" for role, name in ship.components.items())
+        lines = [f"Ship {ship.title}: {parts}."]
+        if ship.effects:
+            lines.append(f"Effects: {', '.join(ship.effects)}.")
+        if ship.network is not None:
+            lines.append(f"Hybrid: a residual network of {len(ship.network.members)} member(s) adds accelerations.")
+        made = f", made {source['created']}" if source.get("created") else ""
+        lines.append(f"Exported by mmg export from {source['source']} ({source['kind']}{made}).")
+        if source.get("data"):
+            hashes = sorted(str(row["sha256"]) for row in source["data"])
+            together = hashlib.sha256("\n".join(hashes).encode()).hexdigest()[:SHOWN]
+            lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])} (data {together}).")
+        return lines + [f"Caveat: {caveat}." for caveat in self.caveats]
+
     def about(self) -> dict[str, Any]:
         """What is said of it in a file beside the product: names, ranges, provenance, caveats; plain values."""
         return {
@@ -162,9 +200,28 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
 
 
+def filled(template: Path, product: Product, markup: bool = False, **words: Any) -> str:
+    """The file ``template`` for a ``product``, filled with ``words`` by jinja; SHIP is its identifier, UPPER that in
+    capitals. Its title, caveats, numbers of states, inputs, coefficients and roles are always among the words.
+    markup: whether it is XML or HTML, in which words are escaped."""
+    from jinja2 import Environment, StrictUndefined
+
+    model, p = product.model, product.identifier
+    words |= {
+        "S": len(model.states), "C": len(model.controls), "P": len(model.symbols), "R": len(model.roles),
+        "LONGEST_STEP": product.longest_step, "TITLE": product.ship.title,
+        "CAVEATS": "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n",
+    }  # fmt: skip
+    text = template.read_text(encoding="utf-8").replace("SHIP", p).replace("UPPER", p.upper())
+    settings = Environment(
+        undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return settings.from_string(text).render(words)
+
+
 def unit_of(name: str) -> str:
     """SI unit of the state, input or range ``name``, "" where none is stated."""
-    unit = INPUTS[name][1] if name in INPUTS else UNITS.get(name, "")
+    unit = QUANTITIES.get(name, ("", ""))[1]
     return "1/s" if unit == "rps" else unit
 
 

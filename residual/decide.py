@@ -1,9 +1,7 @@
 """Whether a trained residual is worth keeping: better on whole runs that it never saw, beyond chance. Needs no torch.
 
-Chance is a jackknife over the runs that judged (Efron 1982), of which each is one observation however long it is. Runs
-of a day share its wind and its instruments, and runs of a kind what the ship does in them: where the gain scatters more
-among days or among kinds than among runs, these are the observations. The interval is Student's, of which few
-observations make a wide one.
+Chance is a jackknife over the runs that judged (Efron 1982), of which each is one observation however long it is. The
+interval is Student's, of which few observations make a wide one.
 """
 
 from __future__ import annotations
@@ -16,8 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import stdtrit
 
-from cases.io.campaigns import campaign_labels
-from cases.trial import Trial
 from residual.splits import WHOLE
 
 if TYPE_CHECKING:
@@ -25,6 +21,10 @@ if TYPE_CHECKING:
 
 MINIMUM_GAIN = 0.01
 """Smallest mean improvement of the judged 30 s windows that is worth a network."""
+LEVEL = 0.95
+"""One-sided probability of chance's limit: the interval on other runs holds 90 %."""
+BLOCK = 5
+"""Windows that count as one observation where fewer than WHOLE runs judge: 75 s."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,10 @@ class Decision:
 
     Shares by which judged windows became better (positive), pooled over all trainings: improvement: of the 30 s
     windows; restarts: of the 100 s restarts (NaN: none fits); spread, restarts_spread: their standard deviations over
-    the trainings, each from another seed and judged by its part; of these, seed_spread: among trainings judged by the
-    same part, fold_spread: among the means of parts (NaN where they cannot be separated); runs_error: standard error
-    of the improvement by the choice of judged runs, or of their days or kinds where that is more (NaN for fewer than
-    two); lowest, highest: ends of the 90 % interval of the improvement on other runs, by that error (NaN where it is);
-    groups: how many runs, days or kinds it rests on; reason: why it is not kept, as a clause; past_s: seconds of past
-    that the compared predictions used, with and without the residual alike.
+    the trainings, each from another seed and judged by its part; runs_error: standard error of the improvement by the
+    choice of judged runs (NaN for fewer than two); lowest, highest: ends of the 90 % interval of the improvement on
+    other runs, by that error (NaN where it is); groups: how many runs it rests on; reason: why it is not kept, as a
+    clause; past_s: seconds of past that the compared predictions used, with and without the residual alike.
     """
 
     kept: bool
@@ -47,8 +45,6 @@ class Decision:
     spread: float
     restarts: float
     restarts_spread: float
-    seed_spread: float = nan
-    fold_spread: float = nan
     runs_error: float = nan
     reason: str = ""
     lowest: float = nan
@@ -57,89 +53,76 @@ class Decision:
     past_s: float = 0.0
 
 
-LEVEL = 0.95
-"""One-sided probability of chance's limit: the interval on other runs holds 90 %."""
-BLOCK = 5
-"""Windows that count as one observation where fewer than WHOLE runs judge: 75 s."""
-KIND_WORSE = 2.0
-"""Standard errors by which a kind of manoeuvre may become worse."""
+def percent(share: float | None, sign: bool = True) -> str:
+    """A ``share`` in per cent with a true minus sign, and a plus where ``sign`` is wanted."""
+    if share is None or not isfinite(share):
+        return "–"
+    if abs(share) < 0.0005:
+        return "0.0 %"
+    return f"{share:{'+' if sign else ''}.1%}".replace("-", "−").replace("%", " %")
 
 
-@dataclass(frozen=True)
-class Judges:
-    """What is known of the runs that judge, by their number: kinds, days; whole: they took no part in the training."""
-
-    kinds: tuple[str, ...] = ()
-    days: tuple[str, ...] = ()
-    whole: bool = True
-
-    @classmethod
-    def of(cls, trials: Sequence[Trial], tasks: Sequence[Task], apart: bool) -> Judges:
-        """Of the ``trials`` that judge the ``tasks``; apart: they are not the trials to train on."""
-        shared = any({p.run for p in t.split.judge} & {p.run for p in t.split.train} for t in tasks)
-        return cls(tuple(t.kind for t in trials), tuple(campaign_labels(trials)), apart or not shared)
+def judged_by_whole_runs(tasks: Sequence[Task]) -> bool:
+    """Whether the runs that judge ``tasks`` take no part in their training, not even as other stretches of time."""
+    return not any({p.run for p in t.split.judge} & {p.run for p in t.split.train} for t in tasks)
 
 
-def decide(outcomes: Sequence[Outcome], judges: Judges | None = None) -> Decision:
-    """Whether to keep the residual of ``outcomes``, judged by runs of which ``judges`` says what is known.
+def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
+    """Whether to keep the residual of ``outcomes``; whole_runs: those that judged took no part in the training.
 
     The 30 s windows must improve by MINIMUM_GAIN, by more than the standard deviation over the trainings (not the
-    standard error of their mean, which would be 1 / sqrt(n) of it), and on other runs with a probability of LEVEL. No
-    kind of manoeuvre may become worse beyond KIND_WORSE of its standard errors, nor the 100 s restarts beyond the
-    standard error of their mean over trainings. Parts of runs that were trained on decide nothing.
+    standard error of their mean, which would be 1 / sqrt(n) of it), and on other runs with a probability of LEVEL. The
+    100 s restarts may not become worse beyond the standard error of their mean over trainings. Parts of runs that were
+    trained on decide nothing.
     """
-    judges = judges or Judges()
     good = [o for o in outcomes if o.status != "diverged"]
     if not good:
-        words = "every training diverged, also at lower rates: the calibrated ship stays as it is"
-        return Decision(False, words, nan, nan, nan, nan, reason="every training diverged, also at lower rates")
+        reason = "every training diverged, also at lower rates"
+        return Decision(False, _words(reason), nan, nan, nan, nan, reason=reason)
     window, spread = _pooled(good, 0)
     restart, restart_spread = _pooled(good, 1)
-    among_seeds, among_folds = _parts(good)
     rows = np.vstack([_numbered(o.judged) for o in good])
-    chance = _chance(rows, judges)
-    limit = chance.limit
-    figures = f"judged 30 s windows {window:+.1%} better, spread of {len(good)} seed(s) {spread:.1%}"
-    if isfinite(limit):
-        figures += (
-            f", on other runs {window - limit:+.1%} to {window + limit:+.1%} (90 %, by {chance.groups} {chance.what})"
-        )
-    if isfinite(restart):
-        figures += f"; 100 s restarts {restart:+.1%} better, spread {restart_spread:.1%}"
-    worst = restart_spread / sqrt(len(good))
-    worse = _kinds_worse(rows, judges)
+    error, groups = _jackknife(rows)
+    limit = error * float(stdtrit(groups - 1, LEVEL)) if groups > 1 else nan
     faults = (
         (-inf in (window, restart), "its predictions diverge where those of the calibrated ship do not"),
         (not window >= MINIMUM_GAIN, f"less than {MINIMUM_GAIN:.0%} is gained"),
         (window <= spread, "the gain is within the spread of seeds"),
         (isfinite(limit) and window <= limit, "the gain is within what the choice of judged runs makes of it"),
         (len(rows) > 0 and not isfinite(limit), "too little judged it to tell the gain from chance"),
-        (bool(worse), f"the 30 s windows of {' and '.join(worse)} became worse"),
-        (restart < -worst, "the 100 s restarts became worse beyond the standard error over seeds"),
         (
-            not judges.whole,
+            restart < -restart_spread / sqrt(len(good)),
+            "the 100 s restarts became worse beyond the standard error over seeds",
+        ),
+        (
+            not whole_runs,
             f"no whole run judged it (fewer than {WHOLE} runs; give --validate one that is not trained on)",
         ),
     )
     reason = next((words for fails, words in faults if fails), "")
-    words = f"residual NOT kept, the calibrated ship stays as it is, because {reason}" if reason else "residual kept"
-    words = f"{words} ({figures})" if reason else f"{words}: {figures}"
-    found = (window, spread, restart, restart_spread, among_seeds, among_folds, chance.error)
-    ends = (window - limit, window + limit, chance.groups)
-    return Decision(not reason, words, *found, reason, *ends)
+    chance = f"chance: {percent(spread, False)} among {len(good)} training(s)"
+    if isfinite(limit):
+        chance += f", on other runs {percent(window - limit)} to {percent(window + limit)}, 90 %"
+    longer = "" if np.isnan(restart) else f"; 100 s predictions {_changed(restart)}"
+    figures = f"30 s predictions of windows it had never seen {_changed(window)} ({chance}){longer}"
+    ends = (window - limit, window + limit, groups)
+    words = _words(reason, figures)
+    return Decision(not reason, words, window, spread, restart, restart_spread, error, reason, *ends)
 
 
-@dataclass(frozen=True)
-class _Chance:
-    """Standard error of a gain by the choice of so many groups, called ``what``; limit: half of its 90 % interval."""
+def _words(reason: str, figures: str = "") -> str:
+    """The decision in one sentence; reason: why the residual is declined, "" where it is kept."""
+    declined = f"The residual is declined and the calibrated ship stays as it is, because {reason}"
+    return ": ".join(filter(None, (declined if reason else "The residual is kept", figures))) + "."
 
-    error: float
-    groups: int
-    what: str
 
-    @property
-    def limit(self) -> float:
-        return self.error * float(stdtrit(self.groups - 1, LEVEL)) if self.groups > 1 else nan
+def _changed(gain: float) -> str:
+    """A ``gain`` as a share in words: "become 1.2 % better" or the like."""
+    if not isfinite(gain):
+        return "diverge"
+    if abs(gain) < 0.0005:
+        return "stay as they are"
+    return f"become {percent(abs(gain), False)} {'better' if gain > 0 else 'worse'}"
 
 
 def _numbered(judged: np.ndarray) -> np.ndarray:
@@ -149,42 +132,20 @@ def _numbered(judged: np.ndarray) -> np.ndarray:
     return np.column_stack([judged, number // BLOCK])
 
 
-def _chance(rows: np.ndarray, judges: Judges) -> _Chance:
-    """That of the improvement of all judged ``rows``: the widest by runs, by days and by kinds."""
-    runs = rows[:, 0].astype(int)
-    if len(np.unique(runs)) < WHOLE:
-        blocks = np.unique(rows[:, [0, 1, 4]], axis=0, return_inverse=True)[1].ravel() if len(rows) else runs
-        return _jackknife(rows, blocks, f"blocks of {len(np.unique(runs))} run(s)")
-    found = [_jackknife(rows, runs, "runs")]
-    for labels, what in ((judges.days, "days"), (judges.kinds, "kinds of manoeuvre")):
-        if len({labels[run] for run in runs} if labels else ()) >= WHOLE:
-            names = sorted(set(labels))
-            found.append(_jackknife(rows, np.array([names.index(labels[run]) for run in runs]), what))
-    return max(found, key=lambda c: c.limit)
+def _jackknife(rows: np.ndarray) -> tuple[float, int]:
+    """Standard error of the pooled improvement of all judged ``rows`` by the choice of runs, and how many these are.
 
-
-def _jackknife(rows: np.ndarray, which: np.ndarray, what: str) -> _Chance:
-    """Standard error of the pooled improvement of ``rows`` by groups, numbered by ``which`` (rows,)."""
-    number = np.unique(which, return_inverse=True)[1].ravel()
+    Of fewer than WHOLE runs by blocks of their windows.
+    """
+    which = rows[:, :1] if len(np.unique(rows[:, 0])) >= WHOLE else rows[:, [0, 1, 4]]
+    number = np.unique(which, axis=0, return_inverse=True)[1].ravel()
     groups = int(number.max()) + 1 if len(rows) else 0
     if groups < 2:
-        return _Chance(nan, groups, what)
+        return nan, groups
     sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])
     others = sums.sum(axis=1, keepdims=True) - sums
     gains = 1 - others[1] / others[0]
-    return _Chance(sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum()), groups, what)
-
-
-def _kinds_worse(rows: np.ndarray, judges: Judges) -> list[str]:
-    """Kinds of WHOLE judged runs or more whose windows became worse beyond chance."""
-    runs, worse = rows[:, 0].astype(int), []
-    for kind in sorted({judges.kinds[run] for run in runs} if judges.kinds else ()):
-        own = rows[np.array([judges.kinds[run] == kind for run in runs])]
-        if kind and len(np.unique(own[:, 0])) >= WHOLE:
-            gain = 1 - own[:, 3].sum() / own[:, 2].sum()
-            if gain < -max(MINIMUM_GAIN, KIND_WORSE * _jackknife(own, own[:, 0], kind).error):
-                worse.append(kind)
-    return worse
+    return sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum()), groups
 
 
 def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
@@ -203,15 +164,3 @@ def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
     pooled = float(share @ gain)
     spread = sqrt(share @ (gain - pooled) ** 2 * len(gain) / (len(gain) - 1)) if len(gain) > 1 else 0.0
     return pooled, spread
-
-
-def _parts(outcomes: Sequence[Outcome]) -> tuple[float, float]:
-    """Standard deviations of the gain of 30 s windows: among seeds judged by the same part, among means of parts."""
-    gains: dict[int, list[float]] = {}
-    for o in outcomes:
-        gains.setdefault(o.fold, []).append(1 - o.after[0] / o.before[0])
-    several = [np.var(g, ddof=1) for g in gains.values() if len(g) > 1]
-    free = [len(g) - 1 for g in gains.values() if len(g) > 1]
-    seeds = sqrt(np.average(several, weights=free)) if several else nan
-    folds = float(np.std([np.mean(g) for g in gains.values()], ddof=1)) if several and len(gains) > 1 else nan
-    return seeds, folds

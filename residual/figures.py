@@ -1,4 +1,4 @@
-"""Figures of a training: learning curves, growth of the error, size of the residual against its bound."""
+"""Figures of a training: learning curves, growth of the error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, FigureFolder, dress, new_figure
+from fitting.report.plot_style import ALARM, BEFORE, DASHES, FigureFolder, dress, new_figure
 from fitting.report.plot_tracks import error_growth_plot
 from mmg.rollout import Simulator
 
@@ -45,24 +45,6 @@ def learning_plot(
     return cast(Figure, ax.figure)
 
 
-def size_plot(size: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Share of training rows in which the residual exceeds a size, per channel of ``size``, with its bound."""
-    figure = new_figure(2.7)
-    names = {"du": "surge |du|", "dv": "sway |dv|", "dr": "yaw |dr|"}
-    label = "share of rows beyond [%]"
-    for ax, (channel, row) in zip(figure.subplots(1, 3, sharey=True), size.items(), strict=True):
-        dress(ax, f"[{row['unit']}]", label if channel == "du" else "", names[channel])
-        quantiles = np.maximum(row["quantiles"], 1e-4 * row["bound"] + 1e-15)
-        ax.plot(quantiles, np.linspace(100, 0, len(quantiles)), color=AFTER, linewidth=1.6, label="residual")
-        ax.axvline(row["bound"], color=ALARM, linestyle="-.", linewidth=1.4, label="its bound")
-        ax.axvline(row["ship_rms"], color=GREY, linestyle=(0, (4, 1.5)), linewidth=1.2, label="rms of the ship's own")
-        ax.set_xscale("log")
-        if channel == "du":
-            handles = ax.get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=3, fontsize=8, frameon=False)
-    return figure
-
-
 def write_figures(
     written: FigureFolder,
     content: Mapping[str, Any],
@@ -89,10 +71,4 @@ def write_figures(
             f"Rms errors over windows of the {'validation' if held_out else 'training'} trials, each started from the "
             "measured state and from there on driven by the measured rudder, revolutions and wind alone. Shaded: one "
             "standard error, by leaving out one trial (of a single one, one window) after the other.",
-        )  # fmt: skip
-    if size := content.get("residual_size"):
-        written.write(
-            "residual_size", lambda: size_plot(size), "Size of the residual against its bound",
-            "Share of the training rows in which the residual acceleration is larger than a value. It cannot pass the "
-            "bound, whatever the inputs. Dashed: rms acceleration of the ship without it in the same rows.",
         )  # fmt: skip

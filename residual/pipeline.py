@@ -38,7 +38,7 @@ from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.decide import Judges, decide
+from residual.decide import decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
@@ -85,8 +85,8 @@ def train(
     try:
         tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box)
         outcomes, interrupted = train_seeds(tasks, progress, store)
-        task, judges = tasks[0], Judges.of(validation or chosen, tasks, bool(validation))
-        own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, judges, known, keep)
+        task = tasks[0]
+        own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
     except UserError:
         if store:
             store.discard()
@@ -155,10 +155,11 @@ def _known(folder: Path) -> Mapping[str, Any]:
 
 
 def _hybrid(
-    tasks: Sequence[Task], outcomes: Sequence[Outcome], judges: Judges, known: Mapping[str, Any], keep: str
+    tasks: Sequence[Task], outcomes: Sequence[Outcome], validated: bool, known: Mapping[str, Any], keep: str
 ) -> dict[str, Any]:
-    """What only a hybrid has, as fields of ``TrainResult``."""
-    decision, network, scales = decide(outcomes, judges), network_of(tasks[0], outcomes), tasks[0].scales
+    """What only a hybrid has, as fields of ``TrainResult``; validated: other trials judged it."""
+    decision = decide(outcomes, validated or judged_by_whole_runs(tasks))
+    network, scales = network_of(tasks[0], outcomes), tasks[0].scales
     always = keep == "always" and network is not None and not decision.kept
     notice = Message(f"the hybrid is recommended by --keep always, although {decision.reason}", "kept_always")
     return {
@@ -227,7 +228,6 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
             "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
             "judged_restarts": {"before": o.before[1], "after": o.after[1]},
             "judged_runs": _judged_runs(o, judging),
-            "penalty": o.penalty,
             "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
             "training_windows": o.windows,
             "learning_rate": o.rate,
@@ -252,7 +252,6 @@ def _judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
 def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
     """Per channel the residual over the training rows [m/s2, rad/s2]; "ship_rms": of the ship without it."""
     sizes = np.abs(network.accelerations(scales.features))
-    shares = np.linspace(0, 1, 101)
     own = (scales.output - LEAST_SCALE) / OUTPUT
     return {
         name: {
@@ -262,7 +261,6 @@ def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
             "bound": float(bound),
             "ship_rms": float(rms),
             "unit": RATES[name],
-            "quantiles": np.quantile(size, shares).tolist(),
         }
         for name, size, bound, rms in zip(RATES, sizes, network.bound, own, strict=True)
     }

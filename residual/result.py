@@ -268,7 +268,8 @@ def read_training(folder: str | Path) -> TrainResult:
     box, network, decision, recommended = None, None, None, ""
     try:
         if content["model"] == HYBRID:
-            values: dict[str, Any] = {n: nan if v is None else v for n, v in content["decision"].items()}
+            names = {f.name for f in fields(Decision)}
+            values: dict[str, Any] = {n: nan if v is None else v for n, v in content["decision"].items() if n in names}
             decision = Decision(**values)
             recommended = content.get("recommended", HYBRID if content["kept"] else CALIBRATED)
             place = folder if recommended == HYBRID else folder / HYBRID

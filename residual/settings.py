@@ -9,10 +9,6 @@ LOSSES = ("state", "acceleration")
 """Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
 KEEP = ("better", "always")
 """Which ship is recommended: the better one as the decision says, or always the hybrid."""
-PATH = (0.3, 0.03, 0.01, 0.001)
-"""Weights of a residual's penalty that a training takes one after the other, each from where the one before ended
-(a path of weights as of Friedman et al. 2010, J Stat Softw 33(1)): windows that it does not train on choose among
-them. The first hardly lets a residual grow; the last asks nothing of one as large as the ship's own accelerations."""
 SETS = {
     "ref": (1, 0), "sli2": (2, 0), "sli10": (10, 0), "jit2": (1, 2), "jit10": (1, 10), "sli2+jit2": (2, 2),
     "sli10+jit10": (10, 10), "d-ref": (1, 0),
@@ -29,7 +25,7 @@ class TrainSettings:
 
     The metadata of a field say in "help" what it is, and within which limits it lies: the options of ``mmg train`` and
     the keys of its settings file are made from them (``mmg_ident.settings``). Each stage (length [s], share) of the
-    ``curriculum`` gets its share of the epochs under a weight of the penalty; ``clip`` limits the norm of gradients.
+    ``curriculum`` gets its share of the epochs; ``clip`` limits the norm of gradients.
     """
 
     seeds: int = field(default=5, metadata={"help": "Trainings, from seeds one apart.", "ge": 1})
@@ -37,14 +33,14 @@ class TrainSettings:
     workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
     width: int = field(default=32, metadata={"help": "Neurons of a hidden layer; default 32, black box 64.", "ge": 1})
     symmetric: bool = field(default=True, metadata={"help": "hybrid: port and starboard may differ."})
-    penalty: float | None = field(
-        default=None, metadata={"help": "Weight of residual^2, black box: weights^2; default chosen.", "ge": 0}
+    penalty: float = field(
+        default=0.01, metadata={"help": "Weight of residual^2; black box: of weights^2, default 1e-4.", "ge": 0}
     )
     rate: float = field(default=3e-3, metadata={"help": "First learning rate of Adam.", "gt": 0})
     last_rate: float = field(default=2e-5, metadata={"help": "Last learning rate of Adam.", "gt": 0})
     clip: float = field(default=1.0, metadata={"help": "Largest norm of gradients.", "gt": 0})
     batch: int = field(default=64, metadata={"help": "Windows per gradient step.", "ge": 1})
-    epochs: int = field(default=40, metadata={"help": "Passes over windows; default 40, black box 60.", "ge": 1})
+    epochs: int = field(default=80, metadata={"help": "Passes over windows; default 80, black box 60.", "ge": 1})
     curriculum: tuple[tuple[float, float], ...] = field(
         default=((10.0, 0.3), (30.0, 0.7)), metadata={"help": "Length [s] of windows and share of the epochs."}
     )
@@ -59,11 +55,6 @@ class TrainSettings:
     )
     time_limit: float | None = field(default=None, metadata={"help": "Limit of the training [s].", "gt": 0})
 
-    @property
-    def weights(self) -> tuple[float, ...]:
-        """Weights of the penalty, in their order."""
-        return PATH if self.penalty is None else (self.penalty,)
-
 
 _HELP = {f.name: f.metadata for f in fields(TrainSettings)}
 
@@ -73,7 +64,7 @@ class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
     width: int = field(default=64, metadata=_HELP["width"])
-    penalty: float | None = field(default=1e-4, metadata=_HELP["penalty"])
+    penalty: float = field(default=1e-4, metadata=_HELP["penalty"])
     epochs: int = field(default=60, metadata=_HELP["epochs"])
     kind: str = "fnn"
     layers: int = field(default=2, metadata={"help": "fnn: hidden layers.", "ge": 1})

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -18,9 +18,8 @@ import numpy as np
 
 from cases.inputs import step_means
 from cases.trial import Trial
-from fitting.nlp.grid import Grid, default_step, grids
+from fitting.nlp.grid import Grid, grids
 from mmg.errors import TooFewData
-from mmg.ship import AIR, Ship
 from residual.settings import BlackBoxSettings, TrainSettings
 
 
@@ -66,8 +65,6 @@ WHOLE = 3
 """Fewest runs of which whole ones judge."""
 GAP = 30.0
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
-SHORTER = (120.0, 90.0, 75.0)
-"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
 
 
 class Split(NamedTuple):
@@ -99,16 +96,11 @@ def split_pieces(
         fold = turn % len(runs)
         others = [p for p in pieces if p.run != runs[fold]]
         cut, _ = _blocks_by_role(others, turn, settings.block, h, least + GAP, judge=False)
-        parts = [*_joined(_with_gaps(cut, _half_gap(h))), *((p, 2) for p in pieces if p.run == runs[fold])]
+        parts = [*cut, *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
         parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
-        parts = _joined(_with_gaps(parts, _half_gap(h)))
     train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
     return Split(train, stop, judging, fold)
-
-
-def _half_gap(h: float) -> int:
-    return math.ceil(GAP / 2 / h - 1e-9)
 
 
 def _role(number: int, turn: int, folds: int, judge: bool) -> int:
@@ -121,17 +113,17 @@ def _role(number: int, turn: int, folds: int, judge: bool) -> int:
 def _blocks_by_role(
     pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
 ) -> tuple[list[tuple[Piece, int]], int]:
-    """Blocks and what each is for; those shorter than ``least`` [s] are trained on."""
-    for length in (seconds, *(s for s in SHORTER if s < seconds)):
-        cut = blocks(pieces, length, h)
-        long = [b.steps * h >= least - 1e-9 for b in cut]
-        if sum(long) >= FOLDS:
-            break
+    """Blocks of ``seconds``, or less for FOLDS of them, GAP apart, and what each is for; those shorter than ``least``
+    [s] are trained on."""
+    total = h * sum(piece.steps for piece in pieces)
+    cut = blocks(pieces, min(seconds, max(least, total / FOLDS)), h)
+    long = [b.steps * h >= least - 1e-9 for b in cut]
     folds = max(3, min(FOLDS, sum(long)))
     roles = [
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
     ]
-    return list(zip(cut, roles, strict=True)), turn % folds
+    apart = _with_gaps(list(zip(cut, roles, strict=True)), math.ceil(GAP / 2 / h - 1e-9))
+    return _joined(apart), turn % folds
 
 
 def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
@@ -157,18 +149,6 @@ def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
         else:
             result.append((block, part))
     return result
-
-
-def check_enough(ship: Ship, trials: Sequence[Trial], settings: TrainSettings, held_out: Sequence[Trial] = ()) -> None:
-    """Raises UserError where ``trials`` are too few to train on by ``settings``. Needs no torch.
-
-    ship: whose inputs count; held_out: trials that judge instead.
-    """
-    black_box = isinstance(settings, BlackBoxSettings)
-    inputs = (*ship.actuators, *AIR) if black_box else ship.without_network().inputs
-    h = settings.step or default_step(trials, ship.particulars["L"])
-    pieces, judging = (pieces_of(some, h, inputs) for some in (trials, held_out))
-    splits_of(replace(settings, step=h), pieces, judging, judged_apart=not black_box)
 
 
 def splits_of(

@@ -1,11 +1,9 @@
 """Training from several seeds: Adam on rollouts that grow, the best weights on the stop windows are kept.
 
-Learning rate along a half cosine, gradients clipped, windows drawn anew in every epoch. Where the penalty has several
-weights, each goes on from where the one before ended, so that the stop windows choose the weight of the penalty as they
-choose the epoch. What judges the result are other windows, which the training never sees (``residual.splits``): they
-judge the choice as well. A loss that is not finite, or a stop error that explodes, starts the training again at a lower
-rate, twice; then it is given up. Under a later weight it ends the training, and what was best stands. Finished seeds
-are kept as they finish; ``--resume`` continues from them.
+Learning rate along a half cosine, gradients clipped, windows drawn anew in every epoch. What judges the result are
+other windows, which the training never sees (``residual.splits``). A loss that is not finite, or a stop error that
+explodes, starts the training again at a lower rate, twice; then it is given up. Finished seeds are kept as they
+finish; ``--resume`` continues from them.
 """
 
 from __future__ import annotations
@@ -15,16 +13,17 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.optim.adam import adam
 
+from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.grid import default_step
 from fitting.parallel import run_all, width
@@ -60,9 +59,6 @@ class Adam:
 
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate."""
-HORIZON, APART = 100, 15
-"""Steps of the windows of a calibration (``fitting.settings.Settings.window``), and between their starts: they overlap
-so that an epoch on them takes as long as one on windows of 30 steps every 5."""
 Stage = tuple[float, RolloutBatch, int]
 """Length of rollouts [s], their windows, epochs."""
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
@@ -102,8 +98,7 @@ class Outcome:
     status: "finished", "stopped" (limit or Ctrl-C: best weights so far) or "diverged". before, after: errors of the
     judged windows (30 s windows, 100 s restarts) of the untrained and of the best system; history: rows (epoch, length
     of rollouts [s], loss, error of the stop windows); state: name -> array of the best system's parameters; judged: the
-    judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); fold: of the task;
-    path: per weight of the penalty the least error of the stop windows under it.
+    judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); fold: of the task.
     """
 
     seed: int
@@ -119,13 +114,6 @@ class Outcome:
     held_out_windows: int
     judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
     fold: int = 0
-    path: tuple[tuple[float, float], ...] = ()
-
-    @property
-    def penalty(self) -> float | None:
-        """The weight of the penalty under which the best system was found; None where that is the untrained one."""
-        weight, least = min(self.path, key=lambda pair: pair[1], default=(None, math.inf))
-        return weight if self.history and least < self.history[0][3] else None
 
 
 class _Diverged(Exception):
@@ -162,7 +150,6 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
         held_out_windows=len(judged),
         judged=judged,
         fold=task.split.fold,
-        path=tuple(attempt.path),
     )
 
 
@@ -175,7 +162,6 @@ class _Attempt:
         self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
         self.draw = torch.Generator().manual_seed(task.seed)
         self.stages = stages(task, self.system.past)
-        self.later = later_stages(task, self.stages, self.system.past)
         self.count = max((len(batch) for _, batch, _ in self.stages), default=0)
         h = task.h
         held = windows(task.split.stop, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
@@ -183,7 +169,6 @@ class _Attempt:
         self.held, self.best = held, self._state()
         self.before = self.least = self._stop_error()
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
-        self.path: list[tuple[float, float]] = []
 
     def _state(self) -> dict[str, torch.Tensor]:
         return {name: p.detach().clone() for name, p in self.system.named_parameters()}
@@ -193,41 +178,23 @@ class _Attempt:
         return float(window_errors(self.system, self.held, self.score, self.task.settings.method).mean())
 
     def run(self) -> str:
-        """Train through the stages of each weight of the penalty; "finished" or "stopped"."""
-        weights = self.task.settings.weights
-        every = (self.stages, *[self.later] * (len(weights) - 1))
-        plans = [[(seconds, batch) for seconds, batch, n in some for _ in range(n)] for some in every]
-        for number, (weight, plan) in enumerate(zip(weights, plans, strict=True)):
-            try:
-                if not self._pass(plan, weight, sum(map(len, plans))):
-                    return "stopped"
-            except _Diverged:
-                if not number:
-                    raise
-                break
-        return "finished"
-
-    def _pass(self, plan: Sequence[tuple[float, RolloutBatch]], weight: float, epochs: int) -> bool:
-        """Train through a ``plan`` under a ``weight`` of the penalty, one of so many ``epochs`` in all; False where it
-        was stopped."""
+        """Train through the stages of the curriculum; "finished" or "stopped"."""
         t, optimizer = self.task.settings, Adam(self.system.learned())
-        self.path.append((weight, math.inf))
+        plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
         for done, (seconds, batch) in enumerate(plan):
             cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
-            loss = self._epoch(optimizer, rate, batch, weight)
-            epoch = len(self.history)
-            self._keep(epoch, seconds, loss)
-            self.path[-1] = weight, min(self.path[-1][1], self.history[-1][3])
+            loss = self._epoch(optimizer, rate, batch)
+            self._keep(done + 1, seconds, loss)
             if self.progress:
                 values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
-                self.progress(Progress(f"seed {self.task.seed}", epoch, epochs, values))
+                self.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
             if self._stopped():
-                return False
-        return True
+                return "stopped"
+        return "finished"
 
-    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch, weight: float) -> float:
-        """One pass over the windows in random order at a ``rate`` and a ``weight`` of the penalty; mean loss."""
+    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
+        """One pass over the windows in random order at a ``rate``; mean loss."""
         t, scales = self.task.settings, self.task.scales
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
         losses = []
@@ -236,7 +203,7 @@ class _Attempt:
             if t.jitter:
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             self.system.zero_grad()
-            loss = self._loss(some, weight)
+            loss = self._loss(some)
             loss.backward()
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
             if not torch.isfinite(loss) or not torch.isfinite(norm):
@@ -247,13 +214,13 @@ class _Attempt:
                 break
         return float(np.mean(losses))
 
-    def _loss(self, batch: RolloutBatch, weight: float) -> torch.Tensor:
+    def _loss(self, batch: RolloutBatch) -> torch.Tensor:
         t = self.task.settings
         if t.loss == "acceleration":
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
         else:
             loss = state_loss(self.system, batch, self.sigma, t.method)
-        return loss + weight * self.system.penalty() if weight else loss
+        return loss + t.penalty * self.system.penalty() if t.penalty else loss
 
     @torch.no_grad()
     def _keep(self, epoch: int, seconds: float, loss: float) -> None:
@@ -289,22 +256,6 @@ def stages(task: Task, past: int) -> list[Stage]:
     return result
 
 
-def later_stages(task: Task, first: Sequence[Stage], past: int) -> list[Stage]:
-    """The stages under each weight of the penalty of ``task`` but the first: the last of those under the ``first``,
-    half of its epochs on windows as long as those of a calibration, where such fit.
-
-    past: rows before each window that the system reads.
-    """
-    t, h = task.settings, task.h
-    if len(t.weights) < 2 or not first:
-        return []
-    seconds, batch, epochs = first[-1]
-    long = windows(task.split.train, h, HORIZON, max(round(t.stride / h), APART), past)
-    if long is None or epochs < 2:
-        return [first[-1]]
-    return [(seconds, batch, epochs - epochs // 2), (HORIZON * h, long, epochs // 2)]
-
-
 def restored(task: Task, outcomes: Sequence[Outcome]) -> list[TrainableSystem]:
     """The systems that trainings like ``task`` ended with, by their ``outcomes``; those that diverged are left out."""
     systems = []
@@ -336,37 +287,20 @@ def tasks_of(
     settings: TrainSettings,
     validation: Sequence[Trial] = (),
     judged_apart: bool = True,
+    means: Callable[..., np.ndarray] = step_means,
 ) -> list[Task]:
     """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
 
     trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
-    as of ``training_tasks``. Raises UserError where there is too little data.
+    the windows that judge are not those that stop, which would flatter; means: of inputs (N, C) over
+    steps, as of ``pieces_of``. Raises UserError where there is too little data.
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
-    pieces, held_out = (pieces_of(some, h, kind.inputs(ship)) for some in (trials, validation))
+    pieces, held_out = (pieces_of(some, h, kind.inputs(ship), means) for some in (trials, validation))
     settings = replace(settings, step=h)
-    splits_of(settings, pieces, held_out, judged_apart)  # too few data are refused before scales are estimated
-    scales = kind.scales(ship, pieces, trials, h)
-    return training_tasks(kind.build, ship, scales, settings, pieces, held_out, judged_apart)
-
-
-def training_tasks(
-    build: BuildSystem,
-    ship: Ship,
-    scales: Scales,
-    settings: TrainSettings,
-    pieces: Sequence[Piece],
-    held_out: Sequence[Piece] = (),
-    judged_apart: bool = True,
-) -> list[Task]:
-    """One training per seed of ``settings``, on a grid of its step.
-
-    build, ship, scales: make the system; pieces: of the training trials, parts of which take turns to stop by and to
-    judge by; held_out: pieces that judge instead; judged_apart: the windows that judge are not those that stop, which
-    would flatter. Raises UserError where data are too few.
-    """
     splits = splits_of(settings, pieces, held_out, judged_apart)
-    return [Task(build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
+    scales = kind.scales(ship, pieces, trials, h)
+    return [Task(kind.build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
 
 
 FREE = ("workers", "time_limit")
@@ -398,10 +332,10 @@ def training_store(
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
-    o, arrays = outcome, {f"state.{name}": value for name, value in outcome.state.items()}
-    arrays |= {"errors": np.array([o.before, o.after]), "history": np.array(o.history), "judged": o.judged}
-    arrays |= {"times": np.array([o.rate, o.seconds]), "path": np.array(o.path).reshape(-1, 2)}
-    store.save(f"seed_{o.seed}", {name: getattr(o, name) for name in _WORDS}, arrays)
+    rows = {name: np.array(getattr(outcome, name)) for name in _ROWS}
+    words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in (*_ROWS, "state")}
+    state = {f"state.{name}": value for name, value in outcome.state.items()}
+    store.save(f"seed_{outcome.seed}", words, rows | state)
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
@@ -410,18 +344,14 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     if found is None:
         return None
     words, arrays = found
-    (before, after), (rate, seconds) = arrays["errors"].tolist(), arrays["times"].tolist()
-    history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
-    path = tuple((weight, least) for weight, least in arrays["path"].tolist())
     state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
-    return Outcome(
-        before=tuple(before), after=tuple(after), history=history, state=state, rate=rate, seconds=seconds,
-        judged=arrays["judged"], path=path, **{name: words[name] for name in _WORDS},
-    )  # type: ignore[arg-type]  # fmt: skip
+    history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
+    ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
+    return Outcome(**words, **ends, history=history, judged=arrays["judged"], state=state)
 
 
-_WORDS = ("seed", "status", "restarts", "windows", "held_out_windows", "fold")
-"""What of an outcome is no array."""
+_ROWS = ("before", "after", "history", "judged")
+"""What of an outcome is kept as arrays, beside its state."""
 
 
 STARTED = "started_"
@@ -465,9 +395,7 @@ def train_seeds(
                 done += 1
                 better = f"judged 30 s windows {outcome.before[0]:.4f} -> {outcome.after[0]:.4f}"
                 again = f", restarted {outcome.restarts} time(s) at a lower rate" if outcome.restarts else ""
-                weight = "" if len(outcome.path) < 2 else f", weight of the penalty {outcome.penalty}"
-                words = f"{outcome.status} in {outcome.seconds:.0f} s, {better}{again}{weight}"
-                LOGGER.info(f"seed {outcome.seed}: {words}")
+                LOGGER.info(f"seed {outcome.seed}: {outcome.status} in {outcome.seconds:.0f} s, {better}{again}")
                 if progress:
                     progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
 

@@ -68,15 +68,7 @@ def save_network(path: str | Path, network: Network, ship: Ship) -> None:
 
 def load_network(path: str | Path, ship: Ship) -> Network:
     """The network of a ``ship`` in the file ``path``. Raises UserError when it cannot be read or is another ship's."""
-    check_file(Path(path))
-    try:
-        with safe_open(path, framework="numpy") as file:
-            about = file.metadata() or {}
-            arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError, ValueError, TypeError) as error:
-        raise Unreadable(f"{path}: cannot be read as a network file ({error}); train it again") from None
-    if about.get("format") != FORMAT:
-        raise BadValue(f"{path}: is no network file of this program (format {about.get('format')!r}, not {FORMAT!r})")
+    about, arrays = read_tensors(Path(path), FORMAT, "network file")
     if about.get("ship_hash") != ship_hash(ship):
         raise Conflict(
             f"{path}: {OTHER}: it was trained on {about.get('ship') or 'a ship'}, whose particulars or "
@@ -191,3 +183,20 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
     text += b" " * (-len(text) % 8)  # numbers begin at a multiple of eight bytes
     path.write_bytes(len(text).to_bytes(8, "little") + text + content[end:])
     path.chmod(0o644)
+
+
+def read_tensors(path: Path, form: str, what: str) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words.
+
+    Raises UserError where it cannot be read or is of another form.
+    """
+    check_file(path)
+    try:
+        with safe_open(path, framework="numpy") as file:
+            about = file.metadata() or {}
+            arrays = {name: np.asarray(file.get_tensor(name), dtype=float) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, ValueError, TypeError) as error:
+        raise Unreadable(f"{path}: cannot be read as a {what} ({error}); train it again") from None
+    if about.get("format") != form:
+        raise BadValue(f"{path}: is no {what} of this program (format {about.get('format')!r}, not {form!r})")
+    return about, arrays

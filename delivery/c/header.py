@@ -1,14 +1,12 @@
-"""The header of an exported ship, its tables, and the words, numbers and templates that all its files are made of."""
+"""The header of an exported ship, its tables, and the words and numbers that its C files are made of."""
 
 from __future__ import annotations
 
-import hashlib
 import math
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from delivery.product import SHOWN, Product, identifiers, unit_of
+from delivery.product import Product, filled, identifiers, unit_of
 
 TEMPLATES = Path(__file__).parent / "templates"
 LONGEST_STRING = 4000
@@ -36,24 +34,6 @@ def number(value: float | None) -> str:
     if math.isinf(value):
         return "DBL_MAX" if value > 0 else "-DBL_MAX"
     return repr(float(value))
-
-
-def inserted(text: str, **words: object) -> str:
-    """The ``text`` of a template, with one of the ``words`` in place of each @WORD@."""
-    return re.sub("@([A-Z0-9_]+)@", lambda match: str(words[match[1]]), text)
-
-
-def filled(template: Path, product: Product, **words: object) -> str:
-    """The file ``template`` for a ``product``: SHIP becomes its identifier, UPPER that in capitals, @WORD@ one of the
-    ``words``: its title, caveats, numbers of states, inputs, coefficients and roles are always among them."""
-    model, p = product.model, product.identifier
-    words |= {
-        "S": len(model.states), "C": len(model.controls), "P": len(model.symbols), "R": len(model.roles),
-        "LONGEST_STEP": repr(product.longest_step), "TITLE": product.ship.title,
-        "CAVEATS": "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n",
-    }  # fmt: skip
-    text = template.read_text(encoding="utf-8").replace("SHIP", p).replace("UPPER", p.upper())
-    return inserted(text, **words)
 
 
 def tables(product: Product) -> list[tuple[str, Sequence[str]]]:
@@ -87,25 +67,9 @@ def tables(product: Product) -> list[tuple[str, Sequence[str]]]:
 def definitions(product: Product) -> str:
     """C text that defines the tables of a ``product`` and its words about itself."""
     text = [declared + " = {\n  " + ",\n  ".join(elements) + "};\n" for declared, elements in tables(product)]
-    return "".join(text) + f"const char {product.identifier}_about[] =\n  " + quoted("\n".join(about(product))) + ";\n"
-
-
-def about(product: Product) -> list[str]:
-    """Sentences on what a ``product`` is, where it comes from, and its caveats."""
-    ship, source = product.ship, product.provenance
-    parts = ", ".join(f"{role} {name}" for role, name in ship.components.items())
-    lines = [f"Ship {ship.title}: {parts}."]
-    if ship.effects:
-        lines.append(f"Effects: {', '.join(ship.effects)}.")
-    if ship.network is not None:
-        lines.append(f"Hybrid: a residual network of {len(ship.network.members)} member(s) adds accelerations.")
-    made = f", made {source['created']}" if source.get("created") else ""
-    lines.append(f"Exported by mmg export from {source['source']} ({source['kind']}{made}).")
-    if source.get("data"):
-        hashes = sorted(str(row["sha256"]) for row in source["data"])
-        together = hashlib.sha256("\n".join(hashes).encode()).hexdigest()[:SHOWN]
-        lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])} (data {together}).")
-    return lines + [f"Caveat: {caveat}." for caveat in product.caveats]
+    return (
+        "".join(text) + f"const char {product.identifier}_about[] =\n  " + quoted("\n".join(product.sentences)) + ";\n"
+    )
 
 
 def header_c(product: Product, kept: int) -> str:
@@ -119,7 +83,7 @@ def header_c(product: Product, kept: int) -> str:
     )
     return filled(
         TEMPLATES / "ship.h", product, PLACES=places, P1=max(P, 1), KEPT=max(kept, 1),
-        ABOUT=comment([*about(product), "SI units and radians. Names and units are in the tables at the end."]),
+        ABOUT=comment([*product.sentences, "SI units and radians. Names and units are in the tables at the end."]),
         SIZES="".join(f"#define {p.upper()}_{name} {count}\n" for name, count in sizes.items()),
         TABLES="".join(f"extern {declared};\n" for declared, _ in tables(product)),
     )  # fmt: skip

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 
 from cases.maneuvers import self_propulsion
-from delivery.c.header import TEMPLATES, about, comment, definitions, filled, header_c
-from delivery.c.network import lanes_network_c, network_c, tanh_statements
-from delivery.product import Product
+from delivery.c.header import TEMPLATES, comment, definitions, header_c
+from delivery.c.network import network_words, tanh_statements
+from delivery.product import Product, filled
 from mmg.compile.portable_c import Emitter, functions_used, prelude
 from mmg.compile.portable_lanes import LANES, LaneEmitter, lane_functions
 from mmg.compile.stages import Program
 from mmg.effects import effect
 from mmg.errors import Unsupported, UserError
-from mmg.model import INVERSIONS, Model
+from mmg.model import INVERSIONS
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
@@ -34,7 +35,7 @@ def equations(product: Product) -> Program:
 
     Arguments: state (S,), inputs (C,), coefficients (P,); outputs: EVERY.
     """
-    model: Model = product.model_of(product.ship.without_network())
+    model = product.model_of(product.ship.without_network())
     z, c = ca.SX.sym("state", len(model.states)), ca.SX.sym("inputs", len(model.controls))
     theta = ca.SX.sym("coefficients", len(model.symbols))
     rates, features = model.rates(z, c, theta), model.features(z, c, theta)
@@ -44,212 +45,101 @@ def equations(product: Product) -> Program:
     return Program.of(function, (STATE, INPUTS, COEFFICIENTS))
 
 
-class Source:
-    """Writes the source of a product, part by part."""
+def source_c(product: Product) -> tuple[str, int]:
+    """The whole source file of a ``product``, and how many numbers its coefficient stage leaves behind.
 
-    def __init__(self, product: Product) -> None:
-        self.product, self.p, self.model = product, product.identifier, product.model
-        self.program = equations(product)
-        self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.model.symbols)
-        self.features = product.ship.features
-        self.network = product.ship.network
-        self.kept = {place: f"model->kept[{i}]" for i, place in enumerate(self.program.handed_on(EVERY, COEFFICIENTS))}
-        arguments = {0: "state[{0}]", 1: "inputs[{0}]", 2: "model->coefficients[{0}]"}
-        self.emitter = Emitter(self.program, arguments, self.kept)
-        self.shown = (RATES, FEATURES) if self.network else (RATES,)
-        """What a Runge-Kutta stage needs."""
-        self.held = {place: f"held[{i}]" for i, place in enumerate(self.program.handed_on(self.shown, INPUTS))}
-        self.places = [self.features.index(name) for name in self.network.features] if self.network else []
-        """Where the inputs of the network stand among the features of the ship."""
+    Raises UserError for equations that cannot be written.
+    """
+    program, network, features = equations(product), product.ship.network, product.ship.features
+    model, S, C = product.model, len(product.model.states), len(product.model.controls)
+    shown = (RATES, FEATURES) if network else (RATES,)  # what a Runge-Kutta stage needs
+    kept = {place: f"model->kept[{i}]" for i, place in enumerate(program.handed_on(EVERY, COEFFICIENTS))}
+    held = {place: f"held[{i}]" for i, place in enumerate(program.handed_on(shown, INPUTS))}
+    arguments = {0: "state[{0}]", 1: "inputs[{0}]", 2: "model->coefficients[{0}]"}
+    first, emitter, later = (Emitter(program, arguments, known) for known in ({}, kept, kept | held))
 
-    def text(self) -> str:
-        """The whole source file. Raises UserError for equations that cannot be written."""
-        size = max(len(self.held), 1)
-        try:
-            parts = [self._init(), self._stages(), self._entries(), self._jacobians()]
-            parts += [filled(TEMPLATES / "steps.c", self.product, HELD=size), self._many(), self._range()]
-        except NotImplementedError as error:
-            words = f"the equations of this ship cannot be written as portable C ({error})"
-            raise Unsupported(f"{words}; leave the effect that needs it out with --without") from None
-        used = sorted({*functions_used(self.program, EVERY), "fabs"})
-        networks = network_c(self.network, self.places) if self.network else ""
-        head = f'#include "{self.p}.h"\n\n' + "".join(
-            f"#include <{name}.h>\n" for name in ("float", "math", "stddef", "string")
-        )
-        macros = f"\n#define real {self.p}_real\n{prelude(used, f'{self.p.upper()}_SINGLE')}\n"
-        undo = "".join(f"#undef {name}\n" for name in ("real", "R", *(f"m_{name}" for name in used)))
-        return (
-            comment(about(self.product)) + head + macros + definitions(self.product) + networks + "".join(parts) + undo
-        )
+    def stage(outputs: Sequence[int], after: int) -> list[int]:
+        """Values of the one stage that follows ``after`` and lead to ``outputs``."""
+        return [i for i in program.needed(outputs, after) if program.values[i].stage == after + 1]
 
-    def _body(self, outputs: Sequence[int], after: int, emitter: Emitter | None = None) -> list[str]:
-        """Statements of all stages later than ``after`` that lead to ``outputs``."""
-        return (emitter or self.emitter).statements(self.program.needed(outputs, after))
-
-    def _store(self, output: int, target: str, emitter: Emitter | None = None, width: int = 1) -> list[str]:
+    def stored(output: int, target: str, width: int = 1, by: Emitter = emitter) -> list[str]:
         """Statements that store an output of ``width`` columns row by row in ``target``."""
-        places, name = self.program.results[output], (emitter or self.emitter).name
-        height = len(places) // width
-        return [
-            f"{target}[{i * width + j}] = {name(places[i + j * height])};" for i in range(height) for j in range(width)
-        ]
+        places = program.results[output]
+        rows = len(places) // width
+        order = [places[i + j * rows] for i in range(rows) for j in range(width)]
+        return [f"{target}[{i}] = {by.name(place)};" for i, place in enumerate(order)]
 
-    def _function(self, head: str, lines: Sequence[str], unused: Sequence[str] = ()) -> str:
-        body = "\n  ".join([*lines, *(f"(void){name};" for name in unused)])
-        return f"\n{head} {{\n  {body}\n}}\n"
+    def made(output: int, target: str, width: int = 1) -> list[str]:
+        """Statements that lead to an output and store it."""
+        return [*emitter.statements(program.needed([output], COEFFICIENTS)), *stored(output, target, width)]
 
-    def _init(self) -> str:
-        places = [i for i in self.program.needed(EVERY, 0) if self.program.values[i].stage == COEFFICIENTS]
-        plain = Emitter(self.program, self.emitter.arguments, {})
-        lines = [
-            "int i;",
-            f"for (i = 0; i < {self.P}; i++)",
-            f"  model->coefficients[i] = coefficients ? coefficients[i] : (real){self.p}_coefficient_defaults[i];",
-            "{",
-            *plain.statements(places),
-            *(f"{text} = {plain.name(place)};" for place, text in self.kept.items()),
-            "}",
-        ]
-        return self._function(f"void {self.p}_init({self.p}_model *model, const real *coefficients)", lines)
+    def passed(values: Mapping[int, str], by: Emitter) -> list[str]:
+        """Statements that hand ``values`` on to the next stage."""
+        return [f"{text} = {by.name(place)};" for place, text in values.items()]
 
-    def _stages(self) -> str:
-        """Input stage and state stage of the rates, and the rates themselves."""
-        model, size = f"const {self.p}_model *model", max(len(self.held), 1)
-        wanted = [i for i in self.program.needed(self.shown, COEFFICIENTS) if self.program.values[i].stage == INPUTS]
-        inputs = [*self.emitter.statements(wanted), *(f"{t} = {self.emitter.name(i)};" for i, t in self.held.items())]
-        later = Emitter(self.program, self.emitter.arguments, {**self.kept, **self.held})
-        state = [*self._body(self.shown, INPUTS, later), *self._store(RATES, "rates", later)]
-        if self.network:
-            state = [f"real features[{len(self.features)}];", *state, *self._store(FEATURES, "features", later)]
-            state.append("network_add(features, rates);")
-        head = f"static void input_stage({model}, const real *inputs, real *held)"
-        text = self._function(head, inputs, ("model", "inputs", "held"))
-        head = f"static void state_stage({model}, const real *held, const real *state, const real *inputs, real *rates)"
-        text += self._function(head, state, ("model", "held", "state", "inputs"))
-        calls = ["input_stage(model, inputs, held);", "state_stage(model, held, state, inputs, rates);"]
-        head = f"void {self.p}_rates({model}, const real *state, const real *inputs, real *rates)"
-        return text + self._function(head, [f"real held[{size}];", *calls])
+    try:
+        derivatives = [RATES_Z, RATES_C] + ([FEATURES, FEATURES_Z, FEATURES_C] if network else [])
+        jacobians = emitter.statements(program.needed(derivatives, COEFFICIENTS))
+        jacobians += stored(RATES_Z, "by_state", S) + stored(RATES_C, "by_inputs", C)
+        state_stage = later.statements(program.needed(shown, INPUTS)) + stored(RATES, "rates", by=later)
+        if network:
+            state_stage += stored(FEATURES, "features", by=later)
+            jacobians += stored(FEATURES, "features") + stored(FEATURES_Z, "feature_z", S)
+            jacobians += stored(FEATURES_C, "feature_c", C)
+        feature = {name: emitter.name(place) for name, place in zip(features, program.results[FEATURES], strict=True)}
+        drift = ("u", "v") if any(name not in feature for name in product.ranges) else ()
+        wanted = [program.results[FEATURES][features.index(n)] for n in (*drift, *product.ranges) if n in feature]
+        words: dict[str, Any] = {
+            "INIT": first.statements(stage(EVERY, 0)) + passed(kept, first),
+            "INPUT_STAGE": emitter.statements(stage(shown, COEFFICIENTS)) + passed(held, emitter),
+            "STATE_STAGE": state_stage, "JACOBIANS": jacobians, "FORCES": made(FORCES, "forces", 3),
+            "COLUMNS": made(COLUMNS, "columns"), "SETTLED": made(SETTLED, "settled"), "FEATURE": feature,
+            "RANGE_STATEMENTS": emitter.statements(program.leading_to(wanted, COEFFICIENTS)),
+            "RANGES": product.ranges, "SLOW": product.slow_squared,
+        }  # fmt: skip
+        places = [features.index(name) for name in network.features] if network else []
+        words |= {"F": len(features), "HELD": max(len(held), 1), "PLACES": places, "NETWORK": ""}
+        if network:
+            words |= network_words(network)
+            words["NETWORK"] = filled(TEMPLATES / "network.c", product, **words)
+        if len(program.needed(shown, COEFFICIENTS)) <= MOST_VALUES:
+            words |= _lanes(product, program, shown, kept, held, words)
+    except NotImplementedError as error:
+        reason = f"the equations of this ship cannot be written as portable C ({error})"
+        raise Unsupported(f"{reason}; leave the effect that needs it out with --without") from None
+    used = sorted({*functions_used(program, EVERY), "fabs"})
+    text = filled(
+        TEMPLATES / "ship.c", product, **{"LANES": 0} | words, ABOUT=comment(product.sentences),
+        PRELUDE=prelude(used, f"{product.identifier.upper()}_SINGLE"), TABLES=definitions(product),
+        MEASURED=model.measured, INVERSIONS=INVERSIONS, UNDONE=["real", "R", *(f"m_{name}" for name in used)],
+    )  # fmt: skip
+    return text, len(kept)
 
-    def _entries(self) -> str:
-        """Forces, columns and the settled state."""
-        p, model = self.p, f"const {self.p}_model *model"
-        forces = [*self._body([FORCES], COEFFICIENTS), *self._store(FORCES, "forces", width=3)]
-        columns = [*self._body([COLUMNS], COEFFICIENTS), *self._store(COLUMNS, "columns")]
-        settled = [*self._body([SETTLED], COEFFICIENTS), *self._store(SETTLED, "settled")]
-        loop = [
-            f"real six[6]{', logged[6]' if self.model.measured else ''};",
-            "int i;" + (" int k;" if self.model.measured else ""),
-            "for (i = 0; i < 6; i++) six[i] = columns[i];",
-            "settle(model, six, inputs, state);",
-        ]
-        if self.model.measured:
-            loop += [
-                f"for (k = 0; k < {INVERSIONS}; k++) {{",
-                "  real most = R(0.0);",
-                f"  {p}_columns(model, state, logged);",
-                "  for (i = 0; i < 6; i++) {",
-                "    const real error = logged[i] - columns[i];",
-                "    most = error > most ? error : (-error > most ? -error : most);",
-                "    six[i] -= error;",
-                "  }",
-                "  settle(model, six, inputs, state);",
-                "  if (!(most > R(1e-12))) break;",
-                "}",
-            ]
-        at, every = f"{model}, const real *state", ("model", "state", "inputs")
-        return (
-            self._function(f"void {p}_forces({at}, const real *inputs, real *forces)", forces, every)
-            + self._function(f"void {p}_columns({at}, real *columns)", columns, every[:1])
-            + self._function(f"static void settle({at}, const real *inputs, real *settled)", settled, every)
-            + self._function(f"void {p}_settle({model}, const real *columns, const real *inputs, real *state)", loop)
-        )
 
-    def _jacobians(self) -> str:
-        S, C, F = self.S, self.C, len(self.features)
-        outputs = [RATES_Z, RATES_C] + ([FEATURES, FEATURES_Z, FEATURES_C] if self.network else [])
-        lines = [*self._body(outputs, COEFFICIENTS)]
-        lines += [*self._store(RATES_Z, "by_state", width=S), *self._store(RATES_C, "by_inputs", width=C)]
-        if self.network:
-            places = self.places
-            arrays = f"real features[{F}], by[{3 * len(places)}], feature_z[{F * S}], feature_c[{F * C}];"
-            where = f"static const int at[{len(places)}] = {{{', '.join(map(str, places))}}};"
-            lines = [arrays, where, "int i, j, k;", *lines]
-            lines += [*self._store(FEATURES, "features"), *self._store(FEATURES_Z, "feature_z", width=S)]
-            lines += [*self._store(FEATURES_C, "feature_c", width=C), "network_jacobian(features, by);"]
-            for target, source, width in (("by_state", "feature_z", S), ("by_inputs", "feature_c", C)):
-                lines.append(
-                    f"for (i = 0; i < 3; i++) for (k = 0; k < {len(places)}; k++) for (j = 0; j < {width}; j++)\n"
-                    f"    {target}[(3 + i) * {width} + j] += by[i * {len(places)} + k] * {source}[at[k] * {width} + j];"
-                )
-        head = f"void {self.p}_jacobians(const {self.p}_model *model, const real *state, const real *inputs,\n"
-        return self._function(f"{head}  real *by_state, real *by_inputs)", lines, ("model", "state", "inputs"))
-
-    def _many(self) -> str:
-        """``step_many``: LANES ships at once in loops of fixed length, where their values fit into a small stack."""
-        program, loop = self.program, f"for (l = 0; l < {LANES}; l++)"
-        if len(program.needed(self.shown, COEFFICIENTS)) > MOST_VALUES:
-            return filled(TEMPLATES / "one_by_one.c", self.product)
-        arguments = {0: "state[{0}][l]", 1: "inputs[{0}][l]", 2: "model->coefficients[{0}]"}
-        held = {place: f"{text}[l]" for place, text in self.held.items()}
-        first, later = (
-            LaneEmitter(program, arguments, self.kept),
-            LaneEmitter(program, arguments, {**self.kept, **held}),
-        )
-        places = [i for i in program.needed(self.shown, COEFFICIENTS) if program.values[i].stage == INPUTS]
-        scratch = [f"real a0[{LANES}], a1[{LANES}];", "int l, odd = 0;"]
-        unused = "(void)model; (void)held; (void)inputs; (void)a0; (void)a1; (void)"
-        into = [f"{loop} {target} = {first.name(place)};" for place, target in held.items()]
-        state = [*scratch, *later.lines(program.needed(self.shown, INPUTS))]
-        state += [f"{loop} rates[{i}][l] = {later.name(place)};" for i, place in enumerate(program.results[RATES])]
-        if self.network:
-            state.insert(0, f"real x[{len(self.places)}][{LANES}];")
-            features = program.results[FEATURES]
-            state += [f"{loop} x[{i}][l] = {later.name(features[place])};" for i, place in enumerate(self.places)]
-            state.append("lanes_network(x, rates);")
-        row, model = f"real {{}}[][{LANES}]", f"const {self.p}_model *model"
-        head = f"static int lanes_input({model}, {row.format('inputs')}, {row.format('held')})"
-        lines = [*scratch, *first.lines(places), *into, f"{unused}l;", "return odd;"]
-        text = lane_functions(program, list(self.shown), tanh_statements("x[l]"))
-        text += self._function(head, lines)[1:] + "\n"
-        text += lanes_network_c(self.network) if self.network else ""
-        head = f"static int lanes_rates({model}, {row.format('held')}, {row.format('state')},\n"
-        head += f"  {row.format('inputs')}, {row.format('rates')})"
-        text += self._function(head, [*state, f"{unused}state;", "return odd;"])[1:]
-        size = max(len(self.held), 1)
-        return text + filled(TEMPLATES / "lanes_steps.c", self.product, LANES=LANES, HELD=size)
-
-    def _range(self) -> str:
-        """Distance to what the trials held."""
-        p, ranges = self.p, self.product.ranges
-        head = f"double {p}_extrapolation(const {p}_model *model, const real *state, const real *inputs)"
-        if not ranges:
-            return self._function(head, ["(void)model; (void)state; (void)inputs;", "return -1.0;"])
-        index, places = {name: i for i, name in enumerate(self.features)}, self.program.results[FEATURES]
-        u, v = (self.emitter.name(places[index[name]]) for name in "uv")
-        drift = ("u", "v") if any(name not in index for name in ranges) else ()
-        wanted = [places[index[name]] for name in (*drift, *ranges) if name in index]
-        lines = self.emitter.statements(self.program.leading_to(wanted, COEFFICIENTS))
-        lines += [f"double x[{len(ranges)}], most = 0.0;", "int i;"]
-        for k, name in enumerate(ranges):
-            if name in index:
-                lines.append(f"x[{k}] = (double)({self.emitter.name(places[index[name]])});")
-            else:  # the drift angle, which has no meaning near rest
-                fastest = max(abs(x) for x in ranges["u"])
-                lines.append(f"x[{k}] = {0.5 * sum(ranges[name])!r};")
-                lines.append(f"if ((double)({u} * {u} + {v} * {v}) > {(0.1 * fastest) ** 2!r})")
-                lines.append(f"  x[{k}] = atan2((double)(-({v})), (double)({u}));")
-        lines += [
-            f"for (i = 0; i < {len(ranges)}; i++) {{",
-            f"  const double low = {p}_range_lower[i], high = {p}_range_upper[i];",
-            "  const double size = 0.1 * (fabs(low) > fabs(high) ? fabs(low) : fabs(high));",
-            "  const double width = high - low > size ? high - low : size;",
-            "  const double beyond = x[i] > high ? x[i] - high : (x[i] < low ? low - x[i] : 0.0);",
-            "  const double share = beyond > 0.0 ? beyond / (width > 1e-12 ? width : 1e-12) : 0.0;",
-            "  if (share > most) most = share;",
-            "}",
-            "return most;",
-        ]
-        return self._function(head, ["(void)model; (void)inputs;", "if (!finite_state(state)) return DBL_MAX;", *lines])
+def _lanes(
+    product: Product,
+    program: Program,
+    shown: Sequence[int],
+    kept: Mapping[int, str],
+    held: Mapping[int, str],
+    words: dict[str, Any],
+) -> dict[str, Any]:
+    """Words for ``step_many``: LANES ships at once in loops of fixed length; words: those of the network."""
+    loop, arguments = f"for (l = 0; l < {LANES}; l++)", {0: "state[{0}][l]", 1: "inputs[{0}][l]"}
+    arguments[2] = "model->coefficients[{0}]"
+    lanes = {place: f"{text}[l]" for place, text in held.items()}
+    first, later = (LaneEmitter(program, arguments, known) for known in (kept, {**kept, **lanes}))
+    places = [i for i in program.needed(shown, COEFFICIENTS) if program.values[i].stage == INPUTS]
+    rates = later.lines(program.needed(shown, INPUTS))
+    rates += [f"{loop} rates[{i}][l] = {later.name(place)};" for i, place in enumerate(program.results[RATES])]
+    at = program.results[FEATURES]
+    rates += [f"{loop} x[{i}][l] = {later.name(at[place])};" for i, place in enumerate(words["PLACES"])]
+    network = filled(TEMPLATES / "lanes_network.c", product, **words, LANES=LANES) if words["NETWORK"] else ""
+    return {
+        "LANES": LANES, "LANES_RATES": rates, "LANES_NETWORK": network,
+        "LANES_INPUT": first.lines(places) + [f"{loop} {to} = {first.name(place)};" for place, to in lanes.items()],
+        "LANE_FUNCTIONS": lane_functions(program, list(shown), tanh_statements("x[l]")),
+    }  # fmt: skip
 
 
 def c_files(product: Product) -> dict[str, str]:
@@ -261,9 +151,8 @@ def c_files(product: Product) -> dict[str, str]:
         if effect(name).input_delay(product.ship.parameters_of(name)) is not None:
             late = f"feed it rudder and revolutions that late, and leave it out with --without {name}"
             raise Unsupported(f"the effect {name} is an exact delay, which the C code does not hold: {late}")
-    source = Source(product)
-    text, p = source.text(), product.identifier
-    return {f"{p}.h": header_c(product, len(source.kept)), f"{p}.c": text}
+    (text, kept), p = source_c(product), product.identifier
+    return {f"{p}.h": header_c(product, kept), f"{p}.c": text}
 
 
 def write_c(product: Product, target: Path) -> None:

@@ -17,20 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from delivery.dictionaries.projection import (
-    ChannelError,
-    Motions,
-    channel_errors,
-    error_messages,
-    linear_parameters,
-    masses,
-    motions,
-    written,
-)
-from delivery.product import Product
+from delivery.dictionaries.projection import ChannelError, Motions, channel_errors, linear_parameters, motions
+from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
 
+TEMPLATE = Path(__file__).parent / "templates" / "hull.sdf.j2"
 GYRATION = 0.25
 """Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -64,9 +56,9 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         )
     samples = motions(product, simulator)
     factors, errors = project(samples, form)
-    words = f"the hydrodynamics plugin of {simulator}", f"the hull in the hydrodynamics plugin of {simulator}"
-    messages = error_messages(errors, samples, words, instead)
-    P, mass = samples.ship.particulars, masses(samples.ship)
+    held = f"the hydrodynamics plugin of {simulator}"
+    messages = samples.messages(errors, held, f"the hull in {held}", instead)
+    P, mass = samples.ship.particulars, samples.mass
     coefficient, error = thrust_coefficient(samples)
     hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
     sign = -1.0 if form == "gazebo" else 1.0
@@ -85,16 +77,16 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
-    written(target, "hull.sdf.j2", content, markup=True)
+    target.write_text(filled(TEMPLATE, product, markup=True, **content), encoding="utf-8")
     return messages
 
 
 def wanted_force(samples: Motions, form: str) -> np.ndarray:
     """What a plugin's velocity terms must give (3, M): the force on the hull, without propeller and rudder, with what
     its added masses leave of the equations of motion. samples: motions; form: "gazebo" or "vrx"."""
-    mass = masses(samples.ship)
+    mass = samples.mass
     driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
-    force = samples.needed_force(mass) - sum(driving, np.zeros((3, len(samples.u))))
+    force = samples.needed_force() - sum(driving, np.zeros((3, len(samples.u))))
     if form == "gazebo":
         force[0] += mass.m_y * samples.v * samples.r
         force[1] -= mass.m_x * samples.u * samples.r

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,24 @@ Rates = Callable[[np.ndarray, float, float], np.ndarray]
 
 
 @dataclass(frozen=True)
+class ChannelError:
+    """How far a projection is off in one channel over M motions.
+
+    force, error: RMS [N or N m] of the force that the target needs, and of what its form lacks of it.
+    """
+
+    channel: str
+    unit: str
+    force: float
+    error: float
+
+    @property
+    def share(self) -> float:
+        """Error by force [-]."""
+        return self.error / self.force if self.force > 0 else 0.0
+
+
+@dataclass(frozen=True)
 class Motions:
     """M motions of a ship and the accelerations that they bring.
 
@@ -71,25 +89,105 @@ class Motions:
     limits: Mapping[str, tuple[float, float]]
     left_out: tuple[str, ...]
 
+    @cached_property
+    def mass(self) -> Inertia:
+        """Masses about midship of the ship, as numbers."""
+        values = {s: c.value for s, c in self.ship.coefficients.items() if "." not in s}
+        return inertia(self.ship.namespace, names(values))
+
     def at(self, nu: np.ndarray, n: float, delta: float) -> Motions:
         """One motion in place of these: nu: u, v, r (3,); n [1/s]; delta [rad]. Its rates and forces are none's."""
         u, v, r = (np.array([float(x)]) for x in nu)
         return replace(self, u=u, v=v, r=r, n=np.array([n]), delta=np.array([delta]))
 
-    def needed_force(self, mass: Inertia) -> np.ndarray:
-        """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship moves as the ship does."""
-        u, v, r = self.u, self.v, self.r
+    def needed_force(self, mass: Inertia | None = None) -> np.ndarray:
+        """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship, its own by default, moves as the
+        ship does."""
+        u, v, r, mass = self.u, self.v, self.r, mass or self.mass
         du, dv, dr = self.rates
         X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r * r
         Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
         N = mass.I_z * dr + mass.moment * (dv + u * r)
         return np.array([X, Y, N])
 
+    def messages(self, errors: Sequence[ChannelError], target: str, form: str, instead: str = EXACT) -> list[Message]:
+        """What is to be said of a projection: error per channel, range, what is left out.
 
-def masses(ship: Ship) -> Inertia:
-    """Masses about midship of ``ship``, as numbers."""
-    values = {s: c.value for s, c in ship.coefficients.items() if "." not in s}
-    return inertia(ship.namespace, names(values))
+        errors: by channel; target, form: words on both; instead: what to do. Raises UserError where a channel's error
+        is too large a share.
+        """
+        worst = max(errors, key=lambda e: e.share)
+        if worst.share > WORST:
+            raise Unsupported(
+                f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the "
+                f"force (RMS), more than {100 * WORST:.0f} %; {instead}"
+            )
+        shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
+        limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in self.limits.items())
+        line = f"projected on {form}: error by net force (RMS) {shares}, over {len(self.u)} motions"
+        messages = [Message(line, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
+        return messages + [Message(line, "left_out") for line in self.left_out]
+
+    def ship_rates(self) -> Rates:
+        """The rates of the ship in calm air and water."""
+        model = assemble(self.ship, symbols=())
+        columns = {name: model.controls.index(name) for name in ("n", "delta") if name in model.controls}
+        controls, state = np.zeros(len(model.controls)), np.zeros(6)
+
+        def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
+            for name, value in (("n", n), ("delta", delta)):
+                if name in columns:
+                    controls[columns[name]] = value
+            state[3:] = nu
+            return np.array(model.rates(state, controls, [])).ravel()[3:6]
+
+        return rates
+
+    def turning_path(self, rates: Rates) -> np.ndarray:
+        """Rows x, y, psi, u, v, r (N, 6) of a turning circle to starboard, 40 in the time of a ship length.
+
+        At the largest revolutions, rudder angle and speed of the approach; rates: of the model. Ends when the heading
+        has changed by 200 deg, or after 60 ship lengths.
+        """
+        L, n, largest = self.ship.particulars["L"], float(self.n.max()), float(np.abs(self.delta).max())
+        straight = np.argmax(np.where(np.abs(self.r) < 0.02 * np.abs(self.r).max(), self.u, 0.0))
+        speed = float(self.u[straight])
+        dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
+        rows = []
+
+        def derivative(state: np.ndarray, _: float) -> np.ndarray:
+            psi, u, v, r = state[2:]
+            moving = [u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi), r]
+            return np.concatenate([moving, rates(state[3:], n, delta)])
+
+        for _ in range(round(60 * L / speed / dt)):
+            rows.append(z)
+            if not np.isfinite(z).all() or z[2] > math.radians(200):
+                break
+            delta = min(largest, delta + rate * dt)
+            z = rk4_step(derivative, z, dt)
+        return np.array(rows)
+
+    def compared(self, rates: Rates) -> tuple[dict[str, Any], Message]:
+        """The turning circle of the ship and of its projection, in ship lengths: as plain values, and in words.
+
+        rates: of the projection.
+        """
+        L, largest = self.ship.particulars["L"], math.degrees(float(np.abs(self.delta).max()))
+        circles = []
+        for one in (self.ship_rates(), rates):
+            x, y, psi = self.turning_path(one)[:, :3].T
+            advance, diameter = float(np.interp(0.5 * math.pi, psi, x)), float(np.interp(math.pi, psi, y))
+            circles.append(
+                {"advance_L": advance / L, "tactical_diameter_L": diameter / L} if psi[-1] >= math.pi else None
+            )
+        ship, projection = circles
+        words = "a turning circle does not come round with one of the two"
+        if ship and projection:
+            figures = [f"{name[:-2].replace('_', ' ')} {ship[name]:.2f} -> {projection[name]:.2f} L" for name in ship]
+            words = f"turning {largest:.0f} deg, ship -> projection: {', '.join(figures)}"
+        content = {"rudder_deg": largest, "n_rps": float(self.n.max()), "ship": ship, "projection": projection}
+        return content, Message(words, "projection_turning")
 
 
 def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...]]:
@@ -220,51 +318,11 @@ def _inside(ranges: Mapping[str, tuple[float, float]], *values: np.ndarray) -> n
     return good
 
 
-@dataclass(frozen=True)
-class ChannelError:
-    """How far a projection is off in one channel over M motions.
-
-    force, error: RMS [N or N m] of the force that the target needs, and of what its form lacks of it.
-    """
-
-    channel: str
-    unit: str
-    force: float
-    error: float
-
-    @property
-    def share(self) -> float:
-        """Error by force [-]."""
-        return self.error / self.force if self.force > 0 else 0.0
-
-
 def channel_errors(needed: np.ndarray, projected: np.ndarray) -> tuple[ChannelError, ...]:
     """Errors in surge, sway and yaw. needed, projected: X, Y, N (3, M): needed by the target, and given by its form."""
     force, error = (np.sqrt(np.mean(a**2, axis=1)) for a in (needed, projected - needed))
     rows = zip(("surge", "sway", "yaw"), ("N", "N", "N m"), force, error, strict=True)
     return tuple(ChannelError(channel, unit, float(f), float(e)) for channel, unit, f, e in rows)
-
-
-def error_messages(
-    errors: Sequence[ChannelError], samples: Motions, words: tuple[str, str], instead: str = EXACT
-) -> list[Message]:
-    """What is to be said of a projection: error per channel, range, what is left out.
-
-    errors: by channel; samples: motions of the ship; words: on the target, and on its form; instead: what to do.
-    Raises UserError where a channel's error is too large a share.
-    """
-    target, form = words
-    worst = max(errors, key=lambda e: e.share)
-    if worst.share > WORST:
-        raise Unsupported(
-            f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the force "
-            f"(RMS), more than {100 * WORST:.0f} %; {instead}"
-        )
-    shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
-    limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in samples.limits.items())
-    line = f"projected on {form}: error by net force (RMS) {shares}, over {len(samples.u)} motions"
-    messages = [Message(line, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
-    return messages + [Message(line, "left_out") for line in samples.left_out]
 
 
 def fit_parameters(
@@ -294,74 +352,3 @@ def linear_parameters(terms: Mapping[str, np.ndarray], force: np.ndarray) -> dic
     size[size == 0] = 1.0
     factors = np.linalg.lstsq(columns / size, force, rcond=1e-6)[0] / size
     return dict(zip(terms, factors.tolist(), strict=True))
-
-
-def ship_rates(samples: Motions) -> Rates:
-    """The rates of the ship of ``samples`` in calm air and water."""
-    model = assemble(samples.ship, symbols=())
-    columns = {name: model.controls.index(name) for name in ("n", "delta") if name in model.controls}
-    controls, state = np.zeros(len(model.controls)), np.zeros(6)
-
-    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        for name, value in (("n", n), ("delta", delta)):
-            if name in columns:
-                controls[columns[name]] = value
-        state[3:] = nu
-        return np.array(model.rates(state, controls, [])).ravel()[3:6]
-
-    return rates
-
-
-def turning_path(samples: Motions, rates: Rates) -> np.ndarray:
-    """Rows x, y, psi, u, v, r (N, 6) of a turning circle to starboard, 40 in the time of a ship length.
-
-    samples: motions of the ship, with the largest revolutions, rudder angle and speed of the approach; rates: of the
-    model. Ends when the heading has changed by 200 deg, or after 60 ship lengths.
-    """
-    L, n, largest = samples.ship.particulars["L"], float(samples.n.max()), float(np.abs(samples.delta).max())
-    straight = np.argmax(np.where(np.abs(samples.r) < 0.02 * np.abs(samples.r).max(), samples.u, 0.0))
-    speed = float(samples.u[straight])
-    dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
-    rows = []
-
-    def derivative(state: np.ndarray, _: float) -> np.ndarray:
-        psi, u, v, r = state[2:]
-        moving = [u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi), r]
-        return np.concatenate([moving, rates(state[3:], n, delta)])
-
-    for _ in range(round(60 * L / speed / dt)):
-        rows.append(z)
-        if not np.isfinite(z).all() or z[2] > math.radians(200):
-            break
-        delta = min(largest, delta + rate * dt)
-        z = rk4_step(derivative, z, dt)
-    return np.array(rows)
-
-
-def compared(samples: Motions, rates: Rates) -> tuple[dict[str, Any], Message]:
-    """The turning circle of the ship and of its projection, in ship lengths: as plain values, and in words.
-
-    samples: motions of the ship; rates: of the projection.
-    """
-    L, largest = samples.ship.particulars["L"], math.degrees(float(np.abs(samples.delta).max()))
-    circles = []
-    for one in (ship_rates(samples), rates):
-        x, y, psi = turning_path(samples, one)[:, :3].T
-        advance, diameter = float(np.interp(0.5 * math.pi, psi, x)), float(np.interp(math.pi, psi, y))
-        circles.append({"advance_L": advance / L, "tactical_diameter_L": diameter / L} if psi[-1] >= math.pi else None)
-    ship, projection = circles
-    words = "a turning circle does not come round with one of the two"
-    if ship and projection:
-        figures = [f"{name[:-2].replace('_', ' ')} {ship[name]:.2f} -> {projection[name]:.2f} L" for name in ship]
-        words = f"turning {largest:.0f} deg, ship -> projection: {', '.join(figures)}"
-    content = {"rudder_deg": largest, "n_rps": float(samples.n.max()), "ship": ship, "projection": projection}
-    return content, Message(words, "projection_turning")
-
-
-def written(target: Path, template: str, words: Mapping[str, Any], markup: bool = False) -> None:
-    """Write the ``template`` of this room, filled with ``words``, to the file ``target``. markup: whether it is XML."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    loader = FileSystemLoader(Path(__file__).parent / "templates")
-    environment = Environment(loader=loader, undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True)
-    target.write_text(environment.get_template(template).render(words), encoding="utf-8")

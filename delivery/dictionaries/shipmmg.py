@@ -24,13 +24,9 @@ from delivery.dictionaries.projection import (
     Motions,
     Rates,
     channel_errors,
-    compared,
-    error_messages,
     fit_parameters,
     linear_parameters,
-    masses,
     motions,
-    ship_rates,
 )
 from delivery.product import Product
 from mmg.components.rigid_body import accelerations
@@ -66,8 +62,8 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
     """
     samples = shipmmg_motions(product)
     p, errors = project(samples)
-    messages = error_messages(errors, samples, ("shipmmg", "shipmmg's 3-DOF MMG model"))
-    circles, words = compared(samples, shipmmg_rates(samples, p))
+    messages = samples.messages(errors, "shipmmg", "shipmmg's 3-DOF MMG model")
+    circles, words = samples.compared(shipmmg_rates(samples, p))
     messages.append(words)
     K, T, why = nomoto(samples)
     basic, maneuvering = dictionaries(samples, p)
@@ -170,7 +166,7 @@ def force(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
 def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
     """Parameters by symbol and the errors. Propeller and rudder are fitted to the ship's own, the hull to what is left,
     and then all together to the whole force. samples: motions of the ship."""
-    needed = samples.needed_force(masses(samples.ship))
+    needed = samples.needed_force()
     values = {s: c.value for s, c in samples.ship.coefficients.items()}
     start = {name: values.get(name, values.get(OTHER_NAMES.get(name, ""), row[0])) for name, row in _OWN.items()}
     if "epsilon" in values and "k_x" in values:
@@ -238,7 +234,7 @@ def _together(
 
 def dictionaries(samples: Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Arguments of Mmg3DofBasicParams and of Mmg3DofManeuveringParams. samples: motions; p: parameters by symbol."""
-    P, mass = samples.ship.particulars, masses(samples.ship)
+    P, mass = samples.ship.particulars, samples.mass
     basic = {
         "L_pp": P["L"], "B": P["B"], "d": P["d"], "x_G": P["x_G"], "D_p": P["D_P"], "m": P["m"],
         "I_zG": mass.I_z - P["x_G"] ** 2 * P["m"], "A_R": P["A_R"], "m_x": mass.m_x, "m_y": mass.m_y, "J_z": 0.0,
@@ -253,7 +249,7 @@ def dictionaries(samples: Motions, p: Mapping[str, float]) -> tuple[dict[str, fl
 
 def shipmmg_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
     """The rates of the projected ship by shipmmg's equations. samples: motions of the ship; p: parameters by symbol."""
-    mass = masses(samples.ship)
+    mass = samples.mass
 
     def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
         X, Y, N = force(samples.at(nu, n, delta), p)[:, 0]
@@ -264,7 +260,7 @@ def shipmmg_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
 
 def nomoto(samples: Motions) -> tuple[float, float, str]:
     """K [1/s], T [s] of the ship of ``samples`` about straight running, and why there are none, "" where there are."""
-    rates, h = ship_rates(samples), 1e-4
+    rates, h = samples.ship_rates(), 1e-4
     u, n, L = float(samples.u.max()), float(samples.n.max()), samples.ship.particulars["L"]
 
     def slope(dv: float, dr: float, ddelta: float) -> np.ndarray:

@@ -13,6 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,19 +24,16 @@ from delivery.dictionaries.projection import (
     Motions,
     Rates,
     channel_errors,
-    compared,
-    error_messages,
     fit_parameters,
     linear_parameters,
-    masses,
     motions,
-    written,
 )
-from delivery.product import Product
+from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 
+TEMPLATE = Path(__file__).parent / "templates" / "vehicle.py.j2"
 SIMULATOR = "the Python Vehicle Simulator"
 
 
@@ -49,11 +47,11 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
         raise Unsupported(f"{SIMULATOR} needs a propeller of its own; {name} has none beside its hull model: {EXACT}")
     samples = motions(product, SIMULATOR)
     p, errors = project(samples)
-    messages = error_messages(errors, samples, (SIMULATOR, f"the tanker of {SIMULATOR}"))
-    messages.append(compared(samples, vehicle_rates(samples, p))[1])
+    messages = samples.messages(errors, SIMULATOR, f"the tanker of {SIMULATOR}")
+    messages.append(samples.compared(vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
-    words = {
+    words: dict[str, Any] = {
         "called": repr(f"{product.ship.title}, projected by mmg-ident"), "title": _in_docstring(product.ship.title),
         "name": product.identifier, "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
@@ -62,7 +60,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
         "delta_rate": round(math.degrees(RATE) / scale, 3), "gain": 1.5, "time": round(L / speed, 3),
         "lead": round(10 * scale, 1),
     }  # fmt: skip
-    written(target, "vehicle.py.j2", words)
+    target.write_text(filled(TEMPLATE, product, **words), encoding="utf-8")
     return messages
 
 
@@ -100,7 +98,7 @@ def terms(samples: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.nd
 
 def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
     """Parameters of the form and the errors, by ``samples``: motions of the ship."""
-    P, mass = samples.ship.particulars, masses(samples.ship)
+    P, mass = samples.ship.particulars, samples.mass
     L, m, u, n = P["L"], P["m"], samples.u, samples.n
     t = samples.ship.coefficients["t_P"].value if "t_P" in samples.ship.coefficients else 0.2
     p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}

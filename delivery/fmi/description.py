@@ -9,145 +9,44 @@ of variables agree.
 from __future__ import annotations
 
 import math
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
-from xml.etree import ElementTree as Xml
+from xml.sax.saxutils import escape
 
-from delivery.c.header import about, inserted
 from delivery.fmi.ship import CoSimulatedShip
-from delivery.fmi.variables import SHOWN, FmuVariable, VariableTable, exponents
+from delivery.fmi.variables import SHOWN, VariableTable, exponents
+from delivery.product import filled
 from fitting.report.run_folder import versions
 
-CATEGORIES = {
-    "logStatusError": "errors, such as calls in a wrong order",
-    "logStatusWarning": "values outside their bounds",
-    "logStatusDiscard": "values that were refused",
-    "logAll": "everything else",
-}
-PAGE = Path(__file__).parent / "c" / "page.html"
-NAMESPACE = "https://open-simulation-platform.com/OspModelDescription/1.0.0"
+TEMPLATES = Path(__file__).parent / "c"
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
          "AngularDisplacement")  # fmt: skip
 """Kinds of groups in the order in which the schema wants them."""
 
 
-def text_of(root: Xml.Element) -> str:
-    """The document of ``root``, indented."""
-    Xml.indent(root, "  ")
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
+def xml(text: str) -> str:
+    """``text`` as the value of an attribute: on one line, without characters that XML cannot hold."""
+    printable = "".join(c if c.isprintable() or c.isspace() else " " for c in text)
+    return escape(" ".join(printable.split()), {'"': "&quot;"})
 
 
-def printable_words(words: str) -> str:
-    """``words`` without characters that XML cannot hold, on one line."""
-    return " ".join("".join(c if c.isprintable() or c.isspace() else " " for c in words).split())
-
-
-def head(ship: CoSimulatedShip, version: str) -> dict[str, str]:
-    """Attributes of the root of a description of ``ship`` that both versions have. version: of FMI."""
-    return {
-        "fmiVersion": version,
-        "modelName": printable_words(ship.plain.ship.called),
-        "description": printable_words(" ".join(about(ship.plain))),
-        "version": versions()["mmg-ident"],
-        "generationTool": f"mmg-ident {versions()['mmg-ident']}",
-        "variableNamingConvention": "structured",
-    }
-
-
-def experiment(ship: CoSimulatedShip) -> dict[str, str]:
-    """Attributes of the experiment that a description of ``ship`` proposes."""
-    step = float(f"{ship.longest_step / 5:.1g}")
-    return {"startTime": "0.0", "stopTime": "600.0", "stepSize": repr(step)}
-
-
-def units(parent: Xml.Element, table: VariableTable) -> None:
-    """Adds the definitions of all units of ``table`` to ``parent``."""
-    names = sorted({row.unit for row in table.rows if row.unit})
-    definitions = Xml.SubElement(parent, "UnitDefinitions")
-    for name in names:
-        unit, powers = Xml.SubElement(definitions, "Unit", name=name), exponents(name)
-        if powers is not None:
-            Xml.SubElement(unit, "BaseUnit", {base: str(n) for base, n in sorted(powers.items())})
-        if name in SHOWN:
-            shown, factor = SHOWN[name]
-            Xml.SubElement(unit, "DisplayUnit", name=shown, factor=repr(factor))
-
-
-def real_attributes(row: FmuVariable) -> dict[str, str]:
-    """Attributes of the value of a real variable ``row`` that both versions have."""
-    attributes = {}
-    if row.unit:
-        attributes["unit"] = row.unit
-        if row.unit in SHOWN:
-            attributes["displayUnit"] = SHOWN[row.unit][0]
-    if math.isfinite(row.lower):
-        attributes["min"] = repr(row.lower)
-    if math.isfinite(row.upper):
-        attributes["max"] = repr(row.upper)
-    if row.start is not None:
-        attributes["start"] = repr(row.start)
-    return attributes
-
-
-def description(ship: CoSimulatedShip, table: VariableTable, version: int, token: str, files: list[str]) -> str:
+def description(ship: CoSimulatedShip, table: VariableTable, version: int, token: str, files: Sequence[str]) -> str:
     """modelDescription.xml of a ``ship`` and its variables ``table``.
 
     version: of FMI, 2 or 3; token: the GUID or instantiation token; files: sources, which FMI 2.0 lists here.
     """
-    two = version == 2
-    state = "FMUstate" if two else "FMUState"
-    root = Xml.Element(
-        "fmiModelDescription", {**head(ship, f"{version}.0"), "guid" if two else "instantiationToken": token}
-    )
-    able = ("canHandleVariableCommunicationStepSize", f"canGetAndSet{state}", f"canSerialize{state}")
-    attributes = {"modelIdentifier": ship.identifier, **dict.fromkeys(able, "true")}
-    cosimulation = Xml.SubElement(root, "CoSimulation", attributes)
-    if two:
-        sources = Xml.SubElement(cosimulation, "SourceFiles")
-        for name in files:
-            Xml.SubElement(sources, "File", name=name)
-    units(root, table)
-    categories = Xml.SubElement(root, "LogCategories")
-    for name, words in CATEGORIES.items():
-        Xml.SubElement(categories, "Category", name=name, description=words)
-    Xml.SubElement(root, "DefaultExperiment", experiment(ship))
-    variables = Xml.SubElement(root, "ModelVariables")
-    for row in table.rows[
-        1 if two else 0 :
-    ]:  # the time is not needed in FMI 2.0, and some importers want it to have a start
-        attributes = {
-            "name": row.name, "valueReference": str(row.reference), "description": printable_words(row.words),
-            "causality": row.causality, "variability": row.variability,
-        }  # fmt: skip
-        if row.causality == "parameter":
-            attributes["initial"] = "exact"
-        elif row.causality in ("output", "local"):
-            attributes["initial"] = "calculated"
-        if two:
-            kind = "Boolean" if row.unit is None else "Real"
-            Xml.SubElement(Xml.SubElement(variables, "ScalarVariable", attributes), kind, real_attributes(row))
-        else:
-            kind = "Boolean" if row.unit is None else "Float64"
-            Xml.SubElement(variables, kind, {**attributes, **real_attributes(row)})
-    structure = Xml.SubElement(root, "ModelStructure")
-    for name in ("Output", "InitialUnknown"):
-        parent = Xml.SubElement(structure, f"{name}s") if two else structure
-        for row in table.of("output"):
-            reference = {"index" if two else "valueReference": str(row.reference)}
-            Xml.SubElement(parent, "Unknown" if two else name, reference)
-    return text_of(root)
+    names = sorted({row.unit for row in table.rows if row.unit})
+    return filled(
+        TEMPLATES / "modelDescription.xml", ship, two=version == 2, NAME=ship.plain.ship.called, TOKEN=token,
+        WORDS=" ".join(ship.plain.sentences), VERSION=versions()["mmg-ident"], IDENTIFIER=ship.identifier, FILES=files,
+        UNITS=[(name, exponents(name), SHOWN.get(name)) for name in names], STEP=float(f"{ship.longest_step / 5:.1g}"),
+        ROWS=table.rows, OUTPUTS=table.of("output"), SHOWN=SHOWN, INFINITE=math.inf, xml=xml,
+    )  # fmt: skip
 
 
-def build_description(ship: CoSimulatedShip, files: list[str]) -> str:
-    """sources/buildDescription.xml of FMI 3.0 for ``ship``. files: sources to compile."""
-    root = Xml.Element("fmiBuildDescription", fmiVersion="3.0")
-    build = Xml.SubElement(root, "BuildConfiguration", modelIdentifier=ship.identifier)
-    sources = Xml.SubElement(build, "SourceFileSet", language="C99")
-    for name in files:
-        Xml.SubElement(sources, "SourceFile", name=name)
-    words = "the mathematical functions of the C library, where they are a library of their own"
-    Xml.SubElement(build, "Library", name="m", external="true", description=words)
-    return text_of(root)
+def build_description(ship: CoSimulatedShip, main: str) -> str:
+    """sources/buildDescription.xml of FMI 3.0 for ``ship``. main: the source to compile."""
+    return filled(TEMPLATES / "buildDescription.xml", ship, IDENTIFIER=ship.identifier, MAIN=main)
 
 
 def osp_groups(table: VariableTable) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -181,45 +80,20 @@ def osp_groups(table: VariableTable) -> list[tuple[str, str, tuple[str, ...]]]:
     return sorted(groups, key=lambda group: ORDER.index(group[0]))
 
 
-def osp_description(table: VariableTable) -> str:
-    """The description of an FMU with the variables of ``table``."""
-    rows, groups = {row.name: row for row in table.rows}, osp_groups(table)
-    root = Xml.Element("OspModelDescription", xmlns=NAMESPACE, version="1.0")
-    definitions = Xml.SubElement(root, "UnitDefinitions")
-    for unit in sorted({rows[name].unit or "" for _, _, members in groups for name in members} - {""}):
-        powers = {base: str(n) for base, n in sorted((exponents(unit) or {}).items())}
-        Xml.SubElement(Xml.SubElement(definitions, "Unit", name=unit), "BaseUnit", powers)
-    parent = Xml.SubElement(root, "VariableGroups")
-    for kind, name, members in groups:
-        group = Xml.SubElement(parent, kind, name=name)
-        for member in members:
-            named = {"unit": rows[member].unit or ""}
-            Xml.SubElement(group, "Variable", {"ref": member, **(named if named["unit"] else {})})
-    return text_of(root)
+def osp_description(ship: CoSimulatedShip, table: VariableTable) -> str:
+    """The description of the FMU of ``ship`` with the variables of ``table``."""
+    groups, unit_of = osp_groups(table), {row.name: row.unit or "" for row in table.rows}
+    units = sorted({unit_of[name] for _, _, members in groups for name in members} - {""})
+    return filled(
+        TEMPLATES / "ospDescription.xml", ship, GROUPS=groups, UNIT_OF=unit_of,
+        UNITS=[(unit, exponents(unit) or {}) for unit in units],
+    )  # fmt: skip
 
 
 def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
-    ranges = [
-        f"<tr><td><code>{escape(k)}</code></td><td>{a:.4g}</td><td>{b:.4g}</td></tr>"
-        for k, (a, b) in ship.ranges.items()
-    ]
-    limits = f"<table><tr><th>quantity (SI)</th><th>least</th><th>most</th></tr>{''.join(ranges)}</table>"
-    groups = (("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))
-    return inserted(
-        PAGE.read_text(encoding="utf-8"), NAME=escape(ship.identifier), STEP=f"{ship.longest_step:g}",
-        TITLE=escape(ship.ship.title or ship.identifier),
-        WORDS="".join(f"<li>{escape(line)}</li>" for line in about(ship.plain)),
-        LIMITS=limits if ranges else "<p>No record of it is known, so this FMU cannot say when it extrapolates.</p>",
-        TABLES="".join(f"<h2>{title}</h2>{_rows(table.of(causality))}" for title, causality in groups),
+    groups = [(title, table.of(title.lower()[:-1])) for title in ("Inputs", "Outputs", "Parameters")]
+    return filled(
+        TEMPLATES / "page.html", ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}",
+        WORDS=ship.plain.sentences, RANGES=ship.ranges, GROUPS=groups,
     )  # fmt: skip
-
-
-def _rows(variables: tuple[FmuVariable, ...]) -> str:
-    """A table of ``variables``."""
-    cells = "".join(
-        f"<tr><td><code>{escape(v.name)}</code></td><td>{escape(v.unit or '')}</td>"
-        f"<td>{'' if v.start is None else f'{v.start:.6g}'}</td><td>{escape(v.words)}</td></tr>\n"
-        for v in variables
-    )
-    return f"<table><tr><th>name</th><th>unit</th><th>start</th><th>what it is</th></tr>\n{cells}</table>"

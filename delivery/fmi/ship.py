@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 
@@ -19,6 +20,7 @@ WATER = ("current_north", "current_east")
 CURRENT = ("current.x", "current.y")
 RATES = ("current.x_rate", "current.y_rate")
 TIME = "time"
+_FUNCTIONS = ("rates", "forces", "initial", "columns", "features")
 LATE_LOG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 AFTER_LATE = ("velocity_filter", "heading_bias", "log_scale", "gyro")
 """Effects of instruments with which the lateness of the logged velocity is exact: none acts before it."""
@@ -79,10 +81,8 @@ class CoSimulatedShip(Product):
         symbols = tuple(s for s in model.symbols if s not in CURRENT and not (self.steady and s in RATES))
         controls = self.inputs_of(model.controls)
         c, theta = ca.SX.sym("controls", len(controls)), ca.SX.sym("coefficients", len(symbols))
-        inputs, values = (
-            dict(zip(controls, ca.vertsplit(c), strict=True)),
-            dict(zip(symbols, ca.vertsplit(theta), strict=True)),
-        )
+        inputs = dict(zip(controls, ca.vertsplit(c), strict=True))
+        values = dict(zip(symbols, ca.vertsplit(theta), strict=True))
         values |= dict(zip(CURRENT, (inputs[name] for name in WATER), strict=True))
         old_c = ca.vertcat(*[inputs.get(name, ca.SX(0)) for name in model.controls])
         old_theta = ca.vertcat(*[values.get(name, ca.SX(0)) for name in model.symbols])
@@ -94,16 +94,8 @@ class CoSimulatedShip(Product):
                 return ca.Function(name, [z, theta], [function(z, old_theta)], {"cse": True})
             return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
 
-        return replace(
-            model,
-            symbols=symbols,
-            controls=controls,
-            rates=changed(model.rates),
-            forces=changed(model.forces),
-            initial=changed(model.initial),
-            columns=changed(model.columns),
-            features=changed(model.features),
-        )
+        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in _FUNCTIONS}
+        return replace(model, symbols=symbols, controls=controls, **functions)
 
     def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:
         """Inputs of the model: actuators, air, water, and the time where an effect besides the current needs it.

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
-from delivery.product import ProductCoefficient, unit_of
-from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from delivery.product import QUANTITIES, ProductCoefficient, unit_of
+from mmg.motion.flow import PROPELLERS, RUDDERS
 from mmg.ship import AIR
 from mmg.states import STATES
 
@@ -23,14 +23,6 @@ SHOWN = {
 }
 """Unit -> unit for people, and its value for one of the unit."""
 _PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
-STATE_WORDS = {
-    "x": "position of midship, north",
-    "y": "position of midship, east",
-    "psi": "heading, clockwise from north",
-    "u": "velocity ahead over ground, of midship",
-    "v": "velocity to starboard over ground, of midship",
-    "r": "rate of turn, positive to starboard",
-}
 POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
 VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FORCE = {"X": ("N", "force ahead"), "Y": ("N", "force to starboard"), "N": ("N.m", "moment about midship")}
@@ -67,14 +59,14 @@ class FmuVariable:
     """
 
     name: str
-    reference: int
     causality: str
-    variability: str
-    start: float | None
     unit: str | None
     words: str
+    start: float | None = None
+    variability: str = "continuous"
     lower: float = -math.inf
     upper: float = math.inf
+    reference: int = 0
 
 
 @dataclass(frozen=True)
@@ -102,37 +94,25 @@ def variable_table(ship: CoSimulatedShip) -> VariableTable:
     """The variables of ``ship``."""
     actuators = [name for name in ship.model.controls if name not in (*AIR, *WATER, TIME)]
     parameters = (*ship.coefficients, *ship.delays)
-    rows: list[tuple[str, str, str, float | None, str | None, str]] = [
-        ("time", "independent", "continuous", None, "s", "time")
-    ]
+    rows = [FmuVariable("time", "independent", "s", "time")]
     for name in actuators:
-        words, unit = INPUTS[name]
-        rows.append((input_name(name), "input", "continuous", 0.0, plain_unit(unit), f"{words}; held over a step"))
-    for axis in ("north", "east"):
-        words = f"velocity of the air over ground towards {axis}; held over a step"
-        rows.append((f"wind_velocity.{axis}", "input", "continuous", 0.0, "m/s", words))
-    for axis, start in zip(("north", "east"), ship.water, strict=True):
-        words = f"velocity of the water over ground towards {axis}; held over a step"
-        rows.append((f"current_velocity.{axis}", "input", "continuous", start, "m/s", words))
+        words, unit = QUANTITIES[name]
+        rows.append(FmuVariable(input_name(name), "input", plain_unit(unit), f"{words}; held over a step", 0.0))
+    for what, of, starts in (("wind", "air", (0.0, 0.0)), ("current", "water", ship.water)):
+        for axis, start in zip(("north", "east"), starts, strict=True):
+            words = f"velocity of the {of} over ground towards {axis}; held over a step"
+            rows.append(FmuVariable(f"{what}_velocity.{axis}", "input", "m/s", words, start))
     for state in STATES:
-        rows.append(
-            (f"initial.{state}", "parameter", "fixed", 0.0, unit_of(state), f"{STATE_WORDS[state]}, at the start")
-        )
-    settable = [FmuVariable(row[0], i, *row[1:]) for i, row in enumerate(rows)]
-    tunable = [_parameter(c, len(settable) + i) for i, c in enumerate(parameters)]
-    outputs = _outputs(ship)
-    calculated = [
-        FmuVariable(name, len(settable) + len(tunable) + i, causality, "continuous", None, unit, words)
-        for i, (name, causality, unit, words) in enumerate(outputs)
-    ]
+        words = f"{QUANTITIES[state][0]}, at the start"
+        rows.append(FmuVariable(f"initial.{state}", "parameter", unit_of(state), words, 0.0, "fixed"))
+    rows += [_parameter(c) for c in parameters] + _outputs(ship)
     words = "whether the ship moves inside what the trials held, that is extrapolation = 0"
-    valid = FmuVariable(
-        "valid", len(settable) + len(tunable) + len(calculated), "output", "discrete", None, None, words
-    )
-    return VariableTable((*settable, *tunable, *calculated, valid), len(actuators), len(actuators) + 4, parameters)
+    rows.append(FmuVariable("valid", "output", None, words, variability="discrete"))
+    numbered = tuple(replace(row, reference=i) for i, row in enumerate(rows))
+    return VariableTable(numbered, len(actuators), len(actuators) + 4, parameters)
 
 
-def _parameter(c: ProductCoefficient, reference: int) -> FmuVariable:
+def _parameter(c: ProductCoefficient) -> FmuVariable:
     """The tunable parameter of a coefficient; its words say how well it is known."""
     words = [c.description or c.symbol]
     if not c.unit:
@@ -141,32 +121,32 @@ def _parameter(c: ProductCoefficient, reference: int) -> FmuVariable:
     words += [c.verdict] if c.verdict else ["not determined by trials"]
     lower, upper = min(c.lower, c.value), max(c.upper, c.value)
     name, unit = f"coefficients.{c.symbol}", plain_unit(c.unit)
-    return FmuVariable(name, reference, "parameter", "tunable", c.value, unit, "; ".join(words), lower, upper)
+    return FmuVariable(name, "parameter", unit, "; ".join(words), c.value, "tunable", lower, upper)
 
 
-def _outputs(ship: CoSimulatedShip) -> list[tuple[str, str, str, str]]:
-    """Name, causality, unit and words of what is calculated, in the order of enum FmuOutput of fmu-instance.h."""
+def _outputs(ship: CoSimulatedShip) -> list[FmuVariable]:
+    """What is calculated, in the order of enum FmuOutput of fmu-instance.h."""
     rows = []
     for axis, unit in zip(POSITION, ("m",) * 3 + ("rad",) * 3, strict=True):
         turned = {"yaw": "heading, clockwise from north, not wrapped", "roll": "roll angle, positive to starboard"}
         text = turned.get(axis, f"position of midship, {axis}" if unit == "m" else f"{axis} angle")
-        rows.append((f"ned_position.{axis}", "output", unit, text + _absent(axis, ship)))
+        rows.append(FmuVariable(f"ned_position.{axis}", "output", unit, text + _absent(axis, ship)))
     for axis, unit in zip(VELOCITY, ("m/s",) * 3 + ("rad/s",) * 3, strict=True):
         text = f"{axis} velocity of midship over ground" if unit == "m/s" else f"{axis} rate"
-        rows.append((f"body_velocity.{axis}", "output", unit, text + _absent(axis, ship)))
+        rows.append(FmuVariable(f"body_velocity.{axis}", "output", unit, text + _absent(axis, ship)))
     near = "; its lateness is approximated" if ship.late_columns else ""
     for state in STATES:
-        words = f"{STATE_WORDS[state]}, as the ship's instruments log it{near}"
-        rows.append((f"logged.{state}", "output", unit_of(state), words))
+        words = f"{QUANTITIES[state][0]}, as the ship's instruments log it{near}"
+        rows.append(FmuVariable(f"logged.{state}", "output", unit_of(state), words))
     for role in ship.model.roles:
         for axis, (unit, words) in FORCE.items():
-            rows.append((f"force.{role}.{axis}", "output", unit, f"{words} of the part {role}, body axes"))
+            rows.append(FmuVariable(f"force.{role}.{axis}", "output", unit, f"{words} of the part {role}, body axes"))
     for state in ship.model.states[6:]:
-        rows.append((f"memory.{state}", "local", unit_of(state), f"what the ship remembers: {state}"))
+        rows.append(FmuVariable(f"memory.{state}", "local", unit_of(state), f"what the ship remembers: {state}"))
     words = "how far state and inputs lie outside what the trials held, over the width of that range; 0 inside"
     ranges = ", ".join(f"{name} {low:.4g} .. {high:.4g}" for name, (low, high) in ship.ranges.items())
     words += f" ({ranges})" if ranges else "; -1 as no record of the trials' range is known"
-    rows.append(("extrapolation", "output", "", words))
+    rows.append(FmuVariable("extrapolation", "output", "", words))
     return rows
 
 

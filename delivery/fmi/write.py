@@ -19,7 +19,7 @@ from delivery.fmi.binaries import MAIN, PLATFORMS, build, build_here, platforms_
 from delivery.fmi.description import build_description, description, fmu_page, osp_description
 from delivery.fmi.ship import TIME, CoSimulatedShip
 from delivery.fmi.variables import VariableTable, variable_table
-from delivery.product import Product
+from delivery.product import Product, filled
 from fitting.report.run_folder import plain
 from mmg.errors import TargetExists
 from mmg.messages import Message
@@ -51,7 +51,7 @@ def write_fmu(
     ship = CoSimulatedShip.of(product)
     # libcosim builds the name of the description from that of the model
     osp_file = target.parent / f"{ship.identifier}_OspModelDescription.xml"
-    text = osp_description(variable_table(ship))
+    text = osp_description(ship, variable_table(ship))
     if osp_file.exists() and not replace and osp_file.read_text(encoding="utf-8", errors="replace") != text:
         raise TargetExists(f"{osp_file}: describes another FMU; export to another folder, or add --force")
     files, messages = fmu_files(ship, version, platforms)
@@ -73,7 +73,7 @@ def fmu_files(
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
     files["modelDescription.xml"] = description(ship, table, version, token, [MAIN]).encode()
     if version == 3:
-        files["sources/buildDescription.xml"] = build_description(ship, [MAIN]).encode()
+        files["sources/buildDescription.xml"] = build_description(ship, MAIN).encode()
     files |= _papers(ship, table)
     messages: list[Message] = []
     if ship.late_columns:
@@ -124,31 +124,16 @@ def model_header(ship: CoSimulatedShip, table: VariableTable, token: str) -> str
         "FMU_ROLL": states.index("phi") if "phi" in states else -1,
         "FMU_ROLL_RATE": states.index("p") if "p" in states else -1,
     }
-    p = ship.identifier
-    return "\n".join(
-        [
-            "/* Names and numbers of this FMU: the same as in modelDescription.xml. */",
-            "#ifndef FMU_MODEL_H",
-            "#define FMU_MODEL_H",
-            "#include <float.h>",
-            f'#include "{p}.h"',
-            f'#define FMU_TOKEN "{token}"',
-            f"#define SHIP(name) {p}_##name",
-            "/* settles the memory of a state whose first six are given: of the ship's source, included before */",
-            "#define FMU_SETTLE settle",
-            *(f"#define {name} {value if value >= 0 else f'({value})'}" for name, value in sizes.items()),
-            _array("fmu_start", start),
-            _array("fmu_lower", [max(row.lower, -sys.float_info.max) for row in bounds]),
-            _array("fmu_upper", [min(row.upper, sys.float_info.max) for row in bounds]),
-            "#endif\n",
-        ]
-    )
+    return filled(
+        OWN / MODEL, ship, TOKEN=token, SIZES=sizes, START=_numbers(start),
+        LOWER=_numbers([max(row.lower, -sys.float_info.max) for row in bounds]),
+        HIGHEST=_numbers([min(row.upper, sys.float_info.max) for row in bounds]),
+    )  # fmt: skip
 
 
-def _array(name: str, values: list[float]) -> str:
-    """C text of a constant array of doubles."""
-    rows = ",\n  ".join(repr(float(x)) for x in values)
-    return f"static const double {name}[{len(values)}] = {{\n  {rows}}};"
+def _numbers(values: Sequence[float]) -> tuple[int, str]:
+    """How many ``values`` there are, and their C text."""
+    return len(values), ",\n  ".join(repr(float(x)) for x in values)
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
@@ -165,7 +150,7 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
 def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:
     """A token that two FMUs share only where they are the same: made of all that it stands for."""
     parts = [*sources.items(), (MODEL, model_header(ship, table, ""))]
-    parts.append(("", description(ship, table, version, "", [])))
+    parts.append(("", description(ship, table, version, "", ())))
     digest = hashlib.sha256("\0".join(f"{name}\0{text}" for name, text in parts).encode()).hexdigest()
     return f"{{{uuid.UUID(digest[:32])}}}"
 

@@ -14,35 +14,16 @@ from typing import Any
 
 import casadi as ca
 
-from delivery.product import Product
+from delivery.product import QUANTITIES, Product
 from fitting.report.run_folder import plain, write_json
 from mmg.effects import effect
 from mmg.messages import Message
 from mmg.model import Model
-from mmg.motion.flow import INPUTS
 from mmg.runge_kutta import rk4_step
 
 DELAY_APPROXIMATE = "delay_approximate"
 """Code of what is said of an effect that delays the inputs."""
 TEMPLATES = Path(__file__).parent / "templates"
-STATE_WORDS = {
-    "x": ("position of midship, north", "m"),
-    "y": ("position of midship, east", "m"),
-    "psi": ("heading, clockwise from north, continuous", "rad"),
-    "u": ("velocity over ground of midship, forward", "m/s"),
-    "v": ("velocity over ground of midship, to starboard", "m/s"),
-    "r": ("yaw rate, clockwise", "rad/s"),
-    "phi": ("roll angle", "rad"),
-    "p": ("roll rate", "rad/s"),
-}
-"""States: words and unit; all others are what an effect or an actuator remembers."""
-INPUT_WORDS = {
-    **INPUTS,
-    "wind_north": ("velocity of the air over ground, to the north", "m/s"),
-    "wind_east": ("velocity of the air over ground, to the east", "m/s"),
-    "time": ("time, for effects that change with it", "s"),
-}
-"""Inputs: words and unit."""
 
 
 def write_casadi(product: Product, target: Path) -> list[Message]:
@@ -104,9 +85,9 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "casadi": ca.CasadiMeta.version(),
         "longest_step_s": product.longest_step,
         "functions": {name: {"file": f"{name}.casadi", "signature": str(f)} for name, f in functions.items()},
-        "states": [_quantity(name, STATE_WORDS) for name in model.states],
-        "controls": [_quantity(name, INPUT_WORDS) for name in model.controls],
-        "columns": [_quantity(name, STATE_WORDS) for name in model.states[:6]],
+        "states": [_quantity(name) for name in model.states],
+        "controls": [_quantity(name) for name in model.controls],
+        "columns": [_quantity(name) for name in model.states[:6]],
         "forces": {"rows": list(model.roles), "columns": ["X [N]", "Y [N]", "N [N m]"]},
         "coefficients": [vars(c) for c in product.coefficients],
         "range_of_the_trials": {name: list(pair) for name, pair in product.ranges.items()},
@@ -117,6 +98,6 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     return json.loads(json.dumps(plain(content)))
 
 
-def _quantity(name: str, words: dict[str, tuple[str, str]]) -> dict[str, str]:
-    description, unit = words.get(name, ("remembered by an effect or an actuator; start it with initial", ""))
+def _quantity(name: str) -> dict[str, str]:
+    description, unit = QUANTITIES.get(name, ("remembered by an effect or an actuator; start it with initial", ""))
     return {"name": name, "unit": unit, "description": description}

@@ -15,21 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from delivery.product import Product
+from delivery.product import QUANTITIES, Product
 from fitting.report.run_folder import plain
 from mmg.errors import Missing, NotInstalled
-from mmg.motion.flow import INPUTS
 from mmg.network import Layers, Network
 from mmg.ship import Ship
 
-MOTION = {
+WATER = {
     "u": ("surge velocity through the water at midship", "m/s"),
     "v": ("sway velocity through the water at midship", "m/s"),
-    "r": ("yaw rate", "rad/s"),
-    "a_x": ("velocity of the air relative to the hull, forward", "m/s"),
-    "a_y": ("velocity of the air relative to the hull, to starboard", "m/s"),
 }
-"""Features besides the actuators: words and unit."""
+"""Features that are no states or inputs, though they are called so: words and unit."""
 ACCELERATIONS = (("du", "m/s^2"), ("dv", "m/s^2"), ("dr", "rad/s^2"))
 
 
@@ -57,7 +53,7 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
     """
     rows = []
     for i, name in enumerate(network.features):
-        words, unit = MOTION.get(name) or INPUTS[name]
+        words, unit = WATER.get(name) or QUANTITIES[name]
         row = {"name": name, "unit": unit, "description": words, "scale": network.feature_scales[i]}
         rows.append(row | {"lower": _finite(network.lower[i]), "upper": _finite(network.upper[i])})
     outputs = [

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from delivery.c.header import about, filled
 from delivery.c.source import COLUMNS, FEATURES, FORCES, RATES, SETTLED, approach, c_files, equations
-from delivery.product import Product, unit_of
+from delivery.product import Product, filled, unit_of
 from mmg.compile.portable_m import WHEN, MEmitter, m_number
 from mmg.errors import Unsupported
 from mmg.model import INVERSIONS
-from mmg.network import Network
+from mmg.ship import Ship
 
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -54,7 +52,7 @@ def m_column(name: str, values: np.ndarray) -> str:
 
 def function_m(product: Product) -> str:
     """The M file ``IDENTIFIER.m`` of a ``product``. Raises UserError for equations that cannot be written in it."""
-    model, program = product.model, equations(product)
+    model, program, ship, ranges = product.model, equations(product), product.ship, product.ranges
     emitter = MEmitter(program, {0: "state({0})", 1: "inputs({0})", 2: "theta({0})"})
 
     def body(output: int, target: str, rows: int) -> list[str]:
@@ -64,122 +62,54 @@ def function_m(product: Product) -> str:
         text = "; ...\n    ".join(", ".join(row) for row in values)
         return [*emitter.statements(program.needed([output])), f"{target} = [{text}];"]
 
-    lines = [f"% {line}" for line in about(product)]
-    words = "\n".join(line.encode("ascii", "replace").decode().replace("\n", " ") for line in lines)
-    inputs = ", ".join(model.controls)
+    S, F = len(model.states), len(ship.features)
     try:
-        S, F = len(model.states), len(product.ship.features)
-        rates = [*body(RATES, "rates", S)]
-        if product.ship.network:
-            rates.append("rates(4:6) = rates(4:6) + network(features_of(state, inputs, theta));")
-        parts = [
-            filled(TEMPLATES / "ship.m", product, ABOUT=words, STATES=", ".join(model.states), INPUTS=inputs),
-            _local("rates = rates_of(state, inputs, theta)", rates),
-            _local("forces = forces_of(state, inputs, theta)", body(FORCES, "forces", len(model.roles))),
-            _local("columns = columns_of(state, theta)", body(COLUMNS, "columns", 6)),
-            _local("state = settled(state, inputs, theta)", body(SETTLED, "state", S)),
-            _local("features = features_of(state, inputs, theta)", body(FEATURES, "features", F)),
-        ]
+        functions = {
+            "rates = rates_of(state, inputs, theta)": body(RATES, "rates", S),
+            "forces = forces_of(state, inputs, theta)": body(FORCES, "forces", len(model.roles)),
+            "columns = columns_of(state, theta)": body(COLUMNS, "columns", 6),
+            "state = settled(state, inputs, theta)": body(SETTLED, "state", S),
+            "features = features_of(state, inputs, theta)": body(FEATURES, "features", F),
+        }
     except NotImplementedError as error:
         raise Unsupported(f"the equations of this ship cannot be written in M ({error})") from None
-    if product.ship.network:
-        parts.append(_network(product.ship.network, product.ship.features))
-    parts += [_settle(model.measured), _range(product), _parameters(product), WHEN]
-    return "".join(parts)
+    if ship.network:
+        added = "rates(4:6) = rates(4:6) + network(features_of(state, inputs, theta));"
+        functions["rates = rates_of(state, inputs, theta)"].append(added)
+    lines = [f"% {line}".encode("ascii", "replace").decode().replace("\n", " ") for line in product.sentences]
+    named = {
+        "states": model.states, "state_units": [unit_of(s) for s in model.states], "inputs": model.controls,
+        "input_units": [unit_of(s) for s in model.controls], "roles": model.roles,
+    }  # fmt: skip
+    ends = zip(("low", "high"), np.array(list(ranges.values())).reshape(-1, 2).T, strict=True)
+    low, high = (m_column(word, values) for word, values in ends)
+    return filled(
+        TEMPLATES / "ship.m", product, ABOUT="\n".join(lines), STATES=", ".join(model.states),
+        INPUTS=", ".join(model.controls), FUNCTIONS=functions.items(), **_network_words(ship),
+        MEASURED=model.measured, INVERSIONS=INVERSIONS, RANGES=ranges, LOW=low, HIGH=high, SLOW=product.slow_squared,
+        FEATURE={name: i for i, name in enumerate(ship.features, 1)}, number=_number, text=m_text, NAME=ship.called,
+        SENTENCES=" ".join(product.sentences), COEFFICIENTS=product.coefficients, WHEN=WHEN,
+        NAMED={name: ", ".join(map(m_text, words)) for name, words in named.items()},
+    )  # fmt: skip
 
 
-def _local(head: str, lines: Sequence[str]) -> str:
-    return f"\nfunction {head}\n  " + "\n  ".join(lines) + "\nend\n"
+def _number(x: float | None) -> str:
+    """M text of ``x``, of which None is not known."""
+    return "NaN" if x is None else m_number(x)
 
 
-def _settle(measured: bool) -> str:
-    """The state behind logged columns, as ``mmg.model.states_behind`` finds it."""
-    lines = ["six = logged;", "state = settled(six, inputs, theta);"]
-    if measured:
-        lines += [
-            f"for k = 1:{INVERSIONS}",
-            "  difference = columns_of(state, theta) - logged;",
-            "  six = six - difference;",
-            "  state = settled(six, inputs, theta);",
-            "  if ~(max(abs(difference)) > 1e-12)",
-            "    break",
-            "  end",
-            "end",
-        ]
-    return _local("state = settle(logged, inputs, theta)", lines)
+def _network_words(ship: Ship) -> dict[str, Any]:
+    """What the template takes of the network of a ``ship``.
 
-
-def _network(network: Network, features: Sequence[str]) -> str:
-    """The network as products of matrices, which are made once: Octave takes longer to read them than to use them."""
-    places = ", ".join(str(features.index(name) + 1) for name in network.features)
-    lines = ["persistent c", "if isempty(c)", "  c = weights_of_network();", "end"]
-    lines += [f"x = features([{places}]) ./ c.features;", "total = zeros(3, 1);"]
+    Its matrices are made once: Octave takes longer to read them than to use them.
+    """
+    network = ship.network
+    if network is None:
+        return {"MEMBERS": ()}
     made = [m_column("c.features", network.feature_scales), m_column("c.outputs", network.output_scales)]
     for k, member in enumerate(network.members, 1):
-        lines.append("h = x;")
         for i, (W, b) in enumerate(zip(member.weights[:-1], member.biases, strict=True), 1):
             made += [m_column(f"c.W{k}_{i}", W), m_column(f"c.b{k}_{i}", b)]
-            lines.append(f"h = tanh(c.W{k}_{i} * h + c.b{k}_{i}) - tanh(c.b{k}_{i});")
         made.append(m_column(f"c.W{k}", member.weights[-1]))
-        lines.append(f"total = total + c.W{k} * h;")
-    lines.append(f"added = c.outputs .* total / {len(network.members)};")
-    return _local("added = network(features)", lines) + _local("c = weights_of_network()", made)
-
-
-def _range(product: Product) -> str:
-    """Distance to what the trials held, as the C source has it."""
-    ranges, features = product.ranges, product.ship.features
-    if not ranges:
-        return _local("e = extrapolation(state, inputs, theta)", ["e = -1;"])
-    u, v = (f"f({features.index(axis) + 1})" for axis in "uv")
-    lines = ["if ~all(isfinite(state))", "  e = realmax;", "  return", "end", "f = features_of(state, inputs, theta);"]
-    lines.append(f"x = zeros({len(ranges)}, 1);")
-    for k, name in enumerate(ranges, 1):
-        if name in features:
-            lines.append(f"x({k}) = f({features.index(name) + 1});")
-        else:
-            fastest = max(abs(x) for x in ranges["u"])
-            lines += [f"x({k}) = {m_number(0.5 * sum(ranges[name]))};", f"if {u}^2 + {v}^2 > {(0.1 * fastest) ** 2!r}",
-                      f"  x({k}) = atan2(-{v}, {u});", "end"]  # fmt: skip
-    low, high = (
-        m_column(word, np.array([pair[i] for pair in ranges.values()])) for i, word in enumerate(("low", "high"))
-    )
-    lines += [low, high, "width = max(max(high - low, 0.1 * max(abs(low), abs(high))), 1e-12);"]
-    return _local(
-        "e = extrapolation(state, inputs, theta)", [*lines, "e = max(max(max(x - high, low - x), 0) ./ width);"]
-    )
-
-
-def _parameters(product: Product) -> str:
-    """The struct of parameters."""
-    model = product.model
-
-    def cell(names: Sequence[str]) -> str:
-        return "{" + ", ".join(m_text(name) for name in names) + "}"
-
-    def or_nan(x: float | None) -> str:
-        return "NaN" if x is None or math.isnan(x) else m_number(x)
-
-    lines = [
-        f"p.ship = {m_text(product.ship.called)};",
-        f"p.title = {m_text(product.ship.title)};",
-        f"p.about = {m_text(' '.join(about(product)))};",
-        f"p.states = {cell(model.states)};",
-        f"p.state_units = {cell([unit_of(s) for s in model.states])};",
-        f"p.inputs = {cell(model.controls)};",
-        f"p.input_units = {cell([unit_of(s) for s in model.controls])};",
-        f"p.roles = {cell(model.roles)};",
-        f"p.longest_step = {product.longest_step!r};",
-        "p.ranges = struct();",
-    ]
-    for name, (low, high) in product.ranges.items():
-        lines.append(f"p.ranges.{name} = [{m_number(low)}, {m_number(high)}];")
-    for c in product.coefficients:
-        fields: Mapping[str, str] = {
-            "value": m_number(c.value), "std": or_nan(c.std), "unit": m_text(c.unit), "lower": m_number(c.lower),
-            "upper": m_number(c.upper), "fixed": str(c.fixed).lower(), "verdict": m_text(c.verdict),
-            "description": m_text(c.description), "symbol": m_text(c.symbol),
-        }  # fmt: skip
-        content = ", ".join(f"'{name}', {value}" for name, value in fields.items())
-        lines.append(f"p.coefficients.{c.identifier} = struct({content});")
-    return _local("p = parameters()", lines)
+    places = [ship.features.index(name) + 1 for name in network.features]
+    return {"MEMBERS": [len(m.biases) for m in network.members], "WEIGHTS": made, "PLACES": places}

@@ -9,8 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -56,15 +55,13 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
         raise BadValue("--window: give lengths in seconds, 0 for the whole run")
     trials = [view.trial for view in campaign.trials]
     predicted = [predictions(model, trials, lengths) for model in campaign.models]
-    roles = [list(next(filter(None, p.forces), {})) for p in predicted]
+    roles = [list(next((forces for _, forces in of_model if forces), {})) for of_model in predicted]
     most = rows_per_run(campaign, lengths, roles)
     inputs = campaign.ship.inputs
     missing = campaign.diagnosis.missing if campaign.diagnosis else {}
     runs = [
-        run_content(
-            trial, inputs, [([w[k] for w in p.windows], p.forces[k]) for p in predicted], most, missing.get(trial.name)
-        )
-        for k, trial in enumerate(trials)
+        run_content(trial, inputs, of_trial, most, missing.get(trial.name))
+        for trial, of_trial in zip(trials, zip(*predicted, strict=True), strict=True)
     ]
     return _rendered(campaign, safe_json(_header(campaign, lengths, roles)), [safe_json(run) for run in runs])
 
@@ -158,32 +155,30 @@ def write_view(campaign: Campaign, out: Path, lengths: Sequence[float] = LENGTHS
     return len(text.encode())
 
 
-@dataclass(frozen=True)
-class Predictions:
-    """Windows of all trials by one model: [window length][trial] -> windows; forces: [trial] -> role -> (N, 3)."""
-
-    windows: list[list[list[Window]]]
-    forces: list[dict[str, np.ndarray]]
+Forces = dict[str, np.ndarray]
+"""Role -> (N, 3)."""
 
 
-def predictions(model: ViewModel, trials: Sequence[Trial], lengths: Sequence[float]) -> Predictions:
-    """What ``model`` predicts of ``trials``, in windows of each of ``lengths`` [s] (0: the whole run) end to end.
+def predictions(
+    model: ViewModel, trials: Sequence[Trial], lengths: Sequence[float]
+) -> list[tuple[list[list[Window]], Forces]]:
+    """What ``model`` predicts of each of ``trials``: windows of each of ``lengths`` [s] (0: the whole run) end to end,
+    and forces.
 
     Raises UserError for a trial that lacks an input of the model.
     """
     simulator = model.predictor
     longest = max(trial.duration for trial in trials) + 1.0
-    windows = []
-    for length in lengths:
-        stride = length or longest
-        bands = model.bands if isinstance(simulator, Simulator) else None
-        results = predict_all(simulator, trials, length, stride, short_last=True, bands=bands)
-        windows.append([window for window, _ in results])
+    bands = model.bands if isinstance(simulator, Simulator) else None
+    results = [predict_all(simulator, trials, s, s or longest, short_last=True, bands=bands) for s in lengths]
     forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
-    return Predictions(windows, forces)
+    return [
+        ([windows for windows, _ in of_trial], f)
+        for of_trial, f in zip(zip(*results, strict=True), forces, strict=True)
+    ]
 
 
-def forces_along(simulator: Simulator, trial: Trial) -> dict[str, np.ndarray]:
+def forces_along(simulator: Simulator, trial: Trial) -> Forces:
     """Force of each component along the measured motion of ``trial``, role -> (N, 3): X, Y [N], N [N m], body axes.
 
     simulator: of the ship; what its effects remember is taken as settled at each sample. NaN where a state or an input
@@ -232,7 +227,7 @@ def shown_rows(count: int, starts: Sequence[int], most: int) -> np.ndarray:
 def run_content(
     trial: Trial,
     inputs: Sequence[str],
-    predicted: Sequence[tuple[list[list[Window]], Mapping[str, np.ndarray]]],
+    predicted: Sequence[tuple[list[list[Window]], Forces]],
     most: int,
     missing: MissingForce | None = None,
 ) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import torch
@@ -16,18 +17,16 @@ from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
-from fitting.nlp.grid import default_step
 from fitting.report.parts import Store
 from mmg.errors import NoSolution, TooFewData
 from mmg.model import Model
 from mmg.progress import OnProgress
 from mmg.ship import Ship
-from residual.decide import Judges, decide
-from residual.hybrid import Hybrid, build_hybrid, hybrid_scales
+from residual.decide import decide, judged_by_whole_runs
+from residual.hybrid import HYBRID_KIND, Hybrid
 from residual.settings import TrainSettings
-from residual.splits import pieces_of
 from residual.system import TrainableSystem
-from residual.train import restored, train_seeds, training_tasks
+from residual.train import restored, tasks_of, train_seeds
 
 SEEDS = 3
 """Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
@@ -96,21 +95,17 @@ def measure_learned_residual(
     ship = ship.without_network()
     length = float(ship.particulars["L"])
     settings = settings or TrainSettings(seeds=SEEDS)
-    h, seed = settings.step or default_step(trials, length), settings.seed
-    settings = replace(settings, step=h)
-    means = straight_means if straight else step_means
-    pieces = pieces_of(trials, h, ship.inputs, means)
-    scales = hybrid_scales(ship, pieces, list(trials), h)
+    tasks = tasks_of(HYBRID_KIND, ship, trials, settings, means=straight_means if straight else step_means)
+    h, seed = tasks[0].h, settings.seed
     data = grid_trials(tests, ship.inputs, length, h, straight)
     seconds = window_length(ship)
 
     def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:
         return errors(SteppedHybrid(members, h), data, ship.values[:0], seconds)
 
-    before, run = measured([build_hybrid(ship, scales, settings, seed)])
+    before, run = measured([cast(Hybrid, tasks[0].system())])
     if not len(before):
         raise TooFewData(f"no test trial holds {seconds:.0f} s without a gap")
-    tasks = training_tasks(build_hybrid, ship, scales, settings, pieces)
     outcomes, interrupted = train_seeds(tasks, progress, store)
     if interrupted:
         raise KeyboardInterrupt
@@ -120,7 +115,7 @@ def measure_learned_residual(
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]
     one, together = np.array([measured([m])[0] for m in members]), measured(members)[0]
     reductions = 1 - one.sum(axis=1) / before.sum()
-    after, decision = one.mean(axis=0), decide(outcomes, Judges.of(trials, tasks, False))
+    after, decision = one.mean(axis=0), decide(outcomes, judged_by_whole_runs(tasks))
     several = len(np.unique(run)) > 1
     found = LearnedResidual(
         mse_before=float(before.mean()),

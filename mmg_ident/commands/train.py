@@ -75,7 +75,6 @@ def train(
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
     from residual.result import CALIBRATED
-    from residual.splits import check_enough
 
     chosen_settings = _settings(model, settings)
     if keep not in KEEP:
@@ -85,8 +84,6 @@ def train(
     chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
     chosen, held_out = ready(chosen, held_out, unchecked=unchecked)
     start, trained_on = load_ship(run), training_trials(chosen)[0]
-    if trained_on:
-        check_enough(start, trained_on, chosen_settings, held_out)
     needs_torch("mmg train")
     if resume and out.exists() and _is_complete(out):
         say(f"{out} has finished already; nothing to resume")

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import SafetensorError
 
 from cases.inputs import step_means
-from cases.io.files import check_file, parse_json
-from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, save_tensors, ship_hash
+from cases.io.files import parse_json
+from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, read_tensors, save_tensors, ship_hash
 from cases.trial import Trial
 from fitting.prediction.stretches import Stretch
-from mmg.errors import BadValue, Conflict, NoSolution, NotWritable, Unreadable
+from mmg.errors import BadValue, Conflict, NoSolution, NotWritable
 from mmg.motion.flow import INPUTS
 from mmg.network import LARGEST, OTHER
 from mmg.ship import AIR, Ship
@@ -194,15 +194,8 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
     Raises UserError when it cannot be read, is incomplete, or belongs to another ship or other inputs.
     """
     path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
-    check_file(path)
-    try:
-        with safe_open(path, framework="pt") as file:
-            about = file.metadata() or {}
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (OSError, SafetensorError, ValueError, TypeError) as error:
-        raise Unreadable(f"{path}: cannot be read as a black box ({error}); train it again") from None
-    if about.get("format") != BLACK_BOX:
-        raise BadValue(f"{path}: is no black box of this program (format {about.get('format')!r}, not {BLACK_BOX!r})")
+    about, numbers = read_tensors(path, BLACK_BOX, "black box")
+    arrays = {name: torch.from_numpy(a) for name, a in numbers.items()}
     try:
         settings = _settings(about, arrays)
         actuators = tuple(map(str, parse_json(about["actuators"])))

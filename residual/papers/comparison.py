@@ -153,15 +153,8 @@ class Comparison:
         return [e for e in self.entries if (e.model, e.subset) == wanted and e.score is not None]
 
 
-@dataclass(frozen=True)
-class _Job:
-    study: Study
-    entry: Entry
-    trials: tuple[Trial, ...]
-    ship: Ship
-    end: float | None
-    stop: Path
-    store: Store | None
+_Job = tuple[Study, Entry, tuple[Trial, ...], Ship, float | None, Path, Store | None]
+"""A study, an entry to fill, its trials and its ship; when all ends, a file that ends it, and where it is kept."""
 
 
 def compare(study: Study, store: Store | None = None, progress: OnProgress | None = None) -> Comparison:
@@ -181,7 +174,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
 
         def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
             entry = Entry(model, subset, seed, "", sum(t.duration for t in chosen[subset]))
-            return _Job(study, entry, chosen[subset], ship, end, stop, keep)
+            return study, entry, chosen[subset], ship, end, stop, keep
 
         def note(made: tuple[Entry, Ship | None]) -> None:
             entry, _ = made
@@ -214,21 +207,21 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
-    began, entry, ship, study = time.monotonic(), job.entry, job.ship, job.study
-    left = None if job.end is None else job.end - time.time()  # of all machines alike
+    began, (study, entry, trials, ship, end, stop, store) = time.monotonic(), job
+    left = None if end is None else end - time.time()  # of all machines alike
     again = entry.model == "calibrated" and "hybrid" in study.models
-    known = job.store.load(entry.file) if job.store and not again else None
+    known = store.load(entry.file) if store and not again else None
     if known:
         return entry.filled(known[0]), None
-    if job.stop.exists() or (left is not None and left < MINIMUM_SECONDS):
+    if stop.exists() or (left is not None and left < MINIMUM_SECONDS):
         return replace(entry, status="not begun"), None
     model: Simulator | Forecaster | None = None
     try:
         if entry.model == "captive":
             entry = replace(entry, status="finished")
         elif entry.model == "calibrated":
-            start = with_instruments(ship, study.instruments, job.trials)
-            found = estimate_coefficients(start, job.trials, Settings(time_limit=left))
+            start = with_instruments(ship, study.instruments, trials)
+            found = estimate_coefficients(start, trials, Settings(time_limit=left))
             ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
         else:
             model, entry = _trained(job, left)
@@ -241,20 +234,21 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         return replace(entry, status=status, took=time.monotonic() - began), ship
     entry = replace(entry, score=scored, growth=growth(model, tests))
     entry = replace(entry, took=time.monotonic() - began)
-    if job.store and entry.status == "finished":
-        job.store.save(entry.file, entry.to_dict())
+    if store and entry.status == "finished":
+        store.save(entry.file, entry.to_dict())
     return entry, ship
 
 
 def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Entry]:
     """A hybrid or black box of one seed, and its entry before it is scored."""
-    study, ship, entry, hybrid = job.study, job.ship.without_network(), job.entry, job.entry.model == "hybrid"
+    study, entry, trials, ship, _, stop, _ = job
+    ship, hybrid = ship.without_network(), entry.model == "hybrid"
     assert entry.seed is not None
     values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
     values |= {"epochs": study.epochs} if study.epochs else {}
     settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
-    tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, job.trials, settings, judged_apart=False)
-    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=job.stop)
+    tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, trials, settings, judged_apart=False)
+    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")

@@ -1,4 +1,4 @@
-"""Figures of a comparison: scores of the models, growth of the error, error over the amount of data."""
+"""Figures of a comparison: growth of the error, error over the amount of data."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.report.plot_style import DASHES, MEASURED, FigureFolder, dress, new_figure
+from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
 from residual.papers.comparison import HORIZONS, Comparison
 
 COLOURS = {
@@ -23,22 +23,6 @@ MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))
 
 def _look(model: str) -> dict[str, Any]:
     return {"color": COLOURS[model], "marker": MARKERS[model], "markersize": 4}
-
-
-def score_plot(found: Comparison) -> Figure:
-    """Pooled 30 s windows and 100 s restarts of each model of the comparison ``found``, a point per seed."""
-    figure = new_figure(3.2)
-    axes = figure.subplots(1, 2)
-    for ax, metric, title in zip(axes, ("window", "paper"), ("30 s windows", "100 s restarts"), strict=True):
-        dress(ax, "", "mean squared error", title)
-        shown = [m for m in found.study.models if found.of(m)]
-        for i, model in enumerate(shown):
-            values = [getattr(e.score, metric) for e in found.of(model)]
-            ax.bar(i, np.mean(values), color=COLOURS[model], width=0.6)
-            ax.plot([i] * len(values), values, ".", color=MEASURED, markersize=4)
-        ax.set_xticks(range(len(shown)), shown, rotation=25, ha="right")
-        ax.set_ylim(bottom=0)
-    return figure
 
 
 def growth_plot(found: Comparison) -> Figure:
@@ -77,7 +61,7 @@ def efficiency_plot(found: Comparison) -> Figure:
 
 def write_figures(written: FigureFolder, found: Comparison) -> None:
     """Write the figures of the comparison ``found``. written: where to."""
-    plots = {"scores": score_plot, "growth": growth_plot}
+    plots = {"growth": growth_plot}
     if len(found.study.subsets) > 1:
         plots["efficiency"] = efficiency_plot
     for name, plot in plots.items():

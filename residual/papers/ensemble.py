@@ -8,19 +8,19 @@ Particles start from one measured state; under TS-infinity each keeps its member
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from fitting.parallel import run_all
-from mmg.errors import Missing, NoSolution
+from mmg.errors import Missing
 from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual
 from residual.physics import Physics
 from residual.splits import blocks
 from residual.system import RolloutBatch, TrainableSystem, rollout
-from residual.train import Task, restored, train_one
+from residual.train import Task
 
 VELOCITIES = slice(3, 6)
 """Rows u, v, r of the logged columns, on which Eq. 30 and 31 are taken."""
@@ -41,16 +41,6 @@ def bootstrapped(task: Task) -> Task:
     cut = blocks(task.split.train, task.settings.block, task.h)
     draws = np.random.default_rng([11, task.seed]).integers(0, len(cut), len(cut))
     return replace(task, split=task.split._replace(train=[cut[i] for i in draws]))
-
-
-def train_members(tasks: Sequence[Task]) -> list[TrainableSystem]:
-    """The members of an ensemble, one of each of ``tasks`` (of ``residual.train.training_tasks``), where need be
-    ``bootstrapped``. Raises UserError when every training diverged.
-    """
-    members = restored(tasks[0], run_all(train_one, tasks, tasks[0].settings.workers, name="members"))
-    if not members:
-        raise NoSolution("every member of the ensemble diverged in training; give a lower --rate or more data")
-    return members
 
 
 @torch.no_grad()
@@ -98,25 +88,17 @@ def moments(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.einsum("nipm,njpm->nijm", off, off) / paths.shape[2]
 
 
-@dataclass(frozen=True)
-class Distances:
+class Distances(NamedTuple):
     """Of the truth from the particles, per window (M,), in u, v, r; Eq. 31 and what belongs to it.
 
     euclidean: mean over the rows of |truth - mean|^2; mahalanobis: the same weighted by the inverse covariance;
-    variance: mean trace of the covariance.
+    variance: mean trace of the covariance. The roots of the first two hardly correlate where the spread grows with the
+    bias (Fig. 6).
     """
 
     euclidean: np.ndarray
     mahalanobis: np.ndarray
     variance: np.ndarray
-
-    def correlation(self) -> float:
-        """Of bias and Mahalanobis distance, both as roots (Fig. 6): low where the spread grows with the bias."""
-        return float(np.corrcoef(np.sqrt(self.euclidean), np.sqrt(self.mahalanobis))[0, 1])
-
-    def spread_correlation(self) -> float:
-        """Of bias and spread, both as roots: high where the spread tells the bias."""
-        return float(np.corrcoef(np.sqrt(self.euclidean), np.sqrt(self.variance))[0, 1])
 
 
 def distances(paths: np.ndarray, truth: np.ndarray, mask: np.ndarray, noise: np.ndarray | None = None) -> Distances:

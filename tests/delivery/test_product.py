@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
-from delivery.c.header import about
 from delivery.export import ABOUT, FORMATS, export
 from delivery.product import (
     LEFT_OUT,
@@ -132,7 +131,7 @@ def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
     assert found.provenance["result_sha256"] == record and found.provenance["source"] == f"run {record[:12]}"
     assert found.provenance["ship_sha256"] == hashlib.sha256((run / "ship.toml").read_bytes()).hexdigest()
     assert found.provenance["command"] == "mmg fit ship a.csv --out run"
-    assert f"run {record[:12]}" in " ".join(about(found)) and "(data " in " ".join(about(found))
+    assert f"run {record[:12]}" in " ".join(found.sentences) and "(data " in " ".join(found.sentences)
 
 
 def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
@@ -191,13 +190,15 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_product_is_called_as_its_calibration(run: Path) -> None:
-    from delivery.fmi.description import head
+    from delivery.fmi.description import description
     from delivery.fmi.ship import CoSimulatedShip
+    from delivery.fmi.variables import variable_table
 
     found = product_of(run)
     mark = found.ship.mark
     assert mark is not None and mark.name != found.ship.name and found.about()["ship"] == mark.name
-    assert head(CoSimulatedShip.of(found), "2.0")["modelName"] == mark.name
+    ship = CoSimulatedShip.of(found)
+    assert f'modelName="{mark.name}"' in description(ship, variable_table(ship), 2, "", ())
 
 
 def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:

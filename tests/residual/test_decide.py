@@ -11,13 +11,13 @@ import torch
 from cases.trial import Trial
 from mmg.errors import TooFewData
 from mmg.ship import Ship
-from residual.decide import BLOCK, Judges, decide
-from residual.hybrid import hybrid_scales
+from residual.decide import BLOCK, decide, judged_by_whole_runs
+from residual.hybrid import HYBRID_KIND
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.splits import FOLDS, GAP, Piece, Split, pieces_of, split_pieces
 from residual.system import Past, TrainableSystem
-from residual.train import Outcome, train_one, training_tasks
+from residual.train import Outcome, tasks_of, train_one
 from residual.windows import Scales
 from tests.support import hybrids
 
@@ -115,9 +115,8 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     """Four runs drift forward and the judging one backward: whoever had looked at it would not go forward."""
     ship = hybrids.ship()
     trials = drifting(5, [-0.3, 0.3, 0.3, 0.3, 0.3])
-    given = pieces_of(trials, 1.0, ship.inputs)
     training = TrainSettings(seeds=1, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    (task,) = training_tasks(ballast, ship, hybrid_scales(ship, given, trials, 1.0), training, given)
+    (task,) = tasks_of(HYBRID_KIND._replace(build=ballast), ship, trials, training)
     found = train_one(task)
     assert {int(run) for run in found.judged[:, 0]} == {0}
     assert found.state["w"][0] == pytest.approx(0.3, abs=0.05)
@@ -130,13 +129,12 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
 def test_validation_trials_judge_and_do_not_stop() -> None:
     ship = hybrids.ship()
     trials = drifting(6, [0.3, 0.3, 0.3, 0.3, 0.3, -0.3])
-    given, held = (pieces_of(part, 1.0, ship.inputs) for part in (trials[:5], trials[5:]))
+    kind = HYBRID_KIND._replace(build=ballast)
     training = TrainSettings(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    scales = hybrid_scales(ship, given, trials, 1.0)
-    for task in training_tasks(ballast, ship, scales, training, given, held):
+    for task in tasks_of(kind, ship, trials[:5], training, trials[5:]):
         found = train_one(task)
         assert found.after[0] > 2 * found.before[0] and found.state["w"][0] == pytest.approx(0.3, abs=0.05)
-    (task, _) = training_tasks(ballast, ship, scales, training, given, held, judged_apart=False)
+    (task, _) = tasks_of(kind, ship, trials[:5], training, trials[5:], judged_apart=False)
     assert train_one(task).after[0] <= train_one(task).before[0], "without `judged_apart` it stops by them"
 
 
@@ -201,37 +199,15 @@ def test_few_runs_need_a_larger_gain_than_many() -> None:
     assert found.highest == pytest.approx(0.1 + 1.7959 * 0.05, abs=1e-4)
 
 
-def test_runs_of_a_day_are_one_observation_where_days_differ() -> None:
-    gains = [0.30, 0.29, 0.31, 0.30, -0.02, 0.01, 0.00, 0.01, 0.02, 0.0, -0.01, 0.01]
-    runs = [(1.0, 1 - gain) for gain in gains]
-    outcomes = [outcome(1 - float(np.mean(gains)), runs=runs)] * 2
-    days = Judges(days=tuple("aaaabbbbcccc"))
-    assert decide(outcomes).kept and not decide(outcomes, days).kept
-    assert decide(outcomes, days).groups == 3 and "by 3 days" in decide(outcomes, days).words
-    mixed = Judges(days=tuple("abcabcabcabc"))
-    assert decide(outcomes, mixed).kept, "a gain that does not go with the day is judged by runs"
-
-
-def test_a_kind_of_manoeuvre_that_suffers_forbids_it() -> None:
-    gains = [0.2, 0.21, 0.19, 0.2, 0.2, 0.2, -0.1, -0.11, -0.09]
-    outcomes = [outcome(1 - float(np.mean(gains)), runs=[(1.0, 1 - gain) for gain in gains])] * 2
-    found = decide(outcomes, Judges(kinds=("zigzag",) * 6 + ("turning",) * 3))
-    assert not found.kept and found.reason == "the 30 s windows of turning became worse"
-    assert decide(outcomes).kept
-
-
 def test_parts_of_runs_that_were_trained_on_decide_nothing() -> None:
     even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
-    found = decide([outcome(0.9, runs=even)] * 2, Judges(whole=False))
+    found = decide([outcome(0.9, runs=even)] * 2, whole_runs=False)
     assert not found.kept
     trials = hybrids.trials(hybrids.lacking(), 2, 600)
     trained = train(hybrids.ship(), trials, settings=TrainSettings(seeds=1, step=1.0, epochs=1))
     assert trained.decision and not trained.decision.kept
-    given = hybrids.trials(hybrids.ship(), 3, 400)
-    tasks = training_tasks(
-        ballast, hybrids.ship(), hybrid_scales(hybrids.ship(), pieces(3, 400), given, 1.0), ON_SECONDS, pieces(3, 400)
-    )
-    assert Judges.of(given, tasks, False).whole
+    tasks = tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.ship(), 3, 400), ON_SECONDS)
+    assert judged_by_whole_runs(tasks)
 
 
 def test_a_single_run_judges_by_blocks_of_its_windows() -> None:
@@ -241,15 +217,6 @@ def test_a_single_run_judges_by_blocks_of_its_windows() -> None:
     assert decide([one]).kept and decide([one]).groups == 60 // BLOCK
     short = replace(outcome(0.9), judged=judged[:BLOCK])
     assert decide([short]).reason == "too little judged it to tell the gain from chance"
-
-
-def test_seed_and_part_are_told_apart_where_parts_repeat() -> None:
-    gains = {(0, 0): 0.10, (1, 0): 0.12, (0, 1): 0.30, (1, 1): 0.32}
-    found = decide([outcome(1 - gain, fold=fold) for (_, fold), gain in gains.items()])
-    assert found.seed_spread == pytest.approx(0.02 / np.sqrt(2))
-    assert found.fold_spread == pytest.approx(0.20 / np.sqrt(2))
-    once = decide([outcome(0.9, fold=0), outcome(0.8, fold=1)])
-    assert np.isnan(once.seed_spread) and np.isnan(once.fold_spread)
 
 
 def test_split_are_empty_where_the_data_are_too_few() -> None:

@@ -8,11 +8,9 @@ from pathlib import Path
 import pytest
 
 import delivery.view
-from residual.figures import learning_plot, size_plot
+from residual.figures import learning_plot
 from residual.papers.comparison_figures import COLOURS, DASHED, MARKERS
 from tests.support.colours import told_by_colour_alone
-
-SIZE = {"unit": "m/s2", "bound": 1e-3, "ship_rms": 2e-3, "quantiles": [0.0, 1e-5, 1e-4, 5e-4]}
 
 
 def seeds(count: int) -> list[dict]:
@@ -29,11 +27,6 @@ def test_learning_curves_of_seeds_differ_in_their_dashes(count: int) -> None:
     lines = [x for x in figure.axes[0].get_lines() if str(x.get_label()).startswith("seed")]
     assert len(lines) == count == len({str(x.__dict__["_unscaled_dash_pattern"]) for x in lines})
     assert told_by_colour_alone(figure) == []
-
-
-def test_the_size_of_a_residual_is_told_from_its_bound() -> None:
-    figure = size_plot({"du": SIZE, "dv": SIZE, "dr": SIZE})
-    assert told_by_colour_alone(figure) == [] and all(len(ax.get_lines()) == 3 for ax in figure.axes)
 
 
 def test_lines_of_models_differ_in_dashes_and_markers() -> None:

@@ -42,46 +42,35 @@ class HeadingController:
 
     def __init__(self, folder: Path, n: float, dt: float, tuning: Tuning | None = None) -> None:
         self.about = json.loads((folder / "model.json").read_text(encoding="utf-8"))
-        self.step = ca.Function.load(str(folder / "step.casadi"))
-        self.names = [row["name"] for row in self.about["controls"]]
-        self.n, self.dt, self.tuning = n, dt, tuning or Tuning()
-        self.parts = max(1, math.ceil(dt / self.about["longest_step_s"] - 1e-9))
-        self.interval = self._interval()
-        self.solver, self.bounds = self._solver()
-        self.guess: np.ndarray | None = None
-        self.plan = np.zeros(self.tuning.intervals)
+        self.n, self.dt = n, dt
+        self.interval = self._interval(ca.Function.load(str(folder / "step.casadi")))
+        t = tuning or Tuning()
+        S, K = len(self.about["states"]), t.intervals
+        self.plan = np.zeros(K)
+        problem = self.problem = ca.Opti()
+        self.deltas, self.states = problem.variable(K), problem.variable(S, K)
+        self.start, self.before = problem.parameter(S), problem.parameter()
+        self.heading, self.wind = problem.parameter(), problem.parameter(2)
+        reached = self.interval.map(K)(
+            ca.horzcat(self.start, self.states[:, :-1]), self.deltas.T, ca.repmat(self.wind, 1, K)
+        )
+        changes = self.deltas - ca.vertcat(self.before, self.deltas[:-1])
+        problem.subject_to(self.states == reached)
+        problem.subject_to(problem.bounded(-t.rudder_rate * dt, changes, t.rudder_rate * dt))
+        problem.subject_to(problem.bounded(-t.largest_rudder, self.deltas, t.largest_rudder))
+        cost = ca.sumsqr(self.states[2, :] - self.heading) + t.rudder_weight * ca.sumsqr(self.deltas)
+        problem.minimize(cost + t.change_weight * ca.sumsqr(changes))
+        problem.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", "max_iter": 200})
 
-    def _interval(self) -> ca.Function:
+    def _interval(self, step: ca.Function) -> ca.Function:
         """Function (state (S,), rudder angle, wind (2,)) -> state one interval later."""
         state, delta, wind = (ca.SX.sym(n, k) for n, k in (("z", len(self.about["states"])), ("d", 1), ("wind", 2)))
         given: dict[str, Any] = {"n": self.n, "delta": delta, "wind_north": wind[0], "wind_east": wind[1]}
-        controls, after = ca.vertcat(*[given.get(name, 0.0) for name in self.names]), state
-        for _ in range(self.parts):
-            after = self.step(after, controls, self.dt / self.parts)
+        controls, after = ca.vertcat(*[given.get(row["name"], 0.0) for row in self.about["controls"]]), state
+        parts = max(1, math.ceil(self.dt / self.about["longest_step_s"] - 1e-9))
+        for _ in range(parts):
+            after = step(after, controls, self.dt / parts)
         return ca.Function("interval", [state, delta, wind], [after])
-
-    def _solver(self) -> tuple[ca.Function, dict[str, np.ndarray]]:
-        """The nonlinear program: rudder angles (K,) and states (S, K) that follow from them."""
-        t, S = self.tuning, len(self.about["states"])
-        K = t.intervals
-        deltas, states = ca.MX.sym("deltas", K), ca.MX.sym("states", S, K)
-        start, before, heading, wind = (ca.MX.sym(n, k) for n, k in (("z", S), ("d", 1), ("psi", 1), ("wind", 2)))
-        reached = self.interval.map(K)(ca.horzcat(start, states[:, : K - 1]), deltas.T, ca.repmat(wind, 1, K))
-        changes = deltas - ca.vertcat(before, deltas[: K - 1])
-        cost = ca.sumsqr(states[2, :] - heading) + t.rudder_weight * ca.sumsqr(deltas)
-        program: dict[str, Any] = {
-            "x": ca.vertcat(deltas, ca.vec(states)),
-            "p": ca.vertcat(start, before, heading, wind),
-        }
-        program |= {
-            "f": cost + t.change_weight * ca.sumsqr(changes),
-            "g": ca.vertcat(ca.vec(states - reached), changes),
-        }
-        quiet: dict[str, Any] = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.max_iter": 200}
-        widest, change = np.full(K, t.largest_rudder), np.full(K, t.rudder_rate * self.dt)
-        bounds = {"ubx": np.concatenate([widest, np.full(S * K, np.inf)])}
-        bounds |= {"ubg": np.concatenate([np.zeros(S * K), change])}
-        return ca.nlpsol("plan", "ipopt", program, quiet), bounds
 
     def rudder(self, state: np.ndarray, delta: float, heading: float, wind: tuple[float, float] = (0, 0)) -> float:
         """The rudder angle [rad] to hold over the next interval.
@@ -89,19 +78,16 @@ class HeadingController:
         state (S,); delta: rudder angle so far [rad]; heading: wanted [rad]; wind: velocity of the air to north and east
         as the controller knows it [m/s]. Raises RuntimeError where no plan is found.
         """
-        K, S = self.tuning.intervals, len(state)
-        if self.guess is None:
-            self.guess = np.concatenate([np.full(K, delta), np.tile(state, K)])
-        u, g = self.bounds["ubx"], self.bounds["ubg"]
-        p = np.concatenate([state, [delta, heading], wind])
-        solution = self.solver(x0=self.guess, p=p, lbx=-u, ubx=u, lbg=-g, ubg=g)
-        if not self.solver.stats()["success"]:
-            raise RuntimeError(f"no plan: {self.solver.stats()['return_status']}")
-        x = np.array(solution["x"]).ravel()
-        self.plan = x[:K]
-        moved = x[K:].reshape(K, S)
-        self.guess = np.concatenate([x[1:K], x[K - 1 : K], moved[1:].ravel(), moved[-1]])
-        return float(x[0])
+        known: list[tuple[Any, Any]] = [(self.start, state), (self.before, delta), (self.heading, heading)]
+        for parameter, value in (*known, (self.wind, wind)):
+            self.problem.set_value(parameter, value)
+        if not self.plan.any():
+            self.problem.set_initial(self.states, np.tile(state[:, None], len(self.plan)))
+        solution = self.problem.solve()
+        self.plan, states = np.array(solution.value(self.deltas)), np.array(solution.value(self.states))
+        self.problem.set_initial(self.deltas, np.append(self.plan[1:], self.plan[-1]))
+        self.problem.set_initial(self.states, np.hstack([states[:, 1:], states[:, -1:]]))
+        return float(self.plan[0])
 
 
 def sail(
@@ -134,9 +120,8 @@ def main() -> None:
     tuning = Tuning(rudder_rate=math.radians(5.0) / scale)
     controller = HeadingController(folder, steady_revolutions(folder, speed), scale, tuning)
     for t, psi, delta, u, _, _ in sail(controller, math.radians(wanted), 60.0 * scale, speed)[::5]:
-        print(
-            f"t {t:6.1f} s  heading {math.degrees(psi):7.2f} deg  rudder {math.degrees(delta):7.2f} deg  u {u:.3f} m/s"
-        )
+        angles = f"heading {math.degrees(psi):7.2f} deg  rudder {math.degrees(delta):7.2f} deg"
+        print(f"t {t:6.1f} s  {angles}  u {u:.3f} m/s")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@
 
 #include "mex.h"
 
-static const char *const coefficient_fields[] = {@FIELDS@};
+static const char *const coefficient_fields[] = { {{- FIELDS -}} };
 
 /* coefficients out of the struct of parameters that SHIP() gives */
 static void read_coefficients(const mxArray *given, double *coefficients) {

@@ -3,19 +3,19 @@ function varargout = SHIP(what, varargin)
 %
 %   p = SHIP()                                  struct of parameters: p.coefficients.NAME.value, .std (NaN: not
 %                                               known), .unit, .lower, .upper, .verdict; names, units, ranges
-%   rates = SHIP('rates', state, inputs, p)     d state / dt, @S@ x 1
-%   forces = SHIP('forces', state, inputs, p)   X, Y [N], N [N m] of each role of p.roles, @R@ x 3
+%   rates = SHIP('rates', state, inputs, p)     d state / dt, {{ S }} x 1
+%   forces = SHIP('forces', state, inputs, p)   X, Y [N], N [N m] of each role of p.roles, {{ R }} x 3
 %   columns = SHIP('columns', state, p)         x, y, psi, u, v, r as the instruments log them, 6 x 1
 %   state = SHIP('settle', columns, inputs, p)  the state behind logged columns, its memory settled
 %   state = SHIP('step', state, inputs, h, p)   the state h seconds later, inputs held
 %   e = SHIP('extrapolation', state, inputs, p) 0 inside what the trials held, else the largest distance outside over
 %                                               the width of that range; -1 where no range is known
 %
-% state: @STATES@
-% inputs: @INPUTS@
+% state: {{ STATES }}
+% inputs: {{ INPUTS }}
 % Without p the ship has its own parameters. SHIP_mex.c does the same as compiled code.
 %
-@ABOUT@
+{{ ABOUT }}
   if nargin == 0
     varargout{1} = parameters();
     return
@@ -36,7 +36,7 @@ function varargout = SHIP(what, varargin)
   rows = struct2cell(p.coefficients);
   rows = [rows{:}];
   theta = [rows.value].';
-  first = @S@;
+  first = {{ S }};
   if strcmp(what, 'settle')
     first = 6;
   end
@@ -46,8 +46,8 @@ function varargout = SHIP(what, varargin)
   state = varargin{1}(:);
   if count > 1
     inputs = varargin{2}(:);
-    if numel(inputs) ~= @C@
-      error('SHIP:size', 'there are @C@ inputs: @INPUTS@');
+    if numel(inputs) ~= {{ C }}
+      error('SHIP:size', 'there are {{ C }} inputs: {{ INPUTS }}');
     end
   end
   switch what
@@ -70,7 +70,7 @@ function state = step(state, inputs, h, theta)
   if ~isscalar(h) || ~(h >= 0) || isinf(h)
     error('SHIP:step', 'h must be a number of seconds, 0 or more');
   end
-  steps = max(1, ceil(h / @LONGEST_STEP@ - 1e-9));
+  steps = max(1, ceil(h / {{ LONGEST_STEP }} - 1e-9));
   h = h / steps;
   for k = 1:steps
     k1 = rates_of(state, inputs, theta);
@@ -80,3 +80,97 @@ function state = step(state, inputs, h, theta)
     state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
   end
 end
+{% for head, lines in FUNCTIONS %}
+
+function {{ head }}
+{% for line in lines %}
+  {{ line }}
+{% endfor %}
+end
+{% endfor %}
+{% if MEMBERS %}
+
+function added = network(features)
+  persistent c
+  if isempty(c)
+    c = weights_of_network();
+  end
+  x = features([{{ PLACES | join(", ") }}]) ./ c.features;
+  total = zeros(3, 1);
+{% for depth in MEMBERS %}
+{% set k = loop.index %}
+  h = x;
+{% for i in range(1, depth + 1) %}
+  h = tanh(c.W{{ k }}_{{ i }} * h + c.b{{ k }}_{{ i }}) - tanh(c.b{{ k }}_{{ i }});
+{% endfor %}
+  total = total + c.W{{ k }} * h;
+{% endfor %}
+  added = c.outputs .* total / {{ MEMBERS | length }};
+end
+
+function c = weights_of_network()
+{% for line in WEIGHTS %}
+  {{ line }}
+{% endfor %}
+end
+{% endif %}
+
+function state = settle(logged, inputs, theta)
+  six = logged;
+  state = settled(six, inputs, theta);
+{% if MEASURED %}
+  for k = 1:{{ INVERSIONS }}
+    difference = columns_of(state, theta) - logged;
+    six = six - difference;
+    state = settled(six, inputs, theta);
+    if ~(max(abs(difference)) > 1e-12)
+      break
+    end
+  end
+{% endif %}
+end
+
+function e = extrapolation(state, inputs, theta)
+{% if RANGES %}
+  if ~all(isfinite(state))
+    e = realmax;
+    return
+  end
+  f = features_of(state, inputs, theta);
+  x = zeros({{ RANGES | length }}, 1);
+{% for name, (low, high) in RANGES.items() %}
+{% if name in FEATURE %}
+  x({{ loop.index }}) = f({{ FEATURE[name] }});
+{% else %}
+  x({{ loop.index }}) = {{ number(0.5 * (low + high)) }};
+  if f({{ FEATURE.u }})^2 + f({{ FEATURE.v }})^2 > {{ SLOW }}
+    x({{ loop.index }}) = atan2(-f({{ FEATURE.v }}), f({{ FEATURE.u }}));
+  end
+{% endif %}
+{% endfor %}
+  {{ LOW }}
+  {{ HIGH }}
+  width = max(max(high - low, 0.1 * max(abs(low), abs(high))), 1e-12);
+  e = max(max(max(x - high, low - x), 0) ./ width);
+{% else %}
+  e = -1;
+{% endif %}
+end
+
+function p = parameters()
+  p.ship = {{ text(NAME) }};
+  p.title = {{ text(TITLE) }};
+  p.about = {{ text(SENTENCES) }};
+{% for field, names in NAMED.items() %}
+  p.{{ field }} = { {{- names -}} };
+{% endfor %}
+  p.longest_step = {{ LONGEST_STEP }};
+  p.ranges = struct();
+{% for name, (low, high) in RANGES.items() %}
+  p.ranges.{{ name }} = [{{ number(low) }}, {{ number(high) }}];
+{% endfor %}
+{% for c in COEFFICIENTS %}
+  p.coefficients.{{ c.identifier }} = struct('value', {{ number(c.value) }}, 'std', {{ number(c.std) }}, 'unit', {{ text(c.unit) }}, 'lower', {{ number(c.lower) }}, 'upper', {{ number(c.upper) }}, 'fixed', {{ c.fixed | lower }}, 'verdict', {{ text(c.verdict) }}, 'description', {{ text(c.description) }}, 'symbol', {{ text(c.symbol) }});
+{% endfor %}
+end
+{{ WHEN }}

@@ -17,7 +17,7 @@ import pytest
 
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
-from delivery.dictionaries.projection import ChannelError, Motions, masses, motions, ship_rates, turning_path
+from delivery.dictionaries.projection import ChannelError, Motions, motions
 from delivery.export import FORMATS, export
 from fitting.selection.candidates import candidate
 from mmg.errors import Unsupported, UserError
@@ -73,7 +73,7 @@ def test_projections_are_as_good_as_they_say(name: str) -> None:
         assert abs(content["turning"]["projection"][figure] / content["turning"]["ship"][figure] - 1) < 0.05
     other = motions(product(load_ship(name), {}), "shipmmg", seed=5)
     p, errors = parameters(name)
-    off = shipmmg.force(other, p) - other.needed_force(masses(other.ship))
+    off = shipmmg.force(other, p) - other.needed_force()
     for e, row in zip(errors, off, strict=True):
         assert np.sqrt(np.mean(row**2)) < 1.5 * e.error, e.channel
 
@@ -190,7 +190,7 @@ def test_a_ship_of_generated_terms_is_refused_in_a_line(form: str, tmp_path: Pat
 )
 def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> None:
     m = moved(name)
-    mass = masses(m.ship)
+    mass = m.mass
     off = in_simulator(exported(name, form), form, m) - m.rates
     _, errors = gazebo.project(m, form)
     X = (mass.m + mass.m_x) * off[0]
@@ -251,5 +251,5 @@ def test_motions_stay_in_the_range_of_the_trials() -> None:
 
 def test_a_circle_of_the_ship_is_that_of_the_simulation() -> None:
     m = moved("esso_osaka_3m")
-    path = turning_path(m, ship_rates(m))
+    path = m.turning_path(m.ship_rates())
     assert path[0, 3] > 0.3 and path[-1, 2] > math.pi

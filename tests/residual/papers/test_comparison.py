@@ -156,7 +156,7 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     tables = (tmp_path / "cmp" / "tables.md").read_text()
     assert "0.236 ± 0.003" in tables
     assert {p.name for p in (tmp_path / "cmp").iterdir()} == {
-        "tables.md", "result.json", "scores.png", "growth.png", "efficiency.png", "entries",
+        "tables.md", "result.json", "growth.png", "efficiency.png", "entries",
     }  # fmt: skip
     (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
     assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json", "--resume"]) == 0
