@@ -33,8 +33,8 @@ def fleet(
     from fitting.report.run_folder import check_target, reserved
     from mmg_ident.fleet.page import write_page
     from mmg_ident.fleet.plan import read_plan
+    from mmg_ident.fleet.rows import write_tables
     from mmg_ident.fleet.run import PARTS, run_fleet
-    from mmg_ident.fleet.table import write_tables
 
     out = plan.with_suffix("") if out is None else out
     if not (resume and out.exists()):
