@@ -60,34 +60,10 @@ _HOMES = {
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [
-    "CheckReport",
-    "Diagnosis",
-    "FitResult",
-    "Message",
-    "OnProgress",
-    "Prediction",
-    "Progress",
-    "Score",
-    "Ship",
-    "TrainResult",
-    "Trial",
-    "UserError",
-    "__version__",
-    "calibrate",
-    "check",
-    "diagnose",
-    "export_ship",
-    "load_run",
-    "load_ship",
-    "new_ship",
-    "predict",
-    "read_trials",
-    "scale",
-    "score",
-    "simulate",
-    "train",
-    "write_report",
-]
+    "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "Score", "Ship",
+    "TrainResult", "Trial", "UserError", "__version__", "calibrate", "check", "diagnose", "export_ship", "load_run",
+    "load_ship", "new_ship", "predict", "read_trials", "scale", "score", "simulate", "train", "write_report",
+]  # fmt: skip
 
 __version__ = "0.2.0"
 

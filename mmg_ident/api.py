@@ -197,6 +197,7 @@ def predict(
     deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
+    from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
     from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
@@ -209,7 +210,7 @@ def predict(
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
-    from mmg_ident.prediction import Prediction, remarks_on
+    from mmg_ident.prediction import Prediction
 
     if adapt is not None and not (0 <= adapt < float("inf")):
         raise OutOfRange("--adapt must be 0 or a positive number of seconds")
@@ -228,16 +229,22 @@ def predict(
         if progress:
             progress(Progress("predicting", number, len(runs)))
         own = bands_in(bands, ship, content, run) if ship else None
-        found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
-        remarks = [*remarks, *remarks_on(run, found, simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
+        found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
+        made = Prediction(run, tuple(found), (), outside, seconds)
+        notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
+        if not run.has_position:
+            notes.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
+        if made.diverged:
+            words = f"{run.name}: {made.diverged} of {len(found)} windows diverge; their last rows are nan"
+            notes.append(Message(words, "diverged"))
         if outside:
-            words = f"{outside:.1%} of the rows lie outside the network's training range"
-            remarks.append(Message(f"{run.name}: {words}", "outside_training"))
-        results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
+            words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
+            notes.append(Message(words, "outside_training"))
+        results.append(replace(made, notes=tuple(notes)))
     if not any(p.windows for p in results):
-        notes = "; ".join(note for p in results for note in p.notes)
-        raise TooFewData(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
+        why = "; ".join(note for p in results for note in p.notes) or "the trials are shorter than --window"
+        raise TooFewData(f"no window could be predicted; {why}")
     return results
 
 

@@ -8,20 +8,17 @@ from typing import Any
 from mmg.errors import UnknownName
 
 _CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself, or compare models with mmg select"
-_FORCES = "it made no left-out run better; mmg predict --adapt and mmg diagnose estimate a slowly varying force"
-
-_NOT_BY_CAMPAIGN = (
-    "velocity_filter", "antenna_offset", "heading_bias", "wind_sensor_bias", "fouling", "draft", "rudder_offset"
-)  # fmt: skip
 _INSTRUMENTS = "it no longer differs by campaign; choose among gyro, log_scale, or none"
+_NOT_BY_CAMPAIGN = "velocity_filter antenna_offset heading_bias wind_sensor_bias fouling draft rudder_offset"
 
 GONE: dict[str | tuple[str, str], str] = {
     "auto": f"--auto is gone: {_CHOICE}",
     "auto_limit": f"--auto-limit is gone with --auto: {_CHOICE}",
-    "try_disturbance": f"--try-disturbance is gone: {_FORCES}",
+    "try_disturbance": "--try-disturbance is gone: it made no left-out run better; mmg predict --adapt and mmg "
+    "diagnose estimate a slowly varying force",
     "horizon": "--horizon is gone: it made no left-out run better; give the length of a window yourself with --window",
     ("loss", "auto"): "--loss auto is gone: the Gaussian loss is the default; huber and student suit outliers",
-    **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN},
+    **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN.split()},
 }
 """Field, or field and value -> the sentence."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,7 +32,9 @@ class Prediction:
     @property
     def diverged(self) -> int:
         """Number of windows whose prediction ends in numbers that are not finite."""
-        return _diverged(self.windows)
+        import numpy as np
+
+        return sum(not np.isfinite(w.states[-1]).all() for w in self.windows)
 
     @property
     def table(self) -> np.ndarray:
@@ -62,24 +63,3 @@ class Prediction:
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
-
-
-def remarks_on(run: Trial, windows: Sequence[Window], inputs: Sequence[str]) -> list[Message]:
-    """Messages on the predicted ``windows`` of ``run``, by a model with these ``inputs``: what is assumed, what is
-    missing, and which of them diverge."""
-    from cases.inputs import assumed
-    from mmg.messages import Message
-
-    remarks = assumed([run], inputs)
-    if not run.has_position:
-        remarks.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-    if count := _diverged(windows):
-        words = f"{run.name}: {count} of {len(windows)} windows diverge; their last rows are nan"
-        remarks.append(Message(words, "diverged"))
-    return remarks
-
-
-def _diverged(windows: Sequence[Window]) -> int:
-    import numpy as np
-
-    return sum(not np.isfinite(w.states[-1]).all() for w in windows)

@@ -72,7 +72,6 @@ def given_settings(kind: type, line: Mapping[str, Any], file: Path | None) -> di
 
     known = settings_of(kind)
     values = checked_settings(kind, read_toml(file), str(file)) if file else {}
-    refuse_gone(line)
     _, problems = checked(schema_of(kind), dict(line))
     if problems:
         name, _, rest = problems[0].strip().partition(" = ")

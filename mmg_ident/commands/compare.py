@@ -9,13 +9,12 @@ from typer import Option
 
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, UnknownName, UserError, needs_torch
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, names_of, print_json, progress, say
+from mmg_ident.commands.output import RESUMED, command_line, names_of, print_json, progress, say
 from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from fitting.report.parts import Store
-    from residual.papers.comparison import Study, Subset
+    from residual.papers.comparison import Subset
 
 
 @o.options(
@@ -57,6 +56,7 @@ def compare(
     from cases.checks import ready
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
+    from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
     names = tuple(dict.fromkeys(names_of([models])))
@@ -86,7 +86,16 @@ def compare(
         e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects
     )
     study = Study(captive, tuple(trained_on), tuple(tests), names, subsets, instruments=instruments, **settings)
-    store = _store(out, resume, study) if out else None
+    about = {
+        "--seeds": [study.seeds, study.seed],
+        "--models": list(study.models),
+        "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
+        "--fractions": [subset.words for subset in study.subsets],
+        "ship": hash_of_ship(study.ship),
+        "--train": hashes_of_trials(study.train),
+        "--test": hashes_of_trials(study.test),
+    }
+    store = Store(out / "entries", about, resume and out.exists()) if out else None
     try:
         with reserved(out) if out else nullcontext():
             found = compared(study, store, progress())
@@ -120,24 +129,8 @@ def compare(
     if out:
         say(f"comparison: {out} (tables.md, result.json, figures)")
     if found.interrupted and out:
-        say("not everything was done: the same command with --resume continues")
+        say(f"not everything was done: {RESUMED}")
     return 130 if found.interrupted else 0
-
-
-def _store(out: Path, resume: bool, study: Study) -> Store:
-    """Where finished entries are kept, with what must be the same to continue."""
-    from fitting.report import parts as c
-
-    about = {
-        "--seeds": [study.seeds, study.seed],
-        "--models": list(study.models),
-        "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
-        "--fractions": [subset.words for subset in study.subsets],
-        "ship": c.hash_of_ship(study.ship),
-        "--train": c.hashes_of_trials(study.train),
-        "--test": c.hashes_of_trials(study.test),
-    }
-    return c.Store(out / "entries", about, resume and out.exists())
 
 
 def _trials(given: list[str], option: str) -> list[Trial]:

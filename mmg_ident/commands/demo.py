@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import NotWritable, TargetExists, UserError
+from mmg.errors import TargetExists, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say, working
+from mmg_ident.commands.output import print_json, progress, say, working, writing
 
 if TYPE_CHECKING:
     from cases.trial import Trial
     from diagnosis.result import Diagnosis
-    from fitting.result import FitResult
     from residual.result import TrainResult
 
     Sets = tuple[list[Trial], list[Trial]]
@@ -35,17 +34,17 @@ def demo(
     """
     from cases.checks import check
     from cases.shipfiles.ship_file import dump_ship
-    from cases.simulation.demo_trials import CURRENT, FOULING, compare_with_truth, hidden_ship
+    from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, compare_with_truth, hidden_ship
+    from fitting.calibrate import FitOptions
     from mmg.progress import LOGGER
+    from mmg_ident.api import calibrate
 
     names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]
     folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
         raise TargetExists(f"{folder}: already exists; choose another --out")
-    try:
+    with writing(folder):
         folder.mkdir(parents=True)
-    except OSError as error:
-        raise NotWritable(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
     first = campaign(folder / "trials", seed, every=2)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
@@ -53,8 +52,12 @@ def demo(
     say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
     verdicts = [report.verdict for report in check([*first[0], *first[1]])]
     say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
+    data = folder / "trials"
+    options = FitOptions(
+        command=f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed} --out {folder / 'run'}"
+    )
     with working("calibrating; the first time the equations are compiled"):
-        fit = _calibrated(folder, first, seed)
+        fit = calibrate(SHIP, *first, None, options, progress(), seed=seed).save(folder / "run")
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
     trials = f"{len(first[0])} trials by multiple shooting"
     say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
@@ -105,17 +108,6 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
         for trial in made:
             write_trial(trial, folder / role / f"{trial.name}.csv")
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
-
-
-def _calibrated(folder: Path, trials: Sets, seed: int) -> FitResult:
-    """The calibration, in ``folder``/run."""
-    from cases.simulation.demo_trials import SHIP
-    from fitting.calibrate import FitOptions
-    from mmg_ident.api import calibrate
-
-    data = folder / "trials"
-    command = f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed}"
-    return calibrate(SHIP, *trials, None, FitOptions(command=command), progress(), seed=seed).save(folder / "run")
 
 
 def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> TrainResult | None:

@@ -8,24 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from diagnosis.inputs import DiagnosisOptions
-from mmg.errors import Missing, UnknownName, UserError
+from mmg.errors import Missing, UserError
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
+    RESUMED,
     command_line,
     end_progress,
-    is_model,
     names_of,
     print_json,
     print_table,
     progress,
+    read_ready,
     say,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from diagnosis.result import Diagnosis
-    from mmg.ship import Ship
 
 
 @o.options(
@@ -69,9 +67,9 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from cases.checks import ready
     from cases.io.campaigns import said_campaign
-    from cases.io.read import read_trials
+    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.ship_file import load_ship
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
     from diagnosis.result import is_complete
@@ -82,8 +80,9 @@ def diagnose(
     elif is_complete(out):
         say(f"{out} has finished already; nothing to resume")
         return 0
-    ship, options = _ship(run, without or []), DiagnosisOptions(**settings, command=command_line())
-    train, tests = ready(read_trials(trials), read_trials(test) if test else [], unchecked=unchecked)
+    ship = reduced_ship(load_ship(run), names_of(without))
+    options = DiagnosisOptions(**settings, command=command_line())
+    train, tests = read_ready(trials, test, unchecked=unchecked)
     train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
@@ -99,26 +98,13 @@ def diagnose(
             if not store.has_parts:
                 store.discard()
             raise
-        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        say(f"mmg: interrupted; what was finished is in {out}: {RESUMED}")
         return 130
     if json:
         print_json(found.to_dict())
     else:
         _summary(found, out)
     return 0
-
-
-def _ship(where: str, without: Sequence[str]) -> Ship:
-    """The ship of a run folder, file or library, without some components."""
-    from cases.shipfiles.model_changes import reduced_ship
-    from cases.shipfiles.ship_file import load_ship
-
-    path = Path(where)
-    if path.is_dir() and not (path / "ship.toml").exists():
-        raise Missing(f"{where}: no ship.toml in it; give a run folder of mmg fit, a ship file or a ship of mmg ships")
-    if not path.is_dir() and not is_model(where):
-        raise UnknownName(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
-    return reduced_ship(load_ship(path / "ship.toml" if path.is_dir() else where), names_of(without))
 
 
 def _summary(found: Diagnosis, out: Path) -> None:

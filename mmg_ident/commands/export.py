@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.messages import message_rows
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import names_of, print_json, say, working
+from mmg_ident.commands.output import names_of, print_json, say, say_notes, working
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -61,6 +61,5 @@ def export(
     if json:
         print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
         return
-    for line in (*product.caveats, *said):
-        say(f"note: {line}")
+    say_notes((*product.caveats, *said))
     say(f"written: {out}")

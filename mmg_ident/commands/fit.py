@@ -17,6 +17,7 @@ from mmg_ident.commands.output import (
     numbers_of,
     print_json,
     progress,
+    read_ready,
     refuse_no_score,
     say,
     say_remarks,
@@ -24,7 +25,6 @@ from mmg_ident.commands.output import (
 )
 
 if TYPE_CHECKING:
-    from fitting.nlp.captive import Captive
     from fitting.result import FitResult
 
 OPEN = ("starts_left_out", "parts_left_out")
@@ -72,12 +72,12 @@ def fit(
     import time
     from dataclasses import replace
 
-    from cases.checks import ready
-    from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.calibrate import FitOptions
+    from fitting.nlp.captive import read_captive
     from fitting.report.run_folder import check_target, reserved
+    from fitting.result import read_fit
     from fitting.settings import check_estimator
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
@@ -86,10 +86,16 @@ def fit(
     check_estimator(estimator)
     if "weight" in settings and "sigma" in settings:
         raise Conflict("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
-    points = _captive_points(captive, captive_sigma)
+    if captive_sigma and not captive:
+        raise Conflict("--captive-sigma: there is no --captive to which it belongs")
+    captive_std = numbers_of(captive_sigma, 3, "--captive-sigma") if captive_sigma else None
+    if captive_std and min(captive_std) <= 0:
+        raise OutOfRange(f"--captive-sigma {captive_sigma}: X, Y [N] and N [N m] must be positive")
     if name_fault(name):
         raise BadValue(f"--name {name!r}: {name_fault(name)}")
-    earlier = _resumed(out) if resume and out.exists() else None
+    earlier = read_fit(out) if resume and out.exists() else None
+    if earlier and earlier.iterate is None and not earlier.converged:
+        raise Missing(f"{out}: no iterate to resume from; start again without --resume")
     if earlier and earlier.converged and not any(has_code(earlier.warnings, code) for code in OPEN):
         say(f"{out} has converged already; nothing to resume")
         return 0
@@ -97,7 +103,7 @@ def fit(
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    train, held_out = ready(read_trials(trials), read_trials(validate) if validate else [], unchecked=unchecked)
+    train, held_out = read_ready(trials, validate, unchecked=unchecked)
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(names_of(profile)),
@@ -105,10 +111,10 @@ def fit(
         per_run=tuple(per_run or ()),
         per_campaign=tuple(names_of(per_campaign)),
         instruments=tuple(names_of([measurement])),
-        captive=points,
+        captive=read_captive(captive, captive_std) if captive else None,
         resume=earlier,
         command=command_line(),
-        name=name or _given_name(earlier),
+        name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),
         estimator=estimator,
     )
     reading = time.perf_counter() - began
@@ -133,38 +139,7 @@ def fit(
     refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130
-    if result.converged:
-        return 0
-    return 130 if result.status == "User_Requested_Stop" else 1
-
-
-def _given_name(earlier: FitResult | None) -> str:
-    """The name that an interrupted run was given, "" for none."""
-    return earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""
-
-
-def _resumed(out: Path) -> FitResult:
-    """The interrupted run in the folder ``out``."""
-    from fitting.result import read_fit
-
-    found = read_fit(out)
-    if found.iterate is None and not found.converged:
-        raise Missing(f"{out}: no iterate to resume from; start again without --resume")
-    return found
-
-
-def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
-    """Captive points of the file ``path``, with standard deviations ``sigma``: "X,Y [N],N [N m]"; None without one."""
-    from fitting.nlp.captive import read_captive
-
-    if path is None:
-        if sigma:
-            raise Conflict("--captive-sigma: there is no --captive to which it belongs")
-        return None
-    given = numbers_of(sigma, 3, "--captive-sigma") if sigma else None
-    if given and min(given) <= 0:
-        raise OutOfRange(f"--captive-sigma {sigma}: X, Y [N] and N [N m] must be positive")
-    return read_captive(path, given)
+    return 0 if result.converged else 130 if result.status == "User_Requested_Stop" else 1
 
 
 def _summary(result: FitResult) -> None:
@@ -193,8 +168,7 @@ def _summary(result: FitResult) -> None:
     say_scores(result.scores)
     kinds = result.identifiability["counts"]
     say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
-    plan = result.identifiability.get("next_trial", {}).get("plan", [])
-    if plan:
+    if plan := result.identifiability.get("next_trial", {}).get("plan"):
         say(f"next trial that would determine most: {plan[0]['name']}")
     if result.ship.mark:
         say(f"name: {result.ship.title}")

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from mmg.errors import Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, end_progress, print_json, print_table, progress, say
+from mmg_ident.commands.output import RESUMED, command_line, end_progress, print_json, print_table, progress, say
 
 if TYPE_CHECKING:
     from mmg_ident.fleet.run import Fleet
@@ -49,7 +49,7 @@ def fleet(
             write_tables(found, out)
             write_page(found, out)
     except KeyboardInterrupt:
-        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        say(f"mmg: interrupted; what was finished is in {out}: {RESUMED}")
         return 130
     if json:
         print_json(found)

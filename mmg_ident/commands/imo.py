@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue, Conflict, Missing, NotWritable, OutOfRange, TargetExists, UnknownName
+from mmg.errors import Conflict, Missing, TargetExists, UnknownName
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import is_model, print_json, print_table, refuse_target, say, ship_names, working
+from mmg_ident.commands.output import (
+    FIGURES,
+    is_model,
+    positive,
+    print_json,
+    print_table,
+    read_ready,
+    refuse_given,
+    refuse_target,
+    say,
+    ship_names,
+    split_numbers,
+    working,
+    writing,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,7 +32,6 @@ if TYPE_CHECKING:
     from cases.criteria.assessment import Assessment
     from cases.criteria.figures import Since
     from cases.criteria.trial_correction import WaterVelocity
-    from cases.trial import Trial
     from mmg.ship import Ship
 
 
@@ -57,8 +71,6 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    import math
-
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
     from cases.shipfiles.ship_file import load_ship
@@ -68,30 +80,34 @@ def imo(
     if models and (files or len(models) > 1):
         raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise OutOfRange(f"--{option} {value:g} must be positive")
+        positive(f"--{option}", value)
     if kind and kind not in KINDS:
         raise UnknownName(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
-    _check_targets(plot, out, force)
+    refuse_target("--plot", plot, force, FIGURES)
+    if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
+        raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
     if models:
-        own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
-        own |= {"--correct": correct or None, "--current": current}
-        for option in [name for name, value in own.items() if value is not None]:
-            raise Conflict(f"{option} belongs to trial files; {models[0]} is simulated")
+        refuse_given(
+            {"--ship": ship, "--length": length, "--kind": kind or None, "--correct": correct or None,
+             "--current": current},
+            f"belongs to trial files; {models[0]} is simulated",
+        )  # fmt: skip
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         simulated = load_ship(models[0])
         with working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
         found, clouds = _with_intervals(found, models[0], simulated, (scatter, seed, workers), rate)
     else:
-        own = {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
-        for option in [name for name, value in own.items() if value is not None]:
-            raise Conflict(f"{option} belongs to a ship that is simulated; trial files have their own")
+        refuse_given(
+            {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
+            "belongs to a ship that is simulated; trial files have their own",
+        )
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
         water = _current(current) if current is not None else correct
-        found, clouds = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water), {}
+        (trials,) = read_ready(files, unchecked=unchecked)
+        found, clouds = imo_figures_of_trials(trials, model, length, kind, scale, water), {}
     _write(plot, out, found, clouds)
     if json:
         print_json(found.to_dict())
@@ -129,48 +145,22 @@ def _with_intervals(
 
 def _current(text: str) -> WaterVelocity:
     """The current that --current names: speed [m/s] and the direction it goes to [deg]."""
-    import math
-
     from cases.criteria.trial_correction import WaterVelocity
 
-    try:
-        speed, towards = (float(part) for part in text.split(":"))
-    except ValueError:
-        speed = towards = math.nan
-    if not (math.isfinite(speed + towards) and speed >= 0):
-        raise BadValue(f"--current {text}: give SPEED:TOWARDS in m/s and deg, such as 0.4:90 for 0.4 m/s to the east")
+    speed, towards = split_numbers(text, "0.4:90", "--current")
+    positive("--current", speed, or_zero=True)
     angle = math.radians(towards)
     return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
 
 
-def _trials(files: Sequence[str], unchecked: bool) -> list[Trial]:
-    """The trials in ``files`` without broken stretches, or as they are if ``unchecked``."""
-    from cases.checks import ready
-    from cases.io.read import read_trials
-
-    return ready(read_trials(files), unchecked=unchecked)[0]
-
-
-def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
-    """Everything about the output that can be refused before simulating."""
-    if plot is not None:
-        if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-            raise BadValue(f"--plot {plot}: figures end in .png, .svg or .pdf")
-        refuse_target("--plot", plot, force)
-    if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
-        raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
-
-
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
-    from functools import partial
-
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import maneuver_figure, save_figure
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    try:
+    with writing(out or plot or ""):
         if plot is not None:
             save_figure(found.runs, found.heading, plot, clouds)
         if out is not None:
@@ -179,10 +169,9 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
-            draw = partial(maneuver_figure, found.runs, found.heading, clouds)
-            FigureFolder(out).write("imo", draw, found.heading, "")
-    except OSError as error:
-        raise NotWritable(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
+            FigureFolder(out).write(
+                "imo", lambda: maneuver_figure(found.runs, found.heading, clouds), found.heading, ""
+            )
 
 
 def _print(found: Assessment) -> None:
@@ -199,7 +188,7 @@ def _print(found: Assessment) -> None:
         if row.run != last:
             rows.append([""] * (len(heads) + 1))
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
-        figure = WORDS.get(row.figure, row.figure.replace("_", " "))
+        figure = row.figure.removesuffix("_track").replace("_", " ")
         values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
         intervals = [_interval(row.interval_90, row.unit), _interval(row.interval_90_trial, row.unit)] * drawn
         cells = ["" if row.run == last else row.run, figure, *values, *intervals, _number(row.limit, row.unit)]
@@ -216,14 +205,9 @@ def _print(found: Assessment) -> None:
     print(found.conclusion)
 
 
-WORDS = {"initial_turning_track": "initial turning"}
-
-
 def _interval(ends: Sequence[float] | None, unit: str) -> str:
-    if ends is None:
-        return ""
     digits = 1 if unit == "deg" else 2
-    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends)
+    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends or ())
 
 
 def _number(value: float | None, unit: str) -> str:

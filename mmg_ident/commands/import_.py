@@ -40,18 +40,15 @@ def import_(
     On a terminal it asks for what the headers leave open; import.toml in the folder repeats the answers. Nothing is
     written while a file has a problem: all problems are said at once.
     """
+    from cases.checks import check
     from cases.importing.import_logs import import_logs
     from cases.importing.import_map import ImportMap, read_map
     from cases.importing.written_trials import write_import
+    from cases.io.read import read_trials
 
     chosen = read_map(map) if map else ImportMap()
-    given = {
-        "rudder_positive": rudder_positive,
-        "wind_direction": wind_direction,
-        "velocity_frame": velocity_frame,
-        "zone_hours": zone_hours,
-        "separate": separate or None,
-    }
+    given: dict[str, Any] = {"rudder_positive": rudder_positive, "wind_direction": wind_direction}
+    given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
     found = import_logs(logs, chosen, lambda files: each(files, "reading"))
     asked: set[tuple[str, str, str]] = set()
@@ -63,21 +60,16 @@ def import_(
         found = import_logs(logs, chosen, lambda files: each(files, "reading"))
     if found.problems:
         if len(found.problems) > 1 and not json:
-            for i, problem in enumerate(found.problems):
-                say(f"{i + 1}. {problem}")
+            for i, problem in enumerate(found.problems, start=1):
+                say(f"{i}. {problem}")
             raise BadValue(f"{len(found.problems)} problems, listed above; nothing is written")
         raise BadValue("; ".join(found.problems))
     with working("writing trials"):
         files = write_import(found, chosen, out, force)
-    checks = _checks(files)
+    checks = check(read_trials(files))
     if json:
-        print_json(
-            {
-                "out": str(out),
-                "origin": found.origin,
-                "runs": [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)],
-            }
-        )
+        rows = [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)]
+        print_json({"out": str(out), "origin": found.origin, "runs": rows})
     else:
         _print(found, files, checks)
         say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
@@ -134,13 +126,6 @@ def _choice(choices: tuple[str, ...]) -> str:
         say(f"  '{answer}' is none of them")
 
 
-def _checks(files: list[Path]) -> list[Any]:
-    from cases.checks import check
-    from cases.io.read import read_trials
-
-    return check(read_trials(files))
-
-
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
     """What JSON says of a run."""
     from mmg.messages import message_rows
@@ -166,19 +151,14 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     said: dict[str, list[str]] = {}
-    for run in found.runs:
-        for notice in run.notices:
-            said.setdefault(str(notice), []).append(run.name)
-        unknown = [header for log in run.logs for header in log.unknown]
-        if unknown:
-            said.setdefault(f"columns not known, not used: {', '.join(unknown)}", []).append(run.name)
-        for log in run.logs:
-            for header, what in log.unsure.items():
-                said.setdefault(f"column '{header}' not used: it may be {what}; say it in the map", []).append(run.name)
     for run, report in zip(found.runs, checks, strict=True):
-        for finding in report.findings:
-            if finding.level == "contradictory":
-                said.setdefault(f"[check] {finding.text}", []).append(run.name)
-    for words, names in said.items():
+        unknown = [header for log in run.logs for header in log.unknown]
+        words = [*map(str, run.notices), *[f"columns not known, not used: {', '.join(unknown)}"] * bool(unknown)]
+        unsure = [row for log in run.logs for row in log.unsure.items()]
+        words += [f"column '{header}' not used: it may be {what}; say it in the map" for header, what in unsure]
+        words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
+        for sentence in words:
+            said.setdefault(sentence, []).append(run.name)
+    for sentence, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
-        print_wrapped("  ", f"{whose}{words}")
+        print_wrapped("  ", f"{whose}{sentence}")

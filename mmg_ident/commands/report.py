@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, OutOfRange, TargetExists
+from mmg.errors import BadValue, Conflict, TargetExists
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, say, working
+from mmg_ident.commands.output import positive, print_json, say, working
 
 
 def report(
@@ -40,8 +39,7 @@ def report(
             raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
         if path.exists() and path.absolute() not in own:
             raise TargetExists(f"{path}: already exists; choose another --out")
-    if full_load_draught is not None and not (math.isfinite(full_load_draught) and full_load_draught > 0):
-        raise OutOfRange(f"--full-load-draught {full_load_draught:g}: must be a positive number of metres")
+    positive("--full-load-draught", full_load_draught)
     with working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing, NotWritable
+from mmg.errors import Conflict, Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names
+from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names, writing
 
 if TYPE_CHECKING:
     from mmg.ship import Ship
@@ -40,6 +40,7 @@ def ships(
 
     Example: mmg ships --new 320 58 20.8 0.81 9.86 0.72 112.5 7.97 --out my_ship.toml
     """
+    from cases.io.files import replace_text
     from cases.shipfiles.new_ship import new_ship, parse_particulars
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
     from mmg.messages import has_code
@@ -52,7 +53,9 @@ def ships(
         for notice in ship.notices if new else ():
             say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
         if out is not None:
-            _write(out, dump_ship(ship, _HEAD if new else ""), force)
+            refuse_target("--out", out, force)
+            with writing(out):
+                replace_text(out, dump_ship(ship, _HEAD if new else ""))
             say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
         elif json:
             print_json(_document(ship))
@@ -84,17 +87,6 @@ def ships(
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning
 circles and of 40 % in overshoots. Calibrate it on trials with mmg fit; correct by hand what you know better."""
-
-
-def _write(path: Path, text: str, force: bool) -> None:
-    """Writes a ship file, whole or not at all; UserError when it exists or the folder does not."""
-    from cases.io.files import replace_text
-
-    refuse_target("--out", path, force)
-    try:
-        replace_text(path, text)
-    except OSError as error:
-        raise NotWritable(f"--out {path}: cannot be written ({error.strerror or error})") from None
 
 
 def _document(ship: Ship) -> dict[str, Any]:

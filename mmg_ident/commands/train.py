@@ -10,9 +10,11 @@ from typer import Option
 from mmg.errors import BadValue, Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands.output import (
+    RESUMED,
     command_line,
     print_json,
     progress,
+    read_ready,
     refuse_no_score,
     say,
     say_remarks,
@@ -32,8 +34,6 @@ _ONLY = {
     "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
-_AGAIN = "the same command with --resume continues"
-"""How to go on with a training that was stopped."""
 
 
 @o.options(
@@ -69,9 +69,7 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
-    from cases.checks import ready
     from cases.checks.held_out import training_trials
-    from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
     from residual.result import CALIBRATED
@@ -82,8 +80,7 @@ def train(
         raise UnknownName(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
-    chosen, held_out = ready(chosen, held_out, unchecked=unchecked)
+    chosen, held_out = read_ready(trials, validate, unchecked=unchecked)
     start, trained_on = load_ship(run), training_trials(chosen)[0]
     if trained_on:
         check_enough(start, trained_on, chosen_settings, held_out)
@@ -102,7 +99,7 @@ def train(
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise
-        say(f"mmg: interrupted; what was finished is in {store.folder}: {_AGAIN}")
+        say(f"mmg: interrupted; what was finished is in {store.folder}: {RESUMED}")
         return 130
     _summary(result, out) if not json else print_json(result.to_dict())
     if result.recommended != CALIBRATED:  # a residual that is declined may diverge
@@ -143,7 +140,7 @@ def _summary(result: TrainResult, out: Path) -> None:
         du, dv, dr = result.network.bound
         say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
     if not result.complete:
-        say(f"not all seeds came to their end: {_AGAIN}")
+        say(f"not all seeds came to their end: {RESUMED}")
     if result.black_box:
         say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
     else:

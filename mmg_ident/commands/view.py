@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, refuse_target, say, working
+from mmg_ident.commands.output import print_json, refuse_target, say, say_notes, working
 
 
 def view(
@@ -36,13 +36,11 @@ def view(
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))
-    if out is not None:
-        refuse_target("--out", out, force)
-    elif target.is_dir():
+    refuse_target("--out", out, force)
+    if out is None and target.is_dir():
         raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
     campaign = gather(folders, trials or (), diagnosis)
-    for note in campaign.notes:
-        say(f"note: {note}")
+    say_notes(campaign.notes)
     with working("writing the page"):
         size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
     if json:

@@ -7,6 +7,7 @@ all that it depends on, so that a run can be resumed and a changed ship alone is
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import time
@@ -226,30 +227,26 @@ def _groups(plan: FleetPlan, tasks: Sequence[FleetTask]) -> dict[str, SisterGrou
     return groups
 
 
-def fit_alone(task: FleetTask) -> tuple[str, str]:
-    """Calibrate the ship of a ``task`` by her own trials and keep what they say for her sisters; returns her name and
-    why that was not possible, "" where it was."""
-    return _outcome(task, _fit_alone)
+def _reported(work: Callable[[FleetTask], None]) -> Callable[[FleetTask], tuple[str, str]]:
+    """``work`` that gives the name of the ship and why it failed, "" where it did not: it must not end the others."""
+
+    @functools.wraps(work)
+    def reported(task: FleetTask) -> tuple[str, str]:
+        try:
+            work(task)
+        except UserError as error:
+            return task.ship.name, " ".join(str(error).split())
+        except Exception as error:
+            return task.ship.name, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        return task.ship.name, ""
+
+    return reported
 
 
-def finish_ship(task: FleetTask) -> tuple[str, str]:
-    """Calibrate, judge and diagnose the ship of a ``task``; write her run folder and her row; returns her name and why
-    that was not possible, "" where it was."""
-    return _outcome(task, _finish_ship)
-
-
-def _outcome(task: FleetTask, work: Callable[[FleetTask], None]) -> tuple[str, str]:
-    """The name of the ship and why ``work`` failed: a ship that fails must not end the others."""
-    try:
-        work(task)
-    except UserError as error:
-        return task.ship.name, " ".join(str(error).split())
-    except Exception as error:
-        return task.ship.name, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
-    return task.ship.name, ""
-
-
-def _fit_alone(task: FleetTask) -> None:
+@_reported
+def fit_alone(task: FleetTask) -> None:
+    """Calibrate the ship of a ``task`` by her own trials and keep what they say for her sisters. Raises UserError where
+    that is not possible."""
     began = time.perf_counter()
     result = _calibrated(task, *trials_of(task)[:2])
     if not result.converged or result.calibration is None:
@@ -265,7 +262,9 @@ def _fit_alone(task: FleetTask) -> None:
     task.store(ALONE).save(task.ship.name, words, {name: getattr(found, name) for name in ("A", "b", "centre", "unit")})
 
 
-def _finish_ship(task: FleetTask) -> None:
+@_reported
+def finish_ship(task: FleetTask) -> None:
+    """Calibrate, judge and diagnose the ship of a ``task``; write her run folder and her row."""
     began = time.perf_counter()
     train, held_out, left_out = trials_of(task)
     result = _calibrated(task, train, held_out)
@@ -274,12 +273,8 @@ def _finish_ship(task: FleetTask) -> None:
     diagnosis, failed = _diagnosed(task, result, train, held_out, folder)
     alone = replace(task, sisters=None).kept(ALONE) if task.sisters else None
     row = ship_row(task.ship, result, diagnosis, left_out, task.sisters, alone[0] if alone else None)
-    timing = {ALONE: alone[0]["wall_s"]} if alone else {}
-    words = {
-        "key": task.key,
-        "row": row | {"diagnosis_failed": failed},
-        "timing": {**timing, DONE: time.perf_counter() - began},
-    }
+    timing = {**({ALONE: alone[0]["wall_s"]} if alone else {}), DONE: time.perf_counter() - began}
+    words = {"key": task.key, "row": row | {"diagnosis_failed": failed}, "timing": timing}
     task.store(DONE).save(task.ship.name, words)
 
 
