@@ -10,7 +10,7 @@ from typer import Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
@@ -49,27 +49,27 @@ def check(
             files += trial_files([path])
         except UserError as error:
             unreadable[path] = error
-    for path in each(list(dict.fromkeys(files)), "reading"):
+    for path in cli.each(list(dict.fromkeys(files)), "reading"):
         try:
             found.append(read_trial(path, refuse=False))
         except UserError as error:
             unreadable[path] = error
     if not found:
         raise _of_all(unreadable)
-    with working(f"checking {len(found)} trials"):
+    with cli.working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
         doubts = [*doubtful_revolutions(model, found), *_taken(model, found)] if model else []
         sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
         together = {"group_seconds": dict(seconds), "sentences": list(sentences)}
-        print_json(_document(reports, unreadable) | {"pooled": together})
+        cli.print_json(_document(reports, unreadable) | {"pooled": together})
     else:
         _print(reports, every or len(reports) == 1, unreadable)
         if len(reports) > 1 or model:
             print("\nAll files together")
             for text in sentences or ["Every coefficient group is excited."]:
-                print_wrapped("     ", text)
+                cli.print_wrapped("     ", text)
         if not (every or len(reports) == 1):
             print("\nEvery sentence on every file: --all")
     if len(unreadable) > 1 and not json:
@@ -120,15 +120,15 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
     """A table with one line per file, and what is wrong, for all files that share it (``every``: and all else)."""
     rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
     rows += [(path.stem, "unreadable", *[""] * 6) for path in unreadable]
-    print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
+    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
     for error in unreadable.values() if len(unreadable) > 1 else ():
-        print_wrapped("  !! ", str(error))
+        cli.print_wrapped("  !! ", str(error))
     if every:
         for report in reports:
             print(f"\n{report.name}: {report.verdict}")
             for finding in sorted(report.findings, key=lambda f: f.level == "info"):
-                print_wrapped(marks[finding.level], finding.text)
+                cli.print_wrapped(marks[finding.level], finding.text)
         return
     shared: dict[tuple[str, str], list[str]] = {}
     for report in reports:
@@ -138,7 +138,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
     for (level, text), names in sorted(shared.items(), key=lambda item: ORDER.index(item[0][0])):
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""
         whose = "all files" if len(names) == len(reports) else f"{', '.join(names[:4])}{more}"
-        print_wrapped(marks[level], f"{whose}: {text}")
+        cli.print_wrapped(marks[level], f"{whose}: {text}")
 
 
 def _cells(report: CheckReport) -> list[str]:

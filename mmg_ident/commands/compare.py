@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, UnknownName, UserError, needs_torch
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import RESUMED, command_line, names_of, print_json, progress, say
+from mmg_ident.commands import output as cli
 from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def compare(
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
-    names = tuple(dict.fromkeys(names_of([models])))
+    names = tuple(dict.fromkeys(cli.names_of([models])))
     needs_torch("mmg compare")
     from fitting.report.plot_style import FigureFolder
     from residual.papers.comparison import MODELS, Study, comparison_dict, tables_text
@@ -83,7 +83,7 @@ def compare(
     trained_on, tests = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
     instruments = tuple(
-        e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects
+        e for e in with_instruments(captive, cli.names_of([measurement])).effects if e not in captive.effects
     )
     study = Study(captive, tuple(trained_on), tuple(tests), names, subsets, instruments=instruments, **settings)
     about = {
@@ -98,12 +98,12 @@ def compare(
     store = Store(out / "entries", about, resume and out.exists()) if out else None
     try:
         with reserved(out) if out else nullcontext():
-            found = compared(study, store, progress())
+            found = compared(study, store, cli.progress())
     except UserError:
         if store:
             store.discard()
         raise
-    content = comparison_dict(found, command_line())
+    content = comparison_dict(found, cli.command_line())
     if not any(e.score for e in found.entries):
         reasons = dict.fromkeys(e.status for e in found.entries)
         if store:
@@ -123,13 +123,13 @@ def compare(
         with written.making(RESULT):
             write_json(out / RESULT, content)
     if json:
-        print_json(content)
+        cli.print_json(content)
     else:
         print(tables_text(found), end="")
     if out:
-        say(f"comparison: {out} (tables.md, result.json, figures)")
+        cli.say(f"comparison: {out} (tables.md, result.json, figures)")
     if found.interrupted and out:
-        say(f"not everything was done: {RESUMED}")
+        cli.say(f"not everything was done: {cli.RESUMED}")
     return 130 if found.interrupted else 0
 
 

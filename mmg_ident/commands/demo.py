@@ -10,7 +10,7 @@ from typer import Option
 
 from mmg.errors import TargetExists, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say, working, writing
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -43,47 +43,47 @@ def demo(
     folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
         raise TargetExists(f"{folder}: already exists; choose another --out")
-    with writing(folder):
+    with cli.writing(folder):
         folder.mkdir(parents=True)
     LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
     first = campaign(folder / "trials", seed, every=2)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
     runs = len(first[0]) + len(first[1])
-    say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
+    cli.say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
     verdicts = [report.verdict for report in check([*first[0], *first[1]])]
-    say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
+    cli.say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
     data = folder / "trials"
     options = FitOptions(
         command=f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed} --out {folder / 'run'}"
     )
-    with working("calibrating; the first time the equations are compiled"):
-        fit = calibrate(SHIP, *first, None, options, progress(), seed=seed).save(folder / "run")
+    with cli.working("calibrating; the first time the equations are compiled"):
+        fit = calibrate(SHIP, *first, None, options, cli.progress(), seed=seed).save(folder / "run")
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
     trials = f"{len(first[0])} trials by multiple shooting"
-    say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
+    cli.say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
     pair, truth = fit.scores["validation"], compare_with_truth(fit.ship)
     words = f"30 s windows {pair.before.window:.3f} -> {pair.after.window:.3f}, "
     words += f"100 s restarts {pair.before.paper:.3f} -> {pair.after.paper:.3f}"
-    say(f" 4 score     squared error on {len(first[1])} held-out trials: {words}")
-    say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
-    say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
+    cli.say(f" 4 score     squared error on {len(first[1])} held-out trials: {words}")
+    cli.say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
+    cli.say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
     declined = _trained(folder, "trials", "residual", first, seed)
-    say(f" 7 train     a network on these trials is {_decision(declined)}")
+    cli.say(f" 7 train     a network on these trials is {_decision(declined)}")
     second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
-    say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
-    with working("diagnosing"):
+    cli.say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
+    with cli.working("diagnosing"):
         found = _diagnosed(folder, second, seed)
     causes = [f"{e.name} {', '.join(f'{k}={p.value:.3g}' for k, p in e.parameters.items())}" for e in found.effects]
-    say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
+    cli.say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
     gain = f"{found.held_out.reduction:.0%} smaller" if found.held_out else "not known"
-    say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
+    cli.say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
     third = campaign(folder / "third", seed + 2000, FOULING, every=2)
     kept = _trained(folder, "third", "third_residual", third, seed)
-    say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
-    say(f"12 so        {moral(declined, kept)}")
+    cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
+    cli.say(f"12 so        {moral(declined, kept)}")
     if json:
         content, told = fit.to_dict(), found.to_dict()
-        print_json(
+        cli.print_json(
             {
                 "folder": str(folder), "converged": fit.converged, "scores": content["scores"], **truth,
                 "diagnosis": {k: told[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")},
@@ -125,11 +125,11 @@ def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> Tra
         f"--out {folder / name}"
     )
     try:
-        with working("learning a residual"):
-            result = train(folder / "run", *trials, s, command=command, progress=progress())
+        with cli.working("learning a residual"):
+            result = train(folder / "run", *trials, s, command=command, progress=cli.progress())
             result.save(folder / name, report=False)
     except UserError as error:
-        say(f"   nothing was learned: {error}")
+        cli.say(f"   nothing was learned: {error}")
         return None
     return result
 
@@ -142,7 +142,7 @@ def _diagnosed(folder: Path, trials: Sets, seed: int) -> Diagnosis:
     run, data = folder / "run", folder / "second"
     command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
     options = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
-    found = diagnose(load_ship(run), *trials, options=options, calibrated_on=run, progress=progress())
+    found = diagnose(load_ship(run), *trials, options=options, calibrated_on=run, progress=cli.progress())
     found.save(folder / "diagnosis", report=False)
     return found
 

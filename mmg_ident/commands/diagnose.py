@@ -10,17 +10,7 @@ from typer import Option
 from diagnosis.inputs import DiagnosisOptions
 from mmg.errors import Missing, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    RESUMED,
-    command_line,
-    end_progress,
-    names_of,
-    print_json,
-    print_table,
-    progress,
-    read_ready,
-    say,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from diagnosis.result import Diagnosis
@@ -78,11 +68,11 @@ def diagnose(
     if not (resume and out.exists()):
         check_target(out)
     elif is_complete(out):
-        say(f"{out} has finished already; nothing to resume")
+        cli.say(f"{out} has finished already; nothing to resume")
         return 0
-    ship = reduced_ship(load_ship(run), names_of(without))
-    options = DiagnosisOptions(**settings, command=command_line())
-    train, tests = read_ready(trials, test, unchecked=unchecked)
+    ship = reduced_ship(load_ship(run), cli.names_of(without))
+    options = DiagnosisOptions(**settings, command=cli.command_line())
+    train, tests = cli.read_ready(trials, test, unchecked=unchecked)
     train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
@@ -90,18 +80,18 @@ def diagnose(
         raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:
         with reserved(out):
-            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
-            end_progress()
+            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, cli.progress())
+            cli.end_progress()
             found.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
     except (KeyboardInterrupt, UserError) as stop:
         if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
             if not store.has_parts:
                 store.discard()
             raise
-        say(f"mmg: interrupted; what was finished is in {out}: {RESUMED}")
+        cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        print_json(found.to_dict())
+        cli.print_json(found.to_dict())
     else:
         _summary(found, out)
     return 0
@@ -110,16 +100,16 @@ def diagnose(
 def _summary(found: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
     for line in found.warnings:
-        say(f"warning: {line}")
+        cli.say(f"warning: {line}")
     rows = []
     for c in found.candidates[:8]:
         gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
         numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
-    print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
+    cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
     lines = [found.sentence, found.learned.sentence if found.learned else ""]
     lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
     lines += [found.between.sentence, *found.between.warnings] if found.between else []
     for line in filter(None, lines):
         print(line)
-    say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")
+    cli.say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

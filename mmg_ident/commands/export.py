@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.messages import message_rows
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import names_of, print_json, say, say_notes, working
+from mmg_ident.commands import output as cli
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -53,13 +53,13 @@ def export(
     from delivery.export import export as write
     from delivery.product import product_of
 
-    with working("reading"):
-        product = product_of(model, force, names_of(without))
-    options = {"platforms": names_of(platforms)} if platforms else {}
-    with working(f"exporting {product.ship.name}"):
+    with cli.working("reading"):
+        product = product_of(model, force, cli.names_of(without))
+    options = {"platforms": cli.names_of(platforms)} if platforms else {}
+    with cli.working(f"exporting {product.ship.name}"):
         said = write(product, format, out, force, **options)
     if json:
-        print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
+        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
         return
-    say_notes((*product.caveats, *said))
-    say(f"written: {out}")
+    cli.say_notes((*product.caveats, *said))
+    cli.say(f"written: {out}")

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from mmg.errors import Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import RESUMED, command_line, end_progress, print_json, print_table, progress, say
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from mmg_ident.fleet.run import Fleet
@@ -44,15 +44,15 @@ def fleet(
     given = read_plan(plan)
     try:
         with reserved(out):
-            found = run_fleet(given, out, workers, command_line(), progress())
-            end_progress()
+            found = run_fleet(given, out, workers, cli.command_line(), cli.progress())
+            cli.end_progress()
             write_tables(found, out)
             write_page(found, out)
     except KeyboardInterrupt:
-        say(f"mmg: interrupted; what was finished is in {out}: {RESUMED}")
+        cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        print_json(found)
+        cli.print_json(found)
     else:
         _summary(found, out)
     return 1 if found.failed else 0
@@ -70,14 +70,14 @@ def _summary(found: Fleet, out: Path) -> None:
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
         rows.append((row["name"], row["status"], words, verdict, drifted, *counts))
     heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
-    print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
+    cli.print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
     for row in found.rows:
         if row["status"] != "done":
-            say(f"{row['name']}: {row['status']}: {row['reason']}")
+            cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in found.groups:
         low, high = group.widths.common_90
-        say(
+        cli.say(
             f"sisters {group.name}: coefficients differ by {group.widths.common:.2g} of the prior's standard deviation "
             f"(90 %: {low:.2g} to {high:.2g})"
         )
-    say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")
+    cli.say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")

@@ -10,21 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import Conflict, Missing, TargetExists, UnknownName
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    FIGURES,
-    is_model,
-    positive,
-    print_json,
-    print_table,
-    read_ready,
-    refuse_given,
-    refuse_target,
-    say,
-    ship_names,
-    split_numbers,
-    working,
-    writing,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -43,7 +29,9 @@ if TYPE_CHECKING:
 def imo(
     ships_and_trials: Annotated[
         list[str],
-        Argument(help="A ship to simulate, or measured trials.", metavar="SHIP|TRIAL...", autocompletion=ship_names),
+        Argument(
+            help="A ship to simulate, or measured trials.", metavar="SHIP|TRIAL...", autocompletion=cli.ship_names
+        ),
     ],
     speed: Annotated[float | None, Option(help="Test speed [m/s]; default U_0, else Fn 0.142.")] = None,
     rudder_rate: Annotated[float | None, Option(help="[deg/s]; default the ship's, else 20 at 3 m.")] = None,
@@ -75,30 +63,30 @@ def imo(
     from cases.criteria.measured_maneuvers import KINDS
     from cases.shipfiles.ship_file import load_ship
 
-    models = [a for a in ships_and_trials if is_model(a)]
-    files = [a for a in ships_and_trials if not is_model(a)]
+    models = [a for a in ships_and_trials if cli.is_model(a)]
+    files = [a for a in ships_and_trials if not cli.is_model(a)]
     if models and (files or len(models) > 1):
         raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
-        positive(f"--{option}", value)
+        cli.positive(f"--{option}", value)
     if kind and kind not in KINDS:
         raise UnknownName(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
-    refuse_target("--plot", plot, force, FIGURES)
+    cli.refuse_target("--plot", plot, force, cli.FIGURES)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
     if models:
-        refuse_given(
+        cli.refuse_given(
             {"--ship": ship, "--length": length, "--kind": kind or None, "--correct": correct or None,
              "--current": current},
             f"belongs to trial files; {models[0]} is simulated",
         )  # fmt: skip
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         simulated = load_ship(models[0])
-        with working(f"simulating the manoeuvres of {simulated.name}"):
+        with cli.working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
         found, clouds = _with_intervals(found, models[0], simulated, (scatter, seed, workers), rate)
     else:
-        refuse_given(
+        cli.refuse_given(
             {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
             "belongs to a ship that is simulated; trial files have their own",
         )
@@ -106,15 +94,15 @@ def imo(
         if model is None and length is None:
             raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
         water = _current(current) if current is not None else correct
-        (trials,) = read_ready(files, unchecked=unchecked)
+        (trials,) = cli.read_ready(files, unchecked=unchecked)
         found, clouds = imo_figures_of_trials(trials, model, length, kind, scale, water), {}
     _write(plot, out, found, clouds)
     if json:
-        print_json(found.to_dict())
+        cli.print_json(found.to_dict())
         return
     _print(found)
     for path in filter(None, (plot, out)):
-        say(f"written: {path}")
+        cli.say(f"written: {path}")
 
 
 def _with_intervals(
@@ -138,7 +126,7 @@ def _with_intervals(
             words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"
             found = replace(found, notices=(*found.notices, Message(words, "no_covariance")))
         return found, {}
-    with working(f"simulating each manoeuvre {count} times"):
+    with cli.working(f"simulating each manoeuvre {count} times"):
         judged = with_intervals(found, ship, content, count, seed, rudder_rate, workers)
     return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
 
@@ -147,8 +135,8 @@ def _current(text: str) -> WaterVelocity:
     """The current that --current names: speed [m/s] and the direction it goes to [deg]."""
     from cases.criteria.trial_correction import WaterVelocity
 
-    speed, towards = split_numbers(text, "0.4:90", "--current")
-    positive("--current", speed, or_zero=True)
+    speed, towards = cli.numbers_of(text, 2, "--current", ":")
+    cli.positive("--current", speed, or_zero=True)
     angle = math.radians(towards)
     return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
 
@@ -160,7 +148,7 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    with writing(out or plot or ""):
+    with cli.writing(out or plot or ""):
         if plot is not None:
             save_figure(found.runs, found.heading, plot, clouds)
         if out is not None:
@@ -196,7 +184,7 @@ def _print(found: Assessment) -> None:
         cells += ["" if row.probability is None else f"{100 * row.probability:.0f} %"] * drawn
         rows.append([*cells, row.verdict + mark])
         last = row.run
-    print_table([*heads, "verdict"], rows)
+    cli.print_table([*heads, "verdict"], rows)
     print()
     for words, k in remarks.items():
         print(f"[{k}] {words}")

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, say, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.importing.assembled_run import ImportedRun
@@ -50,29 +50,29 @@ def import_(
     given: dict[str, Any] = {"rudder_positive": rudder_positive, "wind_direction": wind_direction}
     given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
-    found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+    found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     asked: set[tuple[str, str, str]] = set()
     while not json and sys.stdin.isatty() and sys.stderr.isatty():
         answered = _answered(found, chosen, asked)
         if answered is chosen:
             break
         chosen = answered  # an answer may leave a unit open
-        found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+        found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     if found.problems:
         if len(found.problems) > 1 and not json:
             for i, problem in enumerate(found.problems, start=1):
-                say(f"{i}. {problem}")
+                cli.say(f"{i}. {problem}")
             raise BadValue(f"{len(found.problems)} problems, listed above; nothing is written")
         raise BadValue("; ".join(found.problems))
-    with working("writing trials"):
+    with cli.working("writing trials"):
         files = write_import(found, chosen, out, force)
     checks = check(read_trials(files))
     if json:
         rows = [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)]
-        print_json({"out": str(out), "origin": found.origin, "runs": rows})
+        cli.print_json({"out": str(out), "origin": found.origin, "runs": rows})
     else:
         _print(found, files, checks)
-        say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
+        cli.say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
 
 
 def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
@@ -99,7 +99,7 @@ def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, st
         names = [question.file for question in questions]
         before |= {(name, header, quantity) for name in names}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
+        cli.say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
         answer = _choice(choices)
         for name in names:
             entry = dict(files.get(name, {}))
@@ -123,7 +123,7 @@ def _choice(choices: tuple[str, ...]) -> str:
         answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
         if answer in choices:
             return answer
-        say(f"  '{answer}' is none of them")
+        cli.say(f"  '{answer}' is none of them")
 
 
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
@@ -149,7 +149,7 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
     for run, file, report in zip(found.runs, files, checks, strict=True):
         t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
-    print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
+    cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     said: dict[str, list[str]] = {}
     for run, report in zip(found.runs, checks, strict=True):
         unknown = [header for log in run.logs for header in log.unknown]
@@ -161,4 +161,4 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
             said.setdefault(sentence, []).append(run.name)
     for sentence, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
-        print_wrapped("  ", f"{whose}{sentence}")
+        cli.print_wrapped("  ", f"{whose}{sentence}")

@@ -251,29 +251,18 @@ def positive(option: str, value: float | None, or_zero: bool = False) -> None:
         raise OutOfRange(f"{option} {value:g}: must be {'0 or ' * or_zero}a positive number")
 
 
-def split_numbers(text: str, form: str, option: str) -> tuple[float, ...]:
-    """The numbers that ``text`` gives in the ``form`` of an example such as 5:12:90. Raises UserError, which begins
-    with ``option``, where they are others or not finite."""
-    try:
-        values = tuple(float(word) for word in text.split(":"))
-    except ValueError:
-        values = ()
-    if len(values) != form.count(":") + 1 or not all(map(math.isfinite, values)):
-        raise BadValue(f"{option} {text}: give numbers such as {form}")
-    return values
-
-
 def names_of(text: Iterable[str] | None) -> list[str]:
     """Names in ``text``, repeated and comma-separated option values."""
     return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
 
 
-def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
-    """The ``count`` comma-separated numbers of ``text``; UserError, which begins with ``what``, for anything else."""
+def numbers_of(text: str, count: int, what: str, mark: str = ",") -> tuple[float, ...]:
+    """The ``count`` finite numbers that ``text`` lists with a ``mark`` between. Raises UserError, which begins with
+    ``what``, for anything else."""
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float(part) for part in text.split(mark))
     except ValueError:
         values = ()
-    if len(values) != count:
-        raise BadValue(f"{what}: {text!r} is not {count} comma-separated numbers")
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise BadValue(f"{what}: {text!r} is not {count} numbers with {mark!r} between them")
     return values

@@ -10,18 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    names_of,
-    positive,
-    print_json,
-    progress,
-    refuse_target,
-    say,
-    say_notes,
-    split_numbers,
-    working,
-    writing,
-)
+from mmg_ident.commands import output as cli
 
 
 @o.options(Limits="speed_limit margin start ahead rudder_limit", Solver="time_limit seed effort workers scheduler")
@@ -59,13 +48,13 @@ def plan(
     from fitting.report.run_folder import read_result
     from mmg_ident.api import load_run
 
-    refuse_target("--out", out, force, (".csv",))
-    refuse_target("--out", out.with_suffix(".png"), force)
-    positive("--effort", effort)
-    symbols, wanted = (tuple(names_of([text or ""])) for text in (coefficients, figures))
+    cli.refuse_target("--out", out, force, (".csv",))
+    cli.refuse_target("--out", out.with_suffix(".png"), force)
+    cli.positive("--effort", effort)
+    symbols, wanted = (tuple(cli.names_of([text or ""])) for text in (coefficients, figures))
     place = None
     if start is not None:
-        x, y, heading = split_numbers(start, "5:12:90", "--start")
+        x, y, heading = cli.numbers_of(start, 3, "--start", ":")
         place = (x, y, math.radians(heading))
     wish = Wish(
         area, time, symbols, wanted, speed_limit, margin, place, ahead, seed, effort, math.radians(rudder_limit),
@@ -75,19 +64,19 @@ def plan(
     if kind not in ("calibration", "training"):
         raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
     result = load_run(run)
-    with working("planning"):
-        planned = plan_trial(result.ship, result.to_dict(), wish, progress())
-    with writing(out):
+    with cli.working("planning"):
+        planned = plan_trial(result.ship, result.to_dict(), wish, cli.progress())
+    with cli.writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
     try:
         keep_plan(planned, run, out)
     except OSError as error:
-        say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
+        cli.say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
     content = planned.to_dict()
     if json:
-        print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
+        cli.print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
         return
-    say_notes(planned.notes)
+    cli.say_notes(planned.notes)
     print("\n".join(in_words(content, out.name)))
-    say(f"written: {out}, {out.with_suffix('.png')}")
+    cli.say(f"written: {out}, {out.with_suffix('.png')}")

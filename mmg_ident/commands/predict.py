@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.errors import Conflict, NoSolution, TargetExists
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say, say_notes
+from mmg_ident.commands import output as cli
 
 
 def predict(
@@ -71,7 +71,7 @@ def predict(
     title = ship.title if ship else model
     if campaign is not None:
         runs = said_campaign(runs, campaign, ship or load_ship(model))
-    found = api.predict(model, runs, window, stride, adapt, progress())
+    found = api.predict(model, runs, window, stride, adapt, cli.progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = [*past_to_use(api.content_of(model), adapt)[1]]
@@ -84,13 +84,15 @@ def predict(
     notes += campaigns_taken(ship, runs) if ship else []
     notes += [note for p in found for note in p.notes if not (has_code([note], TAKEN) or has_code([note], MEAN))]
     write_tables({files[p.trial.name]: p.table for p in found})
-    say_notes(notes)
+    cli.say_notes(notes)
     counts, past = {p.trial.name: len(p.windows) for p in found}, found[0].past_s
     if json:
         outside = {p.trial.name: p.outside for p in found}
         content: dict[str, Any] = {"title": title, "files": {n: str(p) for n, p in files.items()}, "windows": counts}
         content |= {"past_s": past, "notes": notes}
-        print_json(content | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
+        cli.print_json(
+            content | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {})
+        )
     else:
         how = f"with up to {past:g} s of past" if past else "without a past"
-        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {title}, {how}, written to {out}")
+        cli.say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {title}, {how}, written to {out}")

@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.errors import BadValue, Conflict, TargetExists
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import positive, print_json, say, working
+from mmg_ident.commands import output as cli
 
 
 def report(
@@ -39,11 +39,13 @@ def report(
             raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
         if path.exists() and path.absolute() not in own:
             raise TargetExists(f"{path}: already exists; choose another --out")
-    positive("--full-load-draught", full_load_draught)
-    with working("writing the report"):
+    cli.positive("--full-load-draught", full_load_draught)
+    with cli.working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:
-        print_json({"report": str(target), "pdf": str(targets[1]) if pdf else None, "runs": [str(f) for f in folders]})
+        cli.print_json(
+            {"report": str(target), "pdf": str(targets[1]) if pdf else None, "runs": [str(f) for f in folders]}
+        )
     else:
         for path in targets:
-            say(f"report: {path}")
+            cli.say(f"report: {path}")

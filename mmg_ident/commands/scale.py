@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, print_json, say, say_remarks, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
@@ -41,14 +41,14 @@ def scale(
     scaling = Scaling(length, speed, rho, form_factor, roughness, froude_only, name)
     scaling.check()
     check_target(out)
-    with reserved(out), working("scaling"):
-        result = write_scaled(scaled_result(run, scaling, command_line()), out)
+    with reserved(out), cli.working("scaling"):
+        result = write_scaled(scaled_result(run, scaling, cli.command_line()), out)
     if json:
-        print_json(result.to_dict())
+        cli.print_json(result.to_dict())
         return
-    say_remarks(result)
+    cli.say_remarks(result)
     _print(result)
-    say(f"run folder: {out} (ship.toml, result.json, report.html; model/ holds the run of the model)")
+    cli.say(f"run folder: {out} (ship.toml, result.json, report.html; model/ holds the run of the model)")
 
 
 def _print(result: FitResult) -> None:

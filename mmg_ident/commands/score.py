@@ -11,7 +11,7 @@ from typer import Argument, Option
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, TooFewData, UnknownName
 from mmg.states import STATES
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, is_model, numbers_of, positive, print_json, print_table, read_ready, say
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,8 +60,8 @@ def score(
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 
-    models = list(dict.fromkeys(a for a in runs_and_trials if is_model(a)))
-    files = [a for a in runs_and_trials if not is_model(a)]
+    models = list(dict.fromkeys(a for a in runs_and_trials if cli.is_model(a)))
+    files = [a for a in runs_and_trials if not cli.is_model(a)]
     if not models and not Path(runs_and_trials[0]).exists():
         load_ship(runs_and_trials[0])
     if not models:
@@ -70,17 +70,17 @@ def score(
         raise Missing("no trial named: give trial files, or a folder of them, after the models")
     if method not in ("rk4", "euler"):
         raise UnknownName(f"--method {method!r} is unknown; use rk4 or euler")
-    positive("--adapt", adapt, or_zero=True)
-    positive("--window", window, or_zero=True)
+    cli.positive("--adapt", adapt, or_zero=True)
+    cli.positive("--window", window, or_zero=True)
     if sigma and sigma_from:
         raise Conflict("--sigma and --sigma-from exclude each other")
-    trials, others = read_ready(files, sigma_from, unchecked=unchecked)
+    trials, others = cli.read_ready(files, sigma_from, unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
     ships = {name: model.ship for name, model in loaded.items() if isinstance(model, Simulator)}
     if sigma:
         import numpy as np
 
-        values, origin = np.array(numbers_of(sigma, 6, "--sigma")), "--sigma"
+        values, origin = np.array(cli.numbers_of(sigma, 6, "--sigma")), "--sigma"
         if not (values > 0).all():
             raise OutOfRange("--sigma: all six numbers must be positive")
     elif sigma_from:
@@ -95,7 +95,7 @@ def score(
     window = window or window_for(trials, next((ship.particulars["L"] for ship in ships.values()), None))
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)
-    for name, simulator in each(list(loaded.items()), "scoring"):
+    for name, simulator in cli.each(list(loaded.items()), "scoring"):
         scores[name] = scored(simulator, trials, values, origin, method, units=window)
         if past and name in ships:
             scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
@@ -103,11 +103,11 @@ def score(
     scores = {name: replace(s, notes=(*taken, *remarks(trials), *s.notes)) for name, s in scores.items()}
     if json:
         found = {"metric": METRIC, "method": method, "past_s": past, "worse": _worse_than_first(scores)}
-        print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
+        cli.print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
     else:
         for name, ship in ships.items():
             if ship.mark:
-                say(f"{Path(name).name}: {ship.title}")
+                cli.say(f"{Path(name).name}: {ship.title}")
         _print(scores)
     for name, result in scores.items():  # both are failures, no results
         if result.diverged:
@@ -138,7 +138,7 @@ def _print(scores: Mapping[str, Score]) -> None:
     ]
     rows.append(("all rows pooled", *map(_cell, scores.values()), ""))
     heads = ("trial", *(f"{Path(name).name}|n" for name in scores), "windows|n")
-    print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
+    cli.print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
     _print_units({Path(name).name: s.units for name, s in scores.items() if s.units})
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     print(f"sigma from {first.sigma_from}: {words}")
@@ -169,7 +169,7 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
     title = f"rms errors over {first.window:g} s windows{times}: position | heading | u | r | share of change"
     rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
     rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
-    print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
+    cli.print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
     rows = []
     for i, run in enumerate(first.runs):
         by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
@@ -180,7 +180,7 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
             rows.append((run.name, title, figure.figure.replace("_", " "), measured, *cells))
     if rows:
         heads = ("trial", "manoeuvre", "figure", "measured|n", *(f"{name}|n" for name in units))
-        print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
+        cli.print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
 
 
 def _units(run: RunErrors) -> str:

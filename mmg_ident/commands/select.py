@@ -10,17 +10,7 @@ from typer import Argument, Option
 from fitting.settings import Settings
 from mmg.errors import Conflict, TooFewData, UnknownName, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    command_line,
-    names_of,
-    print_json,
-    print_table,
-    progress,
-    refuse_target,
-    say,
-    say_notes,
-    writing,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -88,30 +78,30 @@ def select(
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
     if (write is None and not trials) != (out is None):
         raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
-    refuse_target("--out", None if trials else out, force)
+    cli.refuse_target("--out", None if trials else out, force)
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
     if trials and out is not None:
         chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
         method = _method(objective, optimizer, seeds, chosen)
         sets = _sets(trials, validate, test, unchecked)
-        return _choose(model, rules, sets, names_of(only), chosen, method, resume, not no_report, out, json)
+        return _choose(model, rules, sets, cli.names_of(only), chosen, method, resume, not no_report, out, json)
     if list_:
         found = candidates(model, rules)
         rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in found]
         if json:
-            print_json({"ship": model.name, "candidates": [_row(c) for c in found]})
+            cli.print_json({"ship": model.name, "candidates": [_row(c) for c in found]})
         else:
-            print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)
+            cli.print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)
         return 0
     one = candidate(model, str(write if terms is None else terms), rules)
-    say_notes(one.ship.notices)
+    cli.say_notes(one.ship.notices)
     if out is not None:
-        with writing(out):
+        with cli.writing(out):
             replace_text(out, dump_ship(one.ship))
-        say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
+        cli.say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
     elif json:
         each = [{"symbol": s, "monomial": text, "force": s[0]} for s, text in one.ship.monomials.items()]
-        print_json({"ship": model.name, **_row(one), "terms": each})
+        cli.print_json({"ship": model.name, **_row(one), "terms": each})
     else:
         print(term_list(list(one.ship.coefficients.values())))
     return 0
@@ -133,7 +123,7 @@ def _sets(
         if len(train) < 2:
             raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
         train, held = train[:-count], train[-count:]
-        say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
+        cli.say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
     train, held, last = ready(train, held, last, unchecked=unchecked)
     return train, held, last
 
@@ -191,13 +181,13 @@ def _choose(
         kept = kept_beside(out, wanted, resume)
         if done:  # it was ended after the run folder was whole
             kept.done()
-            say(f"{out} is there already, whole")
+            cli.say(f"{out} is there already, whole")
             return 0
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
+            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), method, kept)
         except (KeyboardInterrupt, UserError) as error:
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
-                say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
+                cli.say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
         found, runs = choice.to_dict(), [run for some in choice.runs.values() for run in some]
 
@@ -213,10 +203,10 @@ def _choose(
                 curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
                 figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 
-        result = replace(choice.result, command=command_line())
+        result = replace(choice.result, command=cli.command_line())
         result.save(out, replace=there, attach=attach, report=report)
         kept.done()
-    print_json(found | {"out": str(out)}) if json else _tell(choice, out)
+    cli.print_json(found | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
 
 
@@ -229,7 +219,7 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         numbers = (in_words(row.validation), in_words(row.training), diverged) if not row.left_out else ("", "", "")
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))
-    print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
+    cli.print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
     for run in (run for some in choice.runs.values() for run in some):
         print(
             f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
@@ -240,7 +230,7 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         print(f"test trials, 30 s windows, {name}: {in_words(error)}")
     s = choice.stability
     print(f"{choice.chosen}: {s.diverged} of {s.sequences} random harbour sequences diverge; at most {s.speed:.3g} m/s")
-    say(f"run folder: {out} (ship.toml, result.json, selection.json, figures/structures.png, report.html)")
+    cli.say(f"run folder: {out} (ship.toml, result.json, selection.json, figures/structures.png, report.html)")
 
 
 def _row(one: StructureCandidate) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import Conflict, Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names, writing
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from mmg.ship import Ship
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def ships(
     name: Annotated[
         str | None,
-        Argument(help="Ship, ship file or run folder to print.", metavar="SHIP", autocompletion=ship_names),
+        Argument(help="Ship, ship file or run folder to print.", metavar="SHIP", autocompletion=cli.ship_names),
     ] = None,
     new: Annotated[
         list[str] | None,
@@ -51,14 +51,14 @@ def ships(
         called = called or (out.stem if out else "my_ship")
         ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
         for notice in ship.notices if new else ():
-            say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
+            cli.say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
         if out is not None:
-            refuse_target("--out", out, force)
-            with writing(out):
+            cli.refuse_target("--out", out, force)
+            with cli.writing(out):
                 replace_text(out, dump_ship(ship, _HEAD if new else ""))
-            say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
+            cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
         elif json:
-            print_json(_document(ship))
+            cli.print_json(_document(ship))
         else:
             sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
         return
@@ -76,13 +76,13 @@ def ships(
             }
             for key, ship in known.items()
         ]
-        print_json({"ships": listed})
+        cli.print_json({"ships": listed})
         return
     rows = []
     for key, ship in known.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
         rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
-    print_table(("name", "L [m]|n", "coefficients|n", "models"), rows)
+    cli.print_table(("name", "L [m]|n", "coefficients|n", "models"), rows)
 
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning

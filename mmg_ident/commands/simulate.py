@@ -10,16 +10,7 @@ from typer import Option
 
 from mmg.errors import Conflict, OutOfRange
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    FIGURES,
-    print_json,
-    print_table,
-    refuse_given,
-    refuse_target,
-    say,
-    say_notes,
-    working,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.criteria.scatter import ManeuverScatter
@@ -77,8 +68,8 @@ def simulate(
         raise Conflict("give either --maneuver or --controls, one of them")
     if seed < 0:
         raise OutOfRange(f"--seed {seed} must not be negative")
-    refuse_target("--out", out, force, (".csv", ".parquet"))
-    refuse_target("--plot", plot, force, FIGURES)
+    cli.refuse_target("--out", out, force, (".csv", ".parquet"))
+    cli.refuse_target("--plot", plot, force, cli.FIGURES)
     approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
     approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
     given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
@@ -100,10 +91,10 @@ def simulate(
         from fitting.report.run_folder import content_on
 
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
-        refuse_given(others, "does not belong to --scatter, which is a manoeuvre in calm air; leave it out")
+        cli.refuse_given(others, "does not belong to --scatter, which is a manoeuvre in calm air; leave it out")
         if plan is None:
             raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
-        with working(f"simulating {plan.name} {scatter} times"):
+        with cli.working(f"simulating {plan.name} {scatter} times"):
             found, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
         if plot is not None:
             if run is None or drawn is None:
@@ -116,32 +107,32 @@ def simulate(
             else:
                 tracks.to_csv(out, index=False)
         for path in filter(None, (plot, out)):
-            say(f"written: {path}")
+            cli.say(f"written: {path}")
         if json:
-            print_json(found.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
+            cli.print_json(found.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
         else:
             _print_scatter(found, model, single=run is not None)
         return
     if plot is not None:
         raise Conflict("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
-    with working("simulating"):
+    with cli.working("simulating"):
         trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
     figures = figures_of(trial, plan) if plan else {}
     summary = _summary(model, trial, plan.name if plan else trial.name, figures)
     if noise and out is None:
-        say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
+        cli.say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if out is not None:
         noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
         write_trial(noisy, out)
     summary |= {"seed": seed, "noise": noise, "wind": wind}
     summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
-    print_json(summary) if json else _print(summary, figures, model)
+    cli.print_json(summary) if json else _print(summary, figures, model)
 
 
 def _print_scatter(found: ManeuverScatter, ship: Ship, single: bool) -> None:
     """The figures of draws as a table; single: of one trial each, too."""
-    say_notes(found.notices)
+    cli.say_notes(found.notices)
     title = f"{ship.title}: {found.maneuver.name}, {found.count} draws of {len(found.coefficients)} coefficients"
     rows = []
     for row in found.rows:
@@ -155,7 +146,7 @@ def _print_scatter(found: ManeuverScatter, ship: Ship, single: bool) -> None:
         cells = [f"{row.figure.replace('_', ' ')} [{unit}]", shown(row.value), shown(row.median)]
         cells += [shown(*row.interval_90), *[shown(*row.interval_90_trial or ())] * single]
         rows.append([*cells, f"{limit} {share}".strip()])
-    print_table(
+    cli.print_table(
         ("figure", "as it is|n", "median|n", "90 % interval|n", *["of a single trial|n"] * single, ""), rows, title
     )
 
@@ -191,9 +182,9 @@ def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dic
 def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> None:
     from cases.criteria.figures import figure_unit
 
-    say_notes(summary["notices"])
+    cli.say_notes(summary["notices"])
     if summary["out"]:
-        say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
+        cli.say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
         return
     print(f"{summary['title']}: {summary['run']}, {summary['duration_s']:g} s")
     for word in ("start", "final"):

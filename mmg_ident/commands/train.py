@@ -9,17 +9,7 @@ from typer import Option
 
 from mmg.errors import BadValue, Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    RESUMED,
-    command_line,
-    print_json,
-    progress,
-    read_ready,
-    refuse_no_score,
-    say,
-    say_remarks,
-    say_scores,
-)
+from mmg_ident.commands import output as cli
 from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings
 
 if TYPE_CHECKING:
@@ -80,13 +70,13 @@ def train(
         raise UnknownName(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    chosen, held_out = read_ready(trials, validate, unchecked=unchecked)
+    chosen, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
     start, trained_on = load_ship(run), training_trials(chosen)[0]
     if trained_on:
         check_enough(start, trained_on, chosen_settings, held_out)
     needs_torch("mmg train")
     if resume and out.exists() and _is_complete(out):
-        say(f"{out} has finished already; nothing to resume")
+        cli.say(f"{out} has finished already; nothing to resume")
         return 0
     from residual.pipeline import train as trained
     from residual.train import training_store
@@ -94,16 +84,16 @@ def train(
     store = training_store(out, start, trained_on, held_out, chosen_settings, resume)
     try:
         with reserved(out):
-            result = trained(run, chosen, held_out, chosen_settings, keep, command_line(), progress(), store)
+            result = trained(run, chosen, held_out, chosen_settings, keep, cli.command_line(), cli.progress(), store)
             result.save(out, replace=True, report=not no_report)
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise
-        say(f"mmg: interrupted; what was finished is in {store.folder}: {RESUMED}")
+        cli.say(f"mmg: interrupted; what was finished is in {store.folder}: {cli.RESUMED}")
         return 130
-    _summary(result, out) if not json else print_json(result.to_dict())
+    _summary(result, out) if not json else cli.print_json(result.to_dict())
     if result.recommended != CALIBRATED:  # a residual that is declined may diverge
-        refuse_no_score(result.warnings, out)
+        cli.refuse_no_score(result.warnings, out)
     return 130 if result.interrupted else 0
 
 
@@ -131,18 +121,20 @@ def _is_complete(out: Path) -> bool:
 
 def _summary(result: TrainResult, out: Path) -> None:
     """A few lines for a person."""
-    say_remarks(result)
+    cli.say_remarks(result)
     if result.decision:
-        say(f"{result.decision.words} (judged and scored, with and without it, without the past of a window)")
+        cli.say(f"{result.decision.words} (judged and scored, with and without it, without the past of a window)")
     what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
-    say_scores(result.scores, f", {what}")
+    cli.say_scores(result.scores, f", {what}")
     if result.network:
         du, dv, dr = result.network.bound
-        say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
+        cli.say(
+            f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs"
+        )
     if not result.complete:
-        say(f"not all seeds came to their end: {RESUMED}")
+        cli.say(f"not all seeds came to their end: {cli.RESUMED}")
     if result.black_box:
-        say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
+        cli.say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
     else:
         other = f"; the {result.other} ship: {out / result.other}" if result.other else ""
-        say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")
+        cli.say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")

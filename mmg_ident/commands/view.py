@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, refuse_target, say, say_notes, working
+from mmg_ident.commands import output as cli
 
 
 def view(
@@ -36,15 +36,15 @@ def view(
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))
-    refuse_target("--out", out, force)
+    cli.refuse_target("--out", out, force)
     if out is None and target.is_dir():
         raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
     campaign = gather(folders, trials or (), diagnosis)
-    say_notes(campaign.notes)
-    with working("writing the page"):
+    cli.say_notes(campaign.notes)
+    with cli.working("writing the page"):
         size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
     if json:
-        print_json(
+        cli.print_json(
             {
                 "view": str(target),
                 "bytes": size,
@@ -55,4 +55,4 @@ def view(
             }
         )
     else:
-        say(f"page: {target} ({size / 1e6:.1f} MB, {len(campaign.trials)} trials); open it in a browser")
+        cli.say(f"page: {target} ({size / 1e6:.1f} MB, {len(campaign.trials)} trials); open it in a browser")
