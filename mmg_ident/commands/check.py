@@ -14,8 +14,6 @@ from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
-    from cases.trial import Trial
-    from mmg.ship import Ship
 
 
 ORDER = ("contradictory", "doubtful", "info", "ok")
@@ -38,6 +36,7 @@ def check(
     from cases.checks import check as check_trials
     from cases.checks import pooled
     from cases.checks.propulsion import doubtful_revolutions
+    from cases.inputs import model_inputs
     from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
 
@@ -59,7 +58,14 @@ def check(
     with cli.working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
-        doubts = [*doubtful_revolutions(model, found), *_taken(model, found)] if model else []
+        doubts: list[str] = []
+        if model:
+            doubts += doubtful_revolutions(model, found)
+            for trial in found:  # what the ship assumes of it or ignores, or why she cannot have made it
+                try:
+                    doubts += model_inputs(trial, model.inputs).notices
+                except UserError as error:
+                    doubts.append(str(error))
         sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
         together = {"group_seconds": dict(seconds), "sentences": list(sentences)}
@@ -76,19 +82,6 @@ def check(
         raise type(next(iter(unreadable.values())))(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
         raise _of_all(unreadable)
-
-
-def _taken(ship: Ship, trials: list[Trial]) -> list[str]:
-    """What the ``ship`` assumes of the ``trials`` or ignores, and of which trials she cannot be."""
-    from cases.inputs import model_inputs
-
-    said: list[str] = []
-    for trial in trials:
-        try:
-            said += model_inputs(trial, ship.inputs).notices
-        except UserError as error:
-            said.append(str(error))
-    return said
 
 
 def _of_all(unreadable: Mapping[Path, UserError]) -> UserError:

@@ -14,7 +14,6 @@ from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from residual.papers.comparison import Subset
 
 
 @o.options(
@@ -62,14 +61,20 @@ def compare(
     names = tuple(dict.fromkeys(cli.names_of([models])))
     needs_torch("mmg compare")
     from fitting.report.plot_style import FigureFolder
-    from residual.papers.comparison import MODELS, Study, comparison_dict, tables_text
+    from residual.papers.comparison import MODELS, Study, Subset, comparison_dict, tables_text
     from residual.papers.comparison import compare as compared
     from residual.papers.comparison_figures import write_figures
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
         raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
-    subsets = _subsets(fractions, no_random)
+    try:
+        shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
+    except ValueError:
+        shares = []
+    if not shares or not all(0 < share <= 1 for share in shares):
+        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
+    subsets = tuple(Subset(share, random) for random in (True, False)[: 1 + no_random] for share in shares)
     if resume and not out:
         raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
@@ -146,16 +151,3 @@ def _trials(given: list[str], option: str) -> list[Trial]:
     if without:
         raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
     return found
-
-
-def _subsets(fractions: str, no_random: bool) -> tuple[Subset, ...]:
-    """Subsets from the options, all data first."""
-    from residual.papers.comparison import Subset
-
-    try:
-        shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
-    except ValueError:
-        shares = []
-    if not shares or not all(0 < share <= 1 for share in shares):
-        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
-    return tuple(Subset(share, random) for random in ((True, False) if no_random else (True,)) for share in shares)

@@ -14,11 +14,12 @@ from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from diagnosis.result import Diagnosis
     from residual.result import TrainResult
 
     Sets = tuple[list[Trial], list[Trial]]
 
+ANSWER = ("verdict", "effects", "equivalence_class", "sentence", "held_out")
+"""Keys of a diagnosis that --json prints."""
 STEP = 1.0
 """Step of the diagnosis [s], twice that of ``mmg diagnose``: half the time, and the same verdict for seeds 1 to 4."""
 
@@ -33,8 +34,9 @@ def demo(
     Example: mmg demo --out demo
     """
     from cases.checks import check
-    from cases.shipfiles.ship_file import dump_ship
+    from cases.shipfiles.ship_file import dump_ship, load_ship
     from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, compare_with_truth, hidden_ship
+    from diagnosis.diagnose import DiagnosisOptions, diagnose
     from fitting.calibrate import FitOptions
     from mmg.progress import LOGGER
     from mmg_ident.api import calibrate
@@ -71,8 +73,12 @@ def demo(
     cli.say(f" 7 train     a network on these trials is {_decision(declined)}")
     second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
     cli.say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
+    run, data = folder / "run", folder / "second"
+    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
+    told = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
     with cli.working("diagnosing"):
-        found = _diagnosed(folder, second, seed)
+        found = diagnose(load_ship(run), *second, options=told, calibrated_on=run, progress=cli.progress())
+        found.save(folder / "diagnosis", report=False)
     causes = [f"{e.name} {', '.join(f'{k}={p.value:.3g}' for k, p in e.parameters.items())}" for e in found.effects]
     cli.say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
     gain = f"{found.held_out.reduction:.0%} smaller" if found.held_out else "not known"
@@ -82,11 +88,11 @@ def demo(
     cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
     cli.say(f"12 so        {moral(declined, kept)}")
     if json:
-        content, told = fit.to_dict(), found.to_dict()
+        answer = found.to_dict()
         cli.print_json(
             {
-                "folder": str(folder), "converged": fit.converged, "scores": content["scores"], **truth,
-                "diagnosis": {k: told[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")},
+                "folder": str(folder), "converged": fit.converged, "scores": fit.to_dict()["scores"], **truth,
+                "diagnosis": {k: answer[k] for k in ANSWER},
                 "residual": _decided(declined), "third_residual": _decided(kept),
             }
         )  # fmt: skip
@@ -132,19 +138,6 @@ def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> Tra
         cli.say(f"   nothing was learned: {error}")
         return None
     return result
-
-
-def _diagnosed(folder: Path, trials: Sets, seed: int) -> Diagnosis:
-    """The diagnosis of a second campaign, in ``folder``/diagnosis."""
-    from cases.shipfiles.ship_file import load_ship
-    from diagnosis.diagnose import DiagnosisOptions, diagnose
-
-    run, data = folder / "run", folder / "second"
-    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
-    options = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
-    found = diagnose(load_ship(run), *trials, options=options, calibrated_on=run, progress=cli.progress())
-    found.save(folder / "diagnosis", report=False)
-    return found
 
 
 def _decision(result: TrainResult | None) -> str:

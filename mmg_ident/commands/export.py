@@ -24,8 +24,7 @@ def export(
     format: Annotated[
         str,
         Option(
-            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.",
-            autocompletion=_formats,
+            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.", autocompletion=_formats
         ),
     ],
     out: Annotated[Path, Option(help="Folder or file to write.")],
@@ -37,9 +36,7 @@ def export(
             "Default: this platform, where there is a compiler."
         ),
     ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Also what did not converge or was never calibrated; replace what exists.")
-    ] = False,
+    force: Annotated[bool, Option("--force", help="Also what is not calibrated; replace what exists.")] = False,
     json: o.Json = False,
 ) -> None:
     """Deliver a calibrated or hybrid ship: code that runs without this program.

@@ -48,9 +48,7 @@ def fit(
     next_trial: Annotated[bool, Option(help="Do not look for the trial that tells most.")] = True,
     scheduler: o.Scheduler = None,
     resume: o.Resume = False,
-    unchecked: Annotated[
-        bool, Option("--unchecked", "--accept-contradictory", help="Take contradictory files and broken stretches too.")
-    ] = False,
+    unchecked: o.Unchecked = False,
     no_report: o.NoReport = False,
     json: o.Json = False,
 ) -> int:

@@ -62,18 +62,17 @@ def _summary(found: Fleet, out: Path) -> None:
     """A few lines for a person."""
     rows = []
     for row in found.rows:
-        score = row["scores"].get("held_out") or row["scores"].get("training")
-        pair = score["window"] if score else None
-        words = f"{pair['before']:.3g} -> {pair['after']:.3g}" if pair and None not in pair.values() else ""
+        score = row["scores"].get("held_out") or row["scores"].get("training") or {}
+        pair = list(score.get("window", {}).values())
+        errors = " -> ".join(f"{error:.3g}" for error in pair if None not in pair)
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
-        rows.append((row["name"], row["status"], words, verdict, drifted, *counts))
+        rows.append((row["name"], row["status"], errors, verdict, drifted, *counts))
     heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
     cli.print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
-    for row in found.rows:
-        if row["status"] != "done":
-            cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
+    for row in (row for row in found.rows if row["status"] != "done"):
+        cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in found.groups:
         low, high = group.widths.common_90
         cli.say(

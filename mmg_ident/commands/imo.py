@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from cases.criteria.assessment import Assessment
     from cases.criteria.figures import Since
-    from cases.criteria.trial_correction import WaterVelocity
     from mmg.ship import Ship
 
 
@@ -29,9 +28,7 @@ if TYPE_CHECKING:
 def imo(
     ships_and_trials: Annotated[
         list[str],
-        Argument(
-            help="A ship to simulate, or measured trials.", metavar="SHIP|TRIAL...", autocompletion=cli.ship_names
-        ),
+        Argument(help="A ship to simulate, or trials.", metavar="SHIP|TRIAL...", autocompletion=cli.ship_names),
     ],
     speed: Annotated[float | None, Option(help="Test speed [m/s]; default U_0, else Fn 0.142.")] = None,
     rudder_rate: Annotated[float | None, Option(help="[deg/s]; default the ship's, else 20 at 3 m.")] = None,
@@ -61,6 +58,7 @@ def imo(
     """
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
+    from cases.criteria.trial_correction import WaterVelocity
     from cases.shipfiles.ship_file import load_ship
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
@@ -84,7 +82,7 @@ def imo(
         simulated = load_ship(models[0])
         with cli.working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
-        found, clouds = _with_intervals(found, models[0], simulated, (scatter, seed, workers), rate)
+        found, clouds = _with_intervals(found, models[0], simulated, rate, scatter, seed, workers)
     else:
         cli.refuse_given(
             {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
@@ -93,7 +91,12 @@ def imo(
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
-        water = _current(current) if current is not None else correct
+        water: WaterVelocity | bool = correct
+        if current is not None:
+            speed, towards = cli.numbers_of(current, 2, "--current", ":")
+            cli.positive("--current", speed, or_zero=True)
+            angle = math.radians(towards)
+            water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
         (trials,) = cli.read_ready(files, unchecked=unchecked)
         found, clouds = imo_figures_of_trials(trials, model, length, kind, scale, water), {}
     _write(plot, out, found, clouds)
@@ -106,10 +109,9 @@ def imo(
 
 
 def _with_intervals(
-    found: Assessment, model: str, ship: Ship, draws: tuple[int | None, int, int], rudder_rate: float | None
+    found: Assessment, model: str, ship: Ship, rudder_rate: float | None, scatter: int | None, seed: int, workers: int
 ) -> tuple[Assessment, dict[str, Sequence[Since]]]:
-    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them; draws:
-    how many, their seed, and processes."""
+    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
     from dataclasses import replace
 
     from cases.shipfiles.estimates import is_starting_ship
@@ -117,7 +119,6 @@ def _with_intervals(
     from fitting.report.run_folder import content_on
     from mmg.messages import Message
 
-    scatter, seed, workers = draws
     content = content_on(Path(model))
     known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
     count = scatter if scatter is not None else DRAWS * known
@@ -129,16 +130,6 @@ def _with_intervals(
     with cli.working(f"simulating each manoeuvre {count} times"):
         judged = with_intervals(found, ship, content, count, seed, rudder_rate, workers)
     return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
-
-
-def _current(text: str) -> WaterVelocity:
-    """The current that --current names: speed [m/s] and the direction it goes to [deg]."""
-    from cases.criteria.trial_correction import WaterVelocity
-
-    speed, towards = cli.numbers_of(text, 2, "--current", ":")
-    cli.positive("--current", speed, or_zero=True)
-    angle = math.radians(towards)
-    return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
 
 
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 @o.options(Headers="rudder_positive wind_direction velocity_frame zone_hours")
 def import_(
-    logs: Annotated[
-        list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet) or folders of them.", metavar="FILE...")
-    ],
+    logs: Annotated[list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet), or folders.", metavar="FILE...")],
     out: Annotated[Path, Option(help="Folder to write: a file for each run, trials.toml, import.toml.")],
     map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/how-to/import.md).")] = None,
     rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard, port.")] = None,

@@ -88,7 +88,7 @@ if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
 import typer
 from typer.core import TyperGroup
 
-from mmg_ident.shadow import shadowing_mmg
+from mmg_ident import shadowing_mmg
 
 HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
@@ -192,21 +192,14 @@ class _Verbs(TyperGroup):
 app: typer.Typer = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+@app.callback(invoke_without_command=True)
+def _about(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    """Manoeuvring models (MMG) of ships, calibrated from trial data."""
+    if version:
         from mmg_ident import __version__
 
         typer.echo(f"mmg-ident {__version__}")
         raise typer.Exit
-
-
-@app.callback()
-def _about(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    """Manoeuvring models (MMG) of ships, calibrated from trial data."""
 
 
 def expand(arguments: list[str]) -> list[str]:
@@ -259,7 +252,7 @@ def main(arguments: list[str] | None = None) -> int:
     from fitting.solvers.interrupts import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
-    from mmg_ident.gone import refuse_gone_options
+    from mmg_ident.settings import refuse_gone_options
 
     OBSERVER.told = tell
     try:

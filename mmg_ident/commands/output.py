@@ -202,9 +202,10 @@ def each(items: Sequence[T], task: str) -> Iterator[T]:
     """The ``items`` of long work one by one, with a line on a terminal that says how far the ``task`` has come."""
     from mmg.progress import Progress
 
+    show = progress()
     for step, item in enumerate(items):
-        if _on_terminal():
-            _show(Progress(task, step, len(items)))
+        if show:
+            show(Progress(task, step, len(items)))
         yield item
     end_progress()
 

@@ -20,9 +20,7 @@ def plan(
     time: Annotated[float, Option(help="Length of the trial [s].")],
     out: Annotated[Path, Option(help="CSV file for the autopilot; a map comes with it.")],
     coefficients: Annotated[str | None, Option(help="Symbols, hull, propeller, rudder or all; default hull.")] = None,
-    figures: Annotated[
-        str | None, Option(help="Instead: advance, transfer, tactical_diameter, track_reach, first_overshoot_10, ...")
-    ] = None,
+    figures: Annotated[str | None, Option(help="Instead: advance, tactical_diameter, first_overshoot_10, ...")] = None,
     speed_limit: Annotated[float | None, Option(help="Highest [m/s]; default that of the trials.")] = None,
     margin: Annotated[float | None, Option(help="From the edges [m]; default half a beam.")] = None,
     start: Annotated[str | None, Option(help="x:y:heading [m, m, deg]; default where most room is.")] = None,

@@ -18,10 +18,7 @@ def predict(
     out: Annotated[Path, Option(help="CSV file (one trial), or folder (NAME.csv for each).")],
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
     stride: Annotated[float | None, Option(help="Between window starts [s]; default the window.")] = None,
-    adapt: Annotated[
-        float | None,
-        Option(help="Past of a window [s] that tells the disturbance, 0: none; default what the run folder says pays."),
-    ] = None,
+    adapt: Annotated[float | None, Option(help="Past of a window [s]; default what the run says pays.")] = None,
     campaign: o.Campaign = None,
     force: o.Force = False,
     unchecked: o.Unchecked = False,

@@ -16,9 +16,7 @@ def report(
     runs: o.Runs,
     out: Annotated[Path | None, Option(help="HTML file; default RUN/report.html, of several ./report.html.")] = None,
     pdf: Annotated[bool, Option("--pdf", help="Also a PDF beside it (needs WeasyPrint: the extra pdf).")] = False,
-    full_load_draught: Annotated[
-        float | None, Option(help="[m], at the length of the ship file: tested IMO figures are corrected to it.")
-    ] = None,
+    full_load_draught: Annotated[float | None, Option(help="[m] to which tested IMO figures are corrected.")] = None,
     imo: Annotated[bool, Option(help="Without the form for IMO, whose figures are simulated.")] = True,
     json: o.Json = False,
 ) -> None:

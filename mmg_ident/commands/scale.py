@@ -56,15 +56,13 @@ def _print(result: FitResult) -> None:
     account: dict[str, Any] = result.scaling or {}
     model = account["model"]
     print(f"{result.ship_name}: {model['ship']} of {model['length_m']:g} m at the scale {account['scale']:.6g}")
-    points = account["self_propulsion"]
+    points, rows = account["self_propulsion"], []
     for key, words in (("speed_m_s", "speed [m/s]"), ("n", "revolutions [1/s]"), ("C_Th", "propeller loading C_Th")):
         pair = [points[side][key] for side in ("model", "ship")]
         if None not in pair:
-            print(f"  {words:24s} {pair[0]:10.4g} -> {pair[1]:10.4g}")
-    for row in account["coefficients"]:
-        if row["changed"]:
-            values = f"{row['model']:10.4g} -> {row['ship']:10.4g} +- {row['ship_std']:.2g}"
-            print(f"  {row['symbol']:24s} {values}")
-    kept = [row["symbol"] for row in account["coefficients"] if not row["changed"]]
-    if kept:
-        print(f"  kept, with wider errors: {', '.join(kept)}")
+            rows.append((words, *(f"{value:.4g}" for value in pair), ""))
+    changed = [row for row in account["coefficients"] if row["changed"]]
+    rows += [(r["symbol"], f"{r['model']:.4g}", f"{r['ship']:.4g}", f"{r['ship_std']:.2g}") for r in changed]
+    cli.print_table(("", "model|n", "ship|n", "std|n"), rows)
+    if kept := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
+        print(f"kept, with wider errors: {', '.join(kept)}")

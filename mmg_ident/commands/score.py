@@ -27,10 +27,7 @@ def score(
     sigma: Annotated[str | None, Option(help="Of x,y,psi,u,v,r, to divide errors by.")] = None,
     sigma_from: Annotated[list[Path] | None, Option(help="Trials with that sigma.", metavar="TRIAL...")] = None,
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
-    adapt: Annotated[
-        float | None,
-        Option(help="Also with this past of a window [s], 0: not; default what a run folder says pays."),
-    ] = None,
+    adapt: Annotated[float | None, Option(help="Also with a past of so many s; default what a run says pays.")] = None,
     window: Annotated[float, Option(help="Of errors in units [s]; default 30, or 4 L/U of a large ship.")] = 0.0,
     campaign: o.Campaign = None,
     unchecked: o.Unchecked = False,

@@ -30,9 +30,7 @@ def select(
     ship: o.Ship,
     settings: o.Given,
     trials: Annotated[list[Path] | None, Argument(help="Trials to fit on, or folders.", metavar="TRIAL...")] = None,
-    validate: Annotated[
-        list[Path] | None, Option(help="Trials to choose by; default the last quarter.", metavar="TRIAL...")
-    ] = None,
+    validate: Annotated[list[Path] | None, Option(help="To choose by; default a quarter.", metavar="TRIAL...")] = None,
     test: Annotated[list[Path] | None, Option(help="Trials to test the choice on, once.", metavar="TRIAL...")] = None,
     out: Annotated[Path | None, Option(help="Run folder to write, with --write a ship file.")] = None,
     unchecked: o.Unchecked = False,
@@ -45,16 +43,12 @@ def select(
     force: o.Force = False,
     only: Annotated[list[str] | None, Option(help="Try only these, such as mmg,sm2-order3.")] = None,
     order: Annotated[int, Option(help="Highest order of the polynomials.")] = 3,
-    actuators: Annotated[
-        str | None, Option(help="Such as 'n, delta' or 'n+n_2, delta', where + mirrors; default the ship's.")
-    ] = None,
+    actuators: Annotated[str | None, Option(help="Such as 'n+n_2, delta', + mirrors; default the ship's.")] = None,
     asymmetric: Annotated[bool, Option("--asymmetric", help="Port and starboard differ: keep all.")] = False,
     duplicates: Annotated[str, Option(help="Left out of sin^2 + cos^2: paper, identity, none.")] = "paper",
     moduli: Annotated[str, Option(help="Squares as moduli: paper, full, none.")] = "paper",
     hard: Annotated[bool, Option("--hard", help="Sub-models switch at once, not blended.")] = False,
-    objective: Annotated[
-        str, Option(help="regression, or paper: simulated subsequences (Miyauchi et al. 2023).")
-    ] = "regression",
+    objective: Annotated[str, Option(help="regression, or paper (Miyauchi et al. 2023).")] = "regression",
     optimizer: Annotated[str | None, Option(help="Of the paper's: gradient (default) or cmaes.")] = None,
     seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
     scheduler: o.Scheduler = None,

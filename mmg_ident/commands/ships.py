@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Option
 
 from mmg.errors import Conflict, Missing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
-
-if TYPE_CHECKING:
-    from mmg.ship import Ship
 
 
 def ships(
@@ -57,8 +54,11 @@ def ships(
             with cli.writing(out):
                 replace_text(out, dump_ship(ship, _HEAD if new else ""))
             cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
-        elif json:
-            cli.print_json(_document(ship))
+        elif json:  # the tables of a ship file
+            words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
+            rows = {s: {k: v for k, v in vars(c).items() if k != "symbol"} for s, c in ship.coefficients.items()}
+            content = {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}
+            cli.print_json(content)
         else:
             sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
         return
@@ -67,30 +67,18 @@ def ships(
     known = {key: load_ship(key) for key in library()}
     if json:
         listed = [
-            {
-                "name": key,
-                "description": ship.description,
-                "L": ship.particulars["L"],
-                "model": dict(ship.components),
-                "coefficients": len(ship.coefficients),
-            }
+            {"name": key, "description": ship.description, "L": ship.particulars["L"],
+             "model": dict(ship.components), "coefficients": len(ship.coefficients)}
             for key, ship in known.items()
-        ]
+        ]  # fmt: skip
         cli.print_json({"ships": listed})
         return
-    rows = []
+    table = []
     for key, ship in known.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
-        rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
-    cli.print_table(("name", "L [m]|n", "coefficients|n", "models"), rows)
+        table.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
+    cli.print_table(("name", "L [m]|n", "coefficients|n", "models"), table)
 
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning
 circles and of 40 % in overshoots. Calibrate it on trials with mmg fit; correct by hand what you know better."""
-
-
-def _document(ship: Ship) -> dict[str, Any]:
-    """A ship file as JSON: the same tables."""
-    words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
-    rows = {s: {key: value for key, value in vars(c).items() if key != "symbol"} for s, c in ship.coefficients.items()}
-    return {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}

@@ -40,9 +40,7 @@ def simulate(
     dt: Annotated[float | None, Option(help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
     campaign: Annotated[str | None, Option(help="Whose instruments log the run; default the mean.")] = None,
-    scatter: Annotated[
-        int | None, Option(help="Ships drawn from the covariance: median and 90 % interval of each figure.")
-    ] = None,
+    scatter: Annotated[int | None, Option(help="Ships drawn: median and 90 % interval of each figure.")] = None,
     plot: Annotated[Path | None, Option(help="Figure of their tracks (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="Trial file to write (.csv or .parquet).")] = None,
     force: o.Force = False,
@@ -70,21 +68,21 @@ def simulate(
         raise OutOfRange(f"--seed {seed} must not be negative")
     cli.refuse_target("--out", out, force, (".csv", ".parquet"))
     cli.refuse_target("--plot", plot, force, cli.FIGURES)
-    approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
-    approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
-    given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
-    if controls is not None and given:
-        option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
-        raise Conflict(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
+    orders = {"--n": n, "--speed": speed, "--rudder-rate": rudder_rate, "--sampled-helm": sampled_helm or None}
+    if controls is not None:
+        words = "belongs to --maneuver; with --controls the file gives times and inputs"
+        cli.refuse_given({**orders, "--duration": duration, "--dt": dt}, words)
     model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
     if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
-        if any(value is not None for value in (n, speed, rudder_rate)) or sampled_helm:
-            raise Conflict(
-                f"{maneuver} starts at rest with actuators at their own rates; give --duration and --dt only"
-            )
+        cli.refuse_given(orders, f"is not for {maneuver}, which starts at rest with actuators at their own rates")
         maneuver, source = None, harbour_inputs(model, duration, own, dt)
-    plan = parse_maneuver(maneuver, model, seed=seed, **approach) if maneuver is not None else None
+    plan = None
+    if maneuver is not None:
+        rate = None if rudder_rate is None else math.radians(rudder_rate)
+        plan = parse_maneuver(
+            maneuver, model, n=n, speed=speed, rudder_rate=rate, seed=seed, duration=duration, sampled=sampled_helm
+        )
     if scatter is not None:
         from fitting.prediction.maneuver_scatter import maneuver_scatter
         from fitting.report.plot_maneuvers import save_figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, UnknownName, needs_torch
+from mmg.errors import Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings
@@ -37,9 +37,7 @@ def train(
     trials: o.Trials,
     out: o.RunFolder,
     settings: o.Given,
-    validate: Annotated[
-        list[Path] | None, Option(help="Trials to judge by; default parts that take turns.", metavar="TRIAL...")
-    ] = None,
+    validate: Annotated[list[Path] | None, Option(help="Judged by; default parts in turn.", metavar="TRIAL...")] = None,
     model: Annotated[str, Option(help="hybrid, or a black box: fnn, rnn, rnn-window.")] = "hybrid",
     keep: Annotated[str, Option(help="Recommended ship: better, or always the hybrid.")] = "better",
     scheduler: o.Scheduler = None,
@@ -61,8 +59,8 @@ def train(
     """
     from cases.checks.held_out import training_trials
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import check_target, reserved
-    from residual.result import CALIBRATED
+    from fitting.report.run_folder import RESULT, check_target, reserved
+    from residual.result import CALIBRATED, read_training
     from residual.splits import check_enough
 
     chosen_settings = _settings(model, settings)
@@ -75,7 +73,7 @@ def train(
     if trained_on:
         check_enough(start, trained_on, chosen_settings, held_out)
     needs_torch("mmg train")
-    if resume and out.exists() and _is_complete(out):
+    if resume and (out / RESULT).exists() and read_training(out).complete:
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
     from residual.pipeline import train as trained
@@ -105,18 +103,6 @@ def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
     if strange:
         raise Conflict(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
     return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
-
-
-def _is_complete(out: Path) -> bool:
-    """Whether the run folder ``out`` holds a training of which no seed was stopped or left out."""
-    from fitting.report.run_folder import RESULT, read_result
-    from residual.result import read_training
-
-    if not (out / RESULT).exists():
-        return False
-    if read_result(out)["kind"] != "training":
-        raise BadValue(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
-    return read_training(out).complete
 
 
 def _summary(result: TrainResult, out: Path) -> None:

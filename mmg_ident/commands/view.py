@@ -15,15 +15,9 @@ from mmg_ident.commands import output as cli
 def view(
     runs: o.Runs,
     out: Annotated[Path | None, Option(help="HTML file; default RUN/view.html, of several ./view.html.")] = None,
-    trials: Annotated[
-        list[Path] | None, Option(help="Trials to show; default those of the runs.", metavar="TRIAL...")
-    ] = None,
-    diagnosis: Annotated[
-        Path | None, Option(help="Diagnosis whose force is marked; default one beside the run.")
-    ] = None,
-    window: Annotated[
-        list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100 and 0.")
-    ] = None,
+    trials: Annotated[list[Path] | None, Option(help="To show; default those of the runs.", metavar="TRIAL...")] = None,
+    diagnosis: Annotated[Path | None, Option(help="Diagnosis whose force is marked; default one beside a run.")] = None,
+    window: Annotated[list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100, 0.")] = None,
     force: o.Force = False,
     json: o.Json = False,
 ) -> None:

@@ -111,12 +111,12 @@ def read_plan(path: str | Path) -> FleetPlan:
 
 
 @contextmanager
-def _noted(problems: list[str], before: str = "") -> Iterator[None]:
-    """While it lasts, an error that a user meets is added to the ``problems``, with words ``before`` it."""
+def _noted(problems: list[str]) -> Iterator[None]:
+    """While it lasts, an error that a user meets is added to the ``problems``."""
     try:
         yield
     except UserError as error:
-        problems.append(f"{before}{error}")
+        problems.append(str(error))
 
 
 def _name_problems(names: Iterable[str]) -> list[str]:
@@ -188,9 +188,8 @@ def _shared_files(ships: Iterable[PlannedShip]) -> list[str]:
             owner, other = first.setdefault(digest, (ship.name, file))
             if other == file and owner == ship.name:
                 continue
-            which = "are the same file" if other != file else "is one file"
-            names = f"{file.name} of {ship.name}" + (f" and {other.name}" if other != file else " and that")
-            found.append(f"{names} of {owner} {which}; leave it out of one of them")
+            names = f"{file.name} of {ship.name} and {other.name} of {owner}"
+            found.append(f"{names} are the same file; leave it out of one of them")
     return found
 
 

@@ -35,15 +35,7 @@ from fitting.parallel import run_all
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
-from fitting.selection.sisters import (
-    SisterEvidence,
-    SisterWidths,
-    estimates_of,
-    mean_of,
-    sister_start,
-    sister_widths,
-    with_whole_prior,
-)
+from fitting.selection import sisters
 from fitting.settings import Settings
 from mmg.errors import Conflict, NotCalibrated, NotWritable, UserError
 from mmg.progress import LOGGER, OnProgress, Progress
@@ -65,7 +57,7 @@ class SisterGroup:
 
     name: str
     ships: tuple[str, ...]
-    widths: SisterWidths
+    widths: sisters.SisterWidths
 
     def to_dict(self) -> dict[str, Any]:
         """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
@@ -215,13 +207,13 @@ def _groups(plan: FleetPlan, tasks: Sequence[FleetTask]) -> dict[str, SisterGrou
     """What sisters say of each other, by group, from those that were fitted alone; two are needed."""
     groups = {}
     for name in plan.sisters:
-        told: dict[str, SisterEvidence] = {}
+        told: dict[str, sisters.SisterEvidence] = {}
         for task in tasks:
             if task.ship.sisters == name and (found := task.kept(ALONE)):
                 words, arrays = found
-                told[task.ship.name] = SisterEvidence(tuple(words["symbols"]), **arrays)
+                told[task.ship.name] = sisters.SisterEvidence(tuple(words["symbols"]), **arrays)
         if len(told) > 1:
-            groups[name] = SisterGroup(name, tuple(told), sister_widths(list(told.values())))
+            groups[name] = SisterGroup(name, tuple(told), sisters.sister_widths(list(told.values())))
             common = groups[name].widths.common
             LOGGER.info("sisters %s: %d ships differ by %.2g of the prior's std", name, len(told), common)
     return groups
@@ -251,7 +243,7 @@ def fit_alone(task: FleetTask) -> None:
     result = _calibrated(task, *trials_of(task)[:2])
     if not result.converged or result.calibration is None:
         raise NotCalibrated(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
-    found = SisterEvidence.of(result.calibration)
+    found = sisters.SisterEvidence.of(result.calibration)
     words = {
         "key": task.key,
         "symbols": list(found.symbols),
@@ -283,9 +275,9 @@ def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Tria
     settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
     options = FitOptions(next_trial=False, instruments=tuple(o.measurement), command=task.command, name=task.ship.name)
     if group:
-        start = sister_start(start, group.widths, group.ships)
-        values = estimates_of(group.widths, group.ships.index(task.ship.name))
-        options = replace(options, start=values, prior_mean=mean_of(group.widths))
+        start = sisters.sister_start(start, group.widths, group.ships)
+        values = sisters.estimates_of(group.widths, group.ships.index(task.ship.name))
+        options = replace(options, start=values, prior_mean=sisters.mean_of(group.widths))
     return calibrate(start, list(train), list(held_out), settings, options)
 
 
@@ -301,7 +293,9 @@ def _diagnosed(
         step, task.options.seed, learn=False, command=task.command, between="group" if several else None
     )
     try:
-        ship = with_whole_prior(result.ship, mean_of(task.sisters.widths)) if task.sisters else result.ship
+        ship = (
+            sisters.with_whole_prior(result.ship, sisters.mean_of(task.sisters.widths)) if task.sisters else result.ship
+        )
         found = diagnosing.diagnose(ship, train, held_out, None, options, folder)
     except (UserError, np.linalg.LinAlgError) as error:
         return None, f"not diagnosed: {error}"
