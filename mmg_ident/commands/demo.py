@@ -88,14 +88,10 @@ def demo(
     cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
     cli.say(f"12 so        {moral(declined, kept)}")
     if json:
-        answer = found.to_dict()
-        cli.print_json(
-            {
-                "folder": str(folder), "converged": fit.converged, "scores": fit.to_dict()["scores"], **truth,
-                "diagnosis": {k: answer[k] for k in ANSWER},
-                "residual": _decided(declined), "third_residual": _decided(kept),
-            }
-        )  # fmt: skip
+        scores, answer = fit.to_dict()["scores"], found.to_dict()
+        content = {"folder": str(folder), "converged": fit.converged, "scores": scores, **truth}
+        content |= {"diagnosis": {key: answer[key] for key in ANSWER}}
+        cli.print_json(content | {"residual": _decided(declined), "third_residual": _decided(kept)})
     return 0 if fit.converged else 1
 
 

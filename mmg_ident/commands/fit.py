@@ -150,10 +150,8 @@ def _summary(result: FitResult) -> None:
         if not test.in_doubt:  # else it was said as a warning
             cli.say(test.sentence)
     if result.effects:
-        wall = result.timings_s["wall"]
-        cli.say(
-            f"effects tested in {result.timings_s['effects']:.1f} s ({result.timings_s['effects'] / wall:.0%} of all)"
-        )
+        seconds = result.timings_s["effects"]
+        cli.say(f"effects tested in {seconds:.1f} s ({seconds / result.timings_s['wall']:.0%} of all)")
     cli.say_scores(result.scores)
     kinds = result.identifiability["counts"]
     cli.say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))

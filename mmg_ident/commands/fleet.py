@@ -74,9 +74,7 @@ def _summary(found: Fleet, out: Path) -> None:
     for row in (row for row in found.rows if row["status"] != "done"):
         cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in found.groups:
-        low, high = group.widths.common_90
-        cli.say(
-            f"sisters {group.name}: coefficients differ by {group.widths.common:.2g} of the prior's standard deviation "
-            f"(90 %: {low:.2g} to {high:.2g})"
-        )
+        width, (low, high) = group.widths.common, group.widths.common_90
+        words = f"{width:.2g} of the prior's standard deviation (90 %: {low:.2g} to {high:.2g})"
+        cli.say(f"sisters {group.name}: coefficients differ by {words}")
     cli.say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")

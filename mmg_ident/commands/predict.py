@@ -57,9 +57,7 @@ def predict(
         raise Conflict(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
     files = {run.name: out if single else out / f"{run.name}.csv" for run in runs}
     if len({file_key(name) for name in files}) < len(runs):
-        raise Conflict(
-            "two trials have the same name (as files of Windows have it); rename one or predict them separately"
-        )
+        raise Conflict("two trials have the same name (as files of Windows have it); rename one, or predict each alone")
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise TargetExists(f"{existing[0]}: exists already; choose another --out or add --force")
@@ -84,12 +82,10 @@ def predict(
     cli.say_notes(notes)
     counts, past = {p.trial.name: len(p.windows) for p in found}, found[0].past_s
     if json:
-        outside = {p.trial.name: p.outside for p in found}
+        outside = {p.trial.name: p.outside for p in found if p.outside is not None}
         content: dict[str, Any] = {"title": title, "files": {n: str(p) for n, p in files.items()}, "windows": counts}
         content |= {"past_s": past, "notes": notes}
-        cli.print_json(
-            content | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {})
-        )
+        cli.print_json(content | ({"outside_envelope": outside} if outside else {}))
     else:
         how = f"with up to {past:g} s of past" if past else "without a past"
         cli.say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {title}, {how}, written to {out}")

@@ -111,10 +111,8 @@ def score(
             names = ", ".join(result.diverged)
             raise NoSolution(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
         if math.isnan(result.window):
-            raise TooFewData(
-                f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
-                "give longer ones, or mend them (mmg check)"
-            )
+            words = "no window of 30 s without missing samples is in these trials; give longer ones, or mend them"
+            raise TooFewData(f"{Path(name).name}: no score, {words} (mmg check)")
 
 
 METRIC = {

@@ -114,9 +114,7 @@ def _summary(result: TrainResult, out: Path) -> None:
     cli.say_scores(result.scores, f", {what}")
     if result.network:
         du, dv, dr = result.network.bound
-        cli.say(
-            f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs"
-        )
+        cli.say(f"for any inputs the residual stays below |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2")
     if not result.complete:
         cli.say(f"not all seeds came to their end: {cli.RESUMED}")
     if result.black_box:

@@ -38,15 +38,9 @@ def view(
     with cli.working("writing the page"):
         size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
     if json:
-        cli.print_json(
-            {
-                "view": str(target),
-                "bytes": size,
-                "trials": [shown.trial.name for shown in campaign.trials],
-                "models": [model.label for model in campaign.models],
-                "diagnosis": campaign.diagnosis.folder if campaign.diagnosis else None,
-                "notes": list(campaign.notes),
-            }
-        )
+        trials_shown, labels = ([s.trial.name for s in campaign.trials], [model.label for model in campaign.models])
+        folder = campaign.diagnosis.folder if campaign.diagnosis else None
+        content = {"view": str(target), "bytes": size, "trials": trials_shown, "models": labels}
+        cli.print_json(content | {"diagnosis": folder, "notes": list(campaign.notes)})
     else:
         cli.say(f"page: {target} ({size / 1e6:.1f} MB, {len(campaign.trials)} trials); open it in a browser")

@@ -68,7 +68,7 @@ def ship_row(
     """The row of a ``ship`` that was calibrated (``result``); diagnosis: of it, None for none; left_out: sentences on
     files; group, alone: her sisters, and what her fit without them gave. Returns plain values."""
     coefficients = _coefficients(ship, result)
-    moved = [s for s, c in coefficients.items() if _has_moved(c)]
+    moved = [s for s, c in coefficients.items() if c["beyond_chance"] and abs(c["moved"]) >= MOVED]
     told = result.campaigns or {}
     row = _row(
         ship,
@@ -100,14 +100,10 @@ def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, A
         start = ship.start.coefficients.get(symbol)
         value, std = (start.value, start.std) if start else (c.prior_value, c.prior_std)
         moved = (c.value - value) / std if value is not None and std else math.nan
+        sure = value is not None and c.std is not None and abs(c.value - value) > SURE * c.std
         estimate = {"value": c.value, "std": c.std, "unit": c.unit, "description": c.description}
-        rows[symbol] = estimate | {"start": value, "start_std": std, "moved": moved}
+        rows[symbol] = estimate | {"start": value, "start_std": std, "moved": moved, "beyond_chance": sure}
     return rows
-
-
-def _has_moved(c: Mapping[str, Any]) -> bool:
-    change = abs(c["value"] - c["start"]) if c["start"] is not None else 0.0
-    return abs(c["moved"]) >= MOVED and c["std"] is not None and change > SURE * c["std"]
 
 
 def _scores(pair: ScorePair) -> dict[str, Any]:
@@ -179,11 +175,8 @@ def one_of_several(between: Between) -> list[dict[str, Any]]:
     if between.verdict != "unknown" or not between.candidates:
         return []
     best = between.candidates[0]
-    alike = [
-        d
-        for d in between.candidates
-        if best.log_bayes - d.log_bayes < ALIKE and d.p_value < CHANCE and d.log_bayes > ALIKE
-    ]
+    least = max(ALIKE, best.log_bayes - ALIKE)
+    alike = [d for d in between.candidates if d.p_value < CHANCE and d.log_bayes > least]
     if not any(d.nature == "ship" for d in alike):
         return []
     alike.sort(key=lambda d: d.name not in EFFECTS)  # causes before the coefficients that they change
