@@ -93,7 +93,7 @@ def imo(
             raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
         water: WaterVelocity | bool = correct
         if current is not None:
-            speed, towards = cli.numbers_of(current, 2, "--current", ":")
+            speed, towards = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
             cli.positive("--current", speed, or_zero=True)
             angle = math.radians(towards)
             water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")

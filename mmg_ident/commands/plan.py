@@ -28,7 +28,7 @@ def plan(
     rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
     time_limit: Annotated[float, Option(help="Limit of the search [s].")] = 150.0,
     seed: o.Seed = 0,
-    effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
+    effort: Annotated[float, Option(max=100, help="Factor on the length of the search.")] = 1.0,
     workers: o.Workers = 1,
     scheduler: o.Scheduler = None,
     force: o.Force = False,
@@ -52,7 +52,7 @@ def plan(
     symbols, wanted = (tuple(cli.names_of([text or ""])) for text in (coefficients, figures))
     place = None
     if start is not None:
-        x, y, heading = cli.numbers_of(start, 3, "--start", ":")
+        x, y, heading = cli.numbers_of(start, 3, "--start x:y:heading", ":")
         place = (x, y, math.radians(heading))
     wish = Wish(
         area, time, symbols, wanted, speed_limit, margin, place, ahead, seed, effort, math.radians(rudder_limit),
