@@ -12,7 +12,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from mmg_ident.fleet.run import Fleet
+    from mmg_ident.fleet.rows import Fleet
 
 
 def fleet(

@@ -247,7 +247,7 @@ def is_model(argument: str) -> bool:
 
 
 def positive(option: str, value: float | None, or_zero: bool = False) -> None:
-    """Raises UserError unless the ``value`` of ``option`` is a positive number, or zero where that may be, or None."""
+    """Raises UserError unless the ``value`` of ``option`` is None or a positive number, or ``or_zero``."""
     if value is not None and not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
         raise OutOfRange(f"{option} {value:g}: must be {'0 or ' * or_zero}a positive number")
 

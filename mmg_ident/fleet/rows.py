@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
-from fitting.report.run_folder import plain, write_json
+from fitting.report.run_folder import plain, versions, write_json
 from mmg.effects import EFFECTS
 from mmg.errors import NotWritable
 
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from diagnosis.result import Diagnosis
     from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult
+    from fitting.selection.sisters import SisterWidths
     from mmg_ident.fleet.plan import PlannedShip
-    from mmg_ident.fleet.run import Fleet, SisterGroup
 
 ALIKE, CHANCE = 2.0, 0.01
 """Difference in log Bayes factor below which two names of a difference are alike; chance below which it is one."""
@@ -41,6 +42,65 @@ TOLD: dict[str, Any] = {
     "diagnosis_failed": "",
 }  # fmt: skip
 """What a diagnosis and sisters add to a row, without them."""
+
+
+@dataclass(frozen=True)
+class SisterGroup:
+    """A group of sisters: its name, the ships whose fits told of each other, and what these said."""
+
+    name: str
+    ships: tuple[str, ...]
+    widths: SisterWidths
+
+    def to_dict(self) -> dict[str, Any]:
+        """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
+        w = self.widths
+        mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
+        columns = zip(w.symbols, mean, error, w.unit * w.width, w.width, strict=True)
+        return {
+            "ships": self.ships,
+            "common_width": w.common,
+            "common_width_90": w.common_90,
+            "coefficients": {
+                s: {"mean": m, "mean_std": e, "width": t, "width_of_prior": share} for s, m, e, t, share in columns
+            },
+            "from_the_others": {
+                name: {"p_alike": w.p_alike[k], "standard_errors": dict(zip(w.symbols, w.from_others[k], strict=True))}
+                for k, name in enumerate(self.ships)
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleet.rows``); groups:
+    of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
+
+    name: str
+    rows: tuple[Mapping[str, Any], ...]
+    groups: tuple[SisterGroup, ...]
+    timing: Mapping[str, Mapping[str, float]]
+    seconds: float
+    command: str = ""
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the ships that have no calibration that can be used."""
+        return tuple(row["name"] for row in self.rows if row["status"] != "done")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of fleet.json."""
+        return plain({
+            "kind": "fleet",
+            "schema_version": 1,
+            "name": self.name,
+            "command": self.command,
+            "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
+            "sisters": {group.name: group for group in self.groups},
+            "failed": self.failed,
+            "timings_s": {"this_run": self.seconds, "ships": self.timing},
+            "versions": versions(),
+        })  # fmt: skip
 
 
 def _row(ship: PlannedShip, **values: Any) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import functools
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ from mmg.errors import Conflict, NotCalibrated, NotWritable, UserError
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.api import calibrate
 from mmg_ident.fleet.plan import FleetPlan, FleetTable, PlannedShip
-from mmg_ident.fleet.rows import failed_row, ship_row
+from mmg_ident.fleet.rows import Fleet, SisterGroup, failed_row, ship_row
 
 SHIPS, DIAGNOSIS, PARTS = "ships", "diagnosis", "parts"
 ALONE, DONE = "alone", "done"
@@ -49,65 +49,6 @@ ALONE, DONE = "alone", "done"
 SITE = "site.toml"
 COARSER = 2.0
 """Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time."""
-
-
-@dataclass(frozen=True)
-class SisterGroup:
-    """A group of sisters: its name, the ships whose fits told of each other, and what these said."""
-
-    name: str
-    ships: tuple[str, ...]
-    widths: sisters.SisterWidths
-
-    def to_dict(self) -> dict[str, Any]:
-        """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
-        w = self.widths
-        mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
-        columns = zip(w.symbols, mean, error, w.unit * w.width, w.width, strict=True)
-        return {
-            "ships": self.ships,
-            "common_width": w.common,
-            "common_width_90": w.common_90,
-            "coefficients": {
-                s: {"mean": m, "mean_std": e, "width": t, "width_of_prior": share} for s, m, e, t, share in columns
-            },
-            "from_the_others": {
-                name: {"p_alike": w.p_alike[k], "standard_errors": dict(zip(w.symbols, w.from_others[k], strict=True))}
-                for k, name in enumerate(self.ships)
-            },
-        }
-
-
-@dataclass(frozen=True)
-class Fleet:
-    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleet.rows``); groups:
-    of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
-
-    name: str
-    rows: tuple[Mapping[str, Any], ...]
-    groups: tuple[SisterGroup, ...]
-    timing: Mapping[str, Mapping[str, float]]
-    seconds: float
-    command: str = ""
-
-    @property
-    def failed(self) -> tuple[str, ...]:
-        """Names of the ships that have no calibration that can be used."""
-        return tuple(row["name"] for row in self.rows if row["status"] != "done")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of fleet.json."""
-        return plain({
-            "kind": "fleet",
-            "schema_version": 1,
-            "name": self.name,
-            "command": self.command,
-            "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
-            "sisters": {group.name: group for group in self.groups},
-            "failed": self.failed,
-            "timings_s": {"this_run": self.seconds, "ships": self.timing},
-            "versions": versions(),
-        })  # fmt: skip
 
 
 @dataclass(frozen=True)
