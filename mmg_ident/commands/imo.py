@@ -94,7 +94,7 @@ def imo(
         water: WaterVelocity | bool = correct
         if current is not None:
             speed, towards = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
-            cli.positive("--current", speed, or_zero=True)
+            cli.positive("--current SPEED:TOWARDS", speed, or_zero=True)
             angle = math.radians(towards)
             water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
         (trials,) = cli.read_ready(files, unchecked=unchecked)
