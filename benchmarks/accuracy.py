@@ -11,12 +11,10 @@ Run from the repository root: python -m benchmarks.accuracy [folds] [hold-outs] 
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 
 from benchmarks.left_out import PAST, SHIP, inside_bands, records, trials_of
-from benchmarks.record import Figure, keep, table
+from benchmarks.record import Figure, keep, parser_of, table
 from cases import published_splits as splits
 from fitting.calibrate import FitOptions
 from fitting.prediction.score import pooled_sigma
@@ -73,11 +71,8 @@ def hold_outs() -> dict[str, Figure]:
 def main() -> None:
     """Measure, print and, if asked, record."""
     parts = {"folds": folds, "hold-outs": hold_outs}
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.accuracy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of("accuracy", __doc__)
     parser.add_argument("parts", nargs="*", default=list(parts), help="folds, hold-outs; default both")
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
     for part in given.parts:
         made = parts[part]()

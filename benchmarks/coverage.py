@@ -27,7 +27,7 @@ import numpy as np
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
 from benchmarks.measured import done
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from cases import published_splits as splits
 from cases.criteria.assessment import imo_figures
 from cases.shipfiles.effects import freeing_effects, with_effects
@@ -220,13 +220,10 @@ def main() -> None:
         "figures": figures,
         "bands": lambda given: manoeuvres(),
     }
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.coverage", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of("coverage", __doc__)
     parser.add_argument("parts", nargs="+", choices=tuple(parts))
     parser.add_argument("--seeds", type=int, default=20, help="synthetic ships")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
     for part in given.parts:
         made = parts[part](given)

@@ -8,7 +8,6 @@ per verb and signal. Without /proc, orphan processes are not looked for.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -25,7 +24,7 @@ from typing import Any
 
 from safetensors import safe_open
 
-from benchmarks.record import Figure, keep, table
+from benchmarks.record import Figure, keep, parser_of, table
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 
@@ -224,11 +223,10 @@ def rows(found: Sequence[Ended]) -> list[list[str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("kill", __doc__)
     parser.add_argument("--kills", type=int, default=6, help="per verb")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--verb", choices=sorted(VERBS), action="append")
-    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     given = parser.parse_args()
     draw, found = random.Random(given.seed), []
     with tempfile.TemporaryDirectory() as scratch:

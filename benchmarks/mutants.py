@@ -11,7 +11,6 @@ Each fault is tested in a copy of the project.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import subprocess
@@ -24,7 +23,7 @@ from pathlib import Path
 
 from benchmarks.faults import Fault, faults
 from benchmarks.measured import done
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from benchmarks.toml import tables
 
 ROOT = Path(__file__).parents[1]
@@ -80,10 +79,9 @@ def noticed(fault: Fault | None, tests: Sequence[str]) -> bool:
 
 def main() -> int:
     """Draw, test, print; returns 1 where the score is below the least."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of("mutants", __doc__)
     for name, value in (("sample", 200), ("seed", 14), ("least", 85), ("workers", os.cpu_count() or 1)):
         parser.add_argument(f"--{name}", type=int, default=value)
-    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     parser.add_argument("--of", default="", help="only of files whose path begins so")
     given = parser.parse_args()
     reasons = equivalent()
@@ -94,13 +92,12 @@ def main() -> int:
         if found:
             print(f"{test} fails without any fault")
             return 1
-    seen = dict[int, bool]()
+    killed = 0
     tasks = [(number, (fault, room_tests(fault.path))) for number, fault in enumerate(chosen)]
     for number, found in done(noticed, tasks, given.workers):
-        seen[number] = found
-        if not seen[number]:
+        killed += found
+        if not found:
             print("not noticed:", chosen[number].key, flush=True)
-    killed = sum(seen.values())
     score = 100 * killed / max(len(chosen), 1)
     print(f"{len(sample) - len(chosen)} drawn faults change nothing")
     print(f"{killed} of {len(chosen)} faults noticed: {score:.1f} % (least {given.least} %)")

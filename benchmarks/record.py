@@ -6,6 +6,7 @@ and the table of README.md from the record.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -36,6 +37,15 @@ class Figure:
     error: float | None = None
     of: int | None = None
     note: str = ""
+
+
+def parser_of(name: str, doc: str | None) -> argparse.ArgumentParser:
+    """The parser of the command line of the benchmark ``name``, which its docstring ``doc`` describes."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m benchmarks.{name}", description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
+    return parser
 
 
 def keep(figures: Mapping[str, Figure], command: str) -> None:

@@ -9,7 +9,6 @@ Lengths and sizes are those of a 3 m model; times grow with the root of the leng
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 
 from benchmarks.blind.generator.world import NARROW, WORLDS, World
 from benchmarks.blind.generator.write import generate
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from cases.checks.stretches import broken_stretches
 from cases.io.leave_out import inside
 from cases.io.read import read_trials
@@ -193,7 +192,7 @@ def clean_runs(world: World, least: int, seed: int) -> list[Trial]:
     with tempfile.TemporaryDirectory() as scratch:
         generate(Path(scratch) / "out", -(-least // 12), seed, "null", "mixed", world)
         trials = read_trials([Path(scratch) / "out"])
-    return trials[:least] if len(trials) >= least else trials
+    return trials[:least]
 
 
 def shares(kind: str, rows: Iterable[tuple[bool, float]]) -> tuple[int, int, float]:
@@ -205,12 +204,11 @@ def shares(kind: str, rows: Iterable[tuple[bool, float]]) -> tuple[int, int, flo
 
 def main() -> None:
     """Prints false stretches of each world, and lines per kind of break."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.stretches", description=__doc__)
+    parser = parser_of("stretches", __doc__)
     parser.add_argument("--seed", type=int, default=29)
     parser.add_argument("--runs", type=int, default=100, help="clean runs of each world")
     parser.add_argument("--breaks", type=int, default=30, help="of each kind")
     parser.add_argument("--world", nargs="+", choices=tuple(WORLDS), default=list(NARROW))
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
     records = read_trials([data_folder()])
     pool, false, clean = [], 0, 0

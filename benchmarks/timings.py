@@ -7,7 +7,6 @@ Times of machines and hours differ up to three-fold: compare in one run.
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import subprocess
@@ -18,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from cases import published_splits as splits
 
 ROOT = Path(__file__).parents[1]
@@ -101,12 +100,9 @@ ROWS: dict[str, tuple[str, Callable[[Bench], tuple[float, float]]]] = {
 
 def main() -> None:
     """Measure, print and, if asked, record."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.timings", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of("timings", __doc__)
     parser.add_argument("rows", nargs="*", metavar="ROW", help=", ".join(ROWS))
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
     if unknown := set(given.rows) - set(ROWS):
         parser.error(f"no such row: {', '.join(sorted(unknown))}")

@@ -7,6 +7,8 @@ here is loaded when it is first used, so that the import itself is quick.
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from mmg.progress import OnProgress, Progress
     from mmg.ship import Ship
     from mmg_ident.api import (
+        Prediction,
         calibrate,
         check,
         diagnose,
@@ -35,7 +38,6 @@ if TYPE_CHECKING:
         train,
         write_report,
     )
-    from mmg_ident.prediction import Prediction
     from residual.result import TrainResult
 
 _HOMES = {
@@ -44,7 +46,6 @@ _HOMES = {
     "FitResult": "fitting.result",
     "Message": "mmg.messages",
     "OnProgress": "mmg.progress",
-    "Prediction": "mmg_ident.prediction",
     "Progress": "mmg.progress",
     "Score": "fitting.prediction.score",
     "Ship": "mmg.ship",
@@ -60,44 +61,33 @@ _HOMES = {
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [
-    "CheckReport",
-    "Diagnosis",
-    "FitResult",
-    "Message",
-    "OnProgress",
-    "Prediction",
-    "Progress",
-    "Score",
-    "Ship",
-    "TrainResult",
-    "Trial",
-    "UserError",
-    "__version__",
-    "calibrate",
-    "check",
-    "diagnose",
-    "export_ship",
-    "load_run",
-    "load_ship",
-    "new_ship",
-    "predict",
-    "read_trials",
-    "scale",
-    "score",
-    "simulate",
-    "train",
-    "write_report",
-]
+    "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "Score", "Ship",
+    "TrainResult", "Trial", "UserError", "__version__", "calibrate", "check", "diagnose", "export_ship", "load_run",
+    "load_ship", "new_ship", "predict", "read_trials", "scale", "score", "simulate", "train", "write_report",
+]  # fmt: skip
 
 __version__ = "0.2.0"
+
+
+OURS = '"""The symbolic ship'
+"""How the first file of our ``mmg`` begins."""
+
+
+def shadowing_mmg() -> str:
+    """One line about another package ``mmg``, as the package index has one, that Python would import in place of ours;
+    empty where there is none. Nothing of that package is executed."""
+    spec = find_spec("mmg")
+    origin = Path(spec.origin) if spec and spec.origin else None
+    if origin is not None and origin.is_file() and origin.read_text(errors="replace").startswith(OURS):
+        return ""
+    where = f"{origin.parent} is another package 'mmg'" if origin else "the package 'mmg' is missing"
+    return f"{where}, which stands before that of mmg-ident: install mmg-ident in a virtual environment of its own"
 
 
 def __getattr__(name: str) -> Any:
     """The public ``name``, loaded at its first use. Raises ImportError where another package ``mmg`` is in the way."""
     if name not in __all__:
         raise AttributeError(f"module 'mmg_ident' has no attribute {name!r}")
-    from mmg_ident.shadow import shadowing_mmg
-
     if in_the_way := shadowing_mmg():
         raise ImportError(in_the_way)
     value = getattr(import_module(_HOMES.get(name, "mmg_ident.api")), name)

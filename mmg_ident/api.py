@@ -7,31 +7,83 @@ A *model* is a ship, the name of one of the library, a ship file, a run folder, 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
 
     from cases.checks.report import CheckReport
     from cases.trial import Trial
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
-    from fitting.prediction.predict import Forecaster
+    from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
     from fitting.settings import Settings
+    from mmg.messages import Message
     from mmg.progress import OnProgress
     from mmg.rollout import Simulator
     from mmg.ship import Ship
-    from mmg_ident.prediction import Prediction
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
     Model: TypeAlias = Ship | str | Path | FitResult | TrainResult | Simulator | Forecaster
     Trials: TypeAlias = str | Path | Trial | Sequence[str | Path | Trial]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Open-loop windows of one trial.
+
+    trial: that was predicted; windows: each with its rows of the trial, predicted states and, where they are known,
+    standard deviations; notes: on windows that were left out; outside: share of the rows that lie outside the data the
+    network of a hybrid was trained on, None without a network; past_s: seconds before each window that were used.
+    """
+
+    trial: Trial
+    windows: tuple[Window, ...]
+    notes: tuple[Message, ...] = ()
+    outside: float | None = None
+    past_s: float = 0.0
+
+    @property
+    def diverged(self) -> int:
+        """Number of windows whose prediction ends in numbers that are not finite."""
+        import numpy as np
+
+        return sum(not np.isfinite(w.states[-1]).all() for w in self.windows)
+
+    @property
+    def table(self) -> np.ndarray:
+        """Rows window, t, x, y, psi, u, v, r in SI units, (N, 8), or with six standard deviations, (N, 14)."""
+        import numpy as np
+
+        parts = []
+        for w in self.windows:
+            columns = [np.full(len(w.states), float(w.number)), self.trial.t[w.first : w.last + 1], w.states]
+            parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
+        return np.vstack(parts) if parts else np.empty((0, 8))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """``table`` as a DataFrame, with the headers of the files that ``mmg predict`` writes."""
+        import pandas as pd
+
+        from fitting.prediction.predict import HEADER, STD_HEADER
+
+        rows = self.table
+        names = (HEADER + (STD_HEADER if rows.shape[1] > 8 else "")).split(",")
+        return pd.DataFrame(rows, columns=names).astype({"window": int})
+
+    def _repr_html_(self) -> str:
+        from mmg.notebook import html_table
+
+        last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
+        header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
+        return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
 
 
 def _sound(given: Trials) -> list[Trial]:
@@ -161,10 +213,7 @@ def calibrate(
 
 
 def score(
-    model: Model,
-    trials: Trials,
-    sigma: Sequence[float] | np.ndarray | None = None,
-    adapt: float | None = None,
+    model: Model, trials: Trials, sigma: Sequence[float] | np.ndarray | None = None, adapt: float | None = None
 ) -> Score:
     """Both metrics of ``model`` on ``trials``: 30 s windows every 15 s; 100 s restarts (Wakita et al. 2022, Eq. 25).
 
@@ -197,6 +246,7 @@ def predict(
     deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
+    from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
     from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
@@ -209,7 +259,6 @@ def predict(
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
-    from mmg_ident.prediction import Prediction, remarks_on
 
     if adapt is not None and not (0 <= adapt < float("inf")):
         raise OutOfRange("--adapt must be 0 or a positive number of seconds")
@@ -228,16 +277,22 @@ def predict(
         if progress:
             progress(Progress("predicting", number, len(runs)))
         own = bands_in(bands, ship, content, run) if ship else None
-        found, remarks = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
-        remarks = [*remarks, *remarks_on(run, found, simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
+        found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
+        made = Prediction(run, tuple(found), (), outside, seconds)
+        notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
+        if not run.has_position:
+            notes.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
+        if made.diverged:
+            words = f"{run.name}: {made.diverged} of {len(found)} windows diverge; their last rows are nan"
+            notes.append(Message(words, "diverged"))
         if outside:
-            words = f"{outside:.1%} of the rows lie outside the network's training range"
-            remarks.append(Message(f"{run.name}: {words}", "outside_training"))
-        results.append(Prediction(run, tuple(found), tuple(remarks), outside, seconds))
+            words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
+            notes.append(Message(words, "outside_training"))
+        results.append(replace(made, notes=tuple(notes)))
     if not any(p.windows for p in results):
-        notes = "; ".join(note for p in results for note in p.notes)
-        raise TooFewData(f"no window could be predicted; {notes or 'the trials are shorter than --window'}")
+        why = "; ".join(note for p in results for note in p.notes) or "the trials are shorter than --window"
+        raise TooFewData(f"no window could be predicted; {why}")
     return results
 
 

@@ -7,16 +7,31 @@ Each field that a user may turn carries in its ``metadata`` the words of its "he
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
-from mmg.errors import BadValue
-from mmg_ident.gone import refuse_gone
+from mmg.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
     from cases.io.toml_file import Section
+
+# Options that went with this version, and what to do instead. The table is emptied with the next one.
+_CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself, or compare models with mmg select"
+_INSTRUMENTS = "it no longer differs by campaign; choose among gyro, log_scale, or none"
+_NOT_BY_CAMPAIGN = "velocity_filter antenna_offset heading_bias wind_sensor_bias fouling draft rudder_offset"
+
+GONE: dict[str | tuple[str, str], str] = {
+    "auto": f"--auto is gone: {_CHOICE}",
+    "auto_limit": f"--auto-limit is gone with --auto: {_CHOICE}",
+    "try_disturbance": "--try-disturbance is gone: it made no left-out run better; mmg predict --adapt and mmg "
+    "diagnose estimate a slowly varying force",
+    "horizon": "--horizon is gone: it made no left-out run better; give the length of a window yourself with --window",
+    ("loss", "auto"): "--loss auto is gone: the Gaussian loss is the default; huber and student suit outliers",
+    **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN.split()},
+}
+"""Field, or field and value -> the sentence."""
 
 LIMITS = ("gt", "ge", "lt", "le")
 
@@ -72,9 +87,25 @@ def given_settings(kind: type, line: Mapping[str, Any], file: Path | None) -> di
 
     known = settings_of(kind)
     values = checked_settings(kind, read_toml(file), str(file)) if file else {}
-    refuse_gone(line)
     _, problems = checked(schema_of(kind), dict(line))
     if problems:
         name, _, rest = problems[0].strip().partition(" = ")
         raise BadValue(f"{option_of(known[name])} {rest}" if name in known else problems[0])
     return values | dict(line)
+
+
+def refuse_gone(values: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> None:
+    """Raises UserError for the first of the ``values`` by name that is gone."""
+    for name, value in dict(values).items():
+        sentence = GONE.get(name) or (GONE.get((name, value)) if isinstance(value, str) else None)
+        if sentence:
+            raise UnknownName(sentence)
+
+
+def refuse_gone_options(arguments: list[str]) -> None:
+    """Raises UserError for the first option of the command line ``arguments`` that is gone."""
+    for i, argument in enumerate(arguments):
+        option, _, value = argument.partition("=")
+        if option.startswith("--"):
+            following = value or (arguments[i + 1] if i + 1 < len(arguments) else "")
+            refuse_gone({option[2:].replace("-", "_"): following})

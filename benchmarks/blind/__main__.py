@@ -1,7 +1,7 @@
 """Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
 
 Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2]
-[--kinds mix,pair,misfit] [--sets mixed] [--world pond] [--out runs/blind] [--record].
+[--kinds mix,pair] [--sets mixed] [--world pond] [--out runs/blind] [--record].
 Begun again with the same arguments it goes on where it stopped.
 """
 
@@ -18,13 +18,22 @@ from benchmarks.blind.generator.strangers import STRANGERS
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.score import Pair, figures, scored
 from benchmarks.measured import Record, code_version
-from benchmarks.record import keep
+from benchmarks.record import keep, parser_of
 from mmg.errors import UserError
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Generates, solves, scores; 2 on bad input or a key that was changed."""
-    given = _parsed(arguments)
+    parser = parser_of("blind", "Blind benchmark of mmg diagnose.")
+    parser.epilog = "strangers:\n" + "\n".join(f"  {e.name}: {(e.__doc__ or '').splitlines()[0]}" for e in STRANGERS)
+    parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--kinds", default="mix", help="comma-separated: " + ", ".join(KINDS))
+    parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
+    parser.add_argument("--world", default="pond", choices=tuple(WORLDS), help="ship, noise and numerics")
+    parser.add_argument("--out", type=Path, default=Path("runs") / "blind", help="folder")
+    given = parser.parse_args(arguments)
     try:
         pairs = _answered(given)
     except UserError as error:
@@ -56,24 +65,6 @@ def _answered(given: argparse.Namespace) -> list[Pair]:
         for folder, key in keys.items()
         for case in opened(folder, key)
     ]
-
-
-def _parsed(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.blind",
-        description="Blind benchmark of mmg diagnose.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="strangers:\n" + "\n".join(f"  {e.name}: {(e.__doc__ or '').splitlines()[0]}" for e in STRANGERS),
-    )
-    parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--kinds", default="mix", help="comma-separated: " + ", ".join(KINDS))
-    parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
-    parser.add_argument("--world", default="pond", choices=tuple(WORLDS), help="ship, noise and numerics")
-    parser.add_argument("--out", type=Path, default=Path("runs") / "blind", help="folder")
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
-    return parser.parse_args(arguments)
 
 
 if __name__ == "__main__":

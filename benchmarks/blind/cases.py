@@ -23,7 +23,6 @@ from mmg.ship import Ship
 
 PRIOR, LEAST = 0.08, 1e-5
 """Prior standard deviation of the ship's coefficients: this share of their value, at least ``LEAST``."""
-MISFIT = "misfit"
 FOREIGN = ("foreign", "strangers")
 """Kinds of cases with a cause that the library does not hold."""
 
@@ -79,7 +78,7 @@ def opened(folder: Path, digest: str) -> list[Case]:
             if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
                 raise UserError(f"{path} was changed after the key was sealed: nothing is scored")
         effects = entry["effects"]
-        truth = {e["name"]: e["parameters"] for e in effects if entry["kind"] not in FOREIGN and e["name"] != MISFIT}
+        truth = {e["name"]: e["parameters"] for e in effects if entry["kind"] not in FOREIGN}
         kind = entry["kind"] if key["kind"] == "mix" else key["kind"]
         label, strength = " + ".join(e["name"] for e in effects), effects[0]["strength"] if effects else ""
         floor = json.loads(sealed.read_text(encoding="utf-8"))["floor"]

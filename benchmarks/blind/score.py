@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.cases import FOREIGN, MISFIT, Case
+from benchmarks.blind.cases import FOREIGN, Case
 from benchmarks.record import Figure, table
 
 STRENGTHS = ("weak", "medium", "strong")
@@ -20,8 +20,7 @@ Answer = Sequence[Any]
 Pair = tuple[Case, Mapping[str, Any]]
 """A case, and the row of its answer."""
 KINDS = {"null": "nothing there: none", "foreign": "a cause without a name: unknown or a remainder",
-         "pair": "two effects: both named, nothing else", "library": "an effect: named",
-         MISFIT: "an effect on a ship of another structure: named"}  # fmt: skip
+         "pair": "two effects: both named, nothing else", "library": "an effect: named"}  # fmt: skip
 """What each kind is to be answered."""
 
 

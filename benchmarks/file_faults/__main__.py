@@ -10,7 +10,6 @@ distance from the truth. False alarm: anything contradictory or doubtful in file
 
 from __future__ import annotations
 
-import argparse
 import re
 import tempfile
 import zlib
@@ -25,7 +24,7 @@ import numpy as np
 from benchmarks.file_faults import simulated
 from benchmarks.file_faults.faults import FAULTS, Fault
 from benchmarks.file_faults.fleet import SETS, drawn
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from cases.checks import CheckReport, check
 from cases.io.read import read_trials
 from cases.trial import UNITS, Trial
@@ -168,12 +167,11 @@ def tally(titles: Iterable[str], sets: Mapping[str, T], judge: Callable[[T, str,
 
 def main() -> None:
     """Prints a row per fault: in how many sets it is named, missed, taken for something else; and what harms."""
-    parser = argparse.ArgumentParser()
+    parser = parser_of("file_faults", __doc__)
     parser.add_argument("--plant", choices=("foreign", "own"), default="foreign", help="where the trials come from")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEALED))
     parser.add_argument("--faults", default="", help="only those whose name holds these words")
     parser.add_argument("--sets", default="", help="only those whose name holds these words")
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     args = parser.parse_args()
     total: Counter[str] = Counter()
     for seed in args.seeds:

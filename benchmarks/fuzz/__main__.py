@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import tempfile
@@ -17,7 +16,7 @@ import benchmarks.fuzz
 from benchmarks.fuzz.damage import numbered
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.reproducers import REPRODUCERS
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, keep, parser_of
 from benchmarks.record import table as markdown
 from mmg.errors import LONGEST, UserError
 
@@ -77,11 +76,10 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=benchmarks.fuzz.__doc__)
+    parser = parser_of("fuzz", benchmarks.fuzz.__doc__)
     parser.add_argument("--inputs", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--reader", choices=sorted(REPRODUCERS), nargs="*")
-    parser.add_argument("--record", action="store_true", help="keep the figure in record.json")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         found, numbers = readers(Path(scratch) / "fuzz"), range(given.first, given.first + given.inputs)

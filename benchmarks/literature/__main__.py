@@ -8,14 +8,13 @@ also left each ship out in turn.
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from benchmarks.literature.ships import FIGURES, SHIPS, LiteratureShip, in_ship_units
-from benchmarks.record import Figure, keep, table
+from benchmarks.record import Figure, keep, parser_of, table
 from cases.criteria.batch_figures import figures_of_each
 from cases.criteria.scatter import draw_coefficients
 from cases.maneuvers.definitions import parse_maneuver
@@ -62,9 +61,8 @@ def judged(real: LiteratureShip, hull: str) -> tuple[dict[Key, float], int]:
 
 def main() -> None:
     """Prints the errors of each ship and, if asked, records their sizes."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.literature", description=__doc__)
+    parser = parser_of("literature", __doc__)
     parser.add_argument("--hull", choices=HULLS, default=HULLS[0])
-    parser.add_argument("--record", action="store_true", help="keep the figures in record.json")
     given = parser.parse_args()
     rows, errors, inside, count = [], dict[str, list[float]](), 0, 0
     for real in SHIPS:

@@ -1,1 +1,1 @@
-"""The same work by other open tools: shipmmg for a simulation, SciPy and pycma for the objective of a calibration."""
+"""The same work by other open tools: shipmmg for a simulation, SciPy for the objective of a calibration."""

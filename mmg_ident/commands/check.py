@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,12 +10,14 @@ from typer import Option
 
 from mmg.errors import UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.checks import CheckReport
-    from cases.trial import Trial
-    from mmg.ship import Ship
+
+
+ORDER = ("contradictory", "doubtful", "info", "ok")
+"""Levels and verdicts, the worst first."""
 
 
 def check(
@@ -34,149 +36,119 @@ def check(
     from cases.checks import check as check_trials
     from cases.checks import pooled
     from cases.checks.propulsion import doubtful_revolutions
+    from cases.inputs import model_inputs
     from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
 
     model = load_ship(ship) if ship else None
-    found, unreadable, files = [], [], []
+    found, files = [], []
+    unreadable: dict[Path, UserError] = {}
     for path in trials:
         try:
             files += trial_files([path])
         except UserError as error:
-            unreadable.append((path, error))
-    for path in each(list(dict.fromkeys(files)), "reading"):
+            unreadable[path] = error
+    for path in cli.each(list(dict.fromkeys(files)), "reading"):
         try:
             found.append(read_trial(path, refuse=False))
         except UserError as error:
-            unreadable.append((path, error))
+            unreadable[path] = error
     if not found:
         raise _of_all(unreadable)
-    with working(f"checking {len(found)} trials"):
+    with cli.working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
-        doubts = [*doubtful_revolutions(model, found), *_taken(model, found)] if model else []
+        doubts: list[str] = []
+        if model:
+            doubts += doubtful_revolutions(model, found)
+            for trial in found:  # what the ship assumes of it or ignores, or why she cannot have made it
+                try:
+                    doubts += model_inputs(trial, model.inputs).notices
+                except UserError as error:
+                    doubts.append(str(error))
         sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
-        print_json(_document(reports, unreadable, seconds, sentences))
+        together = {"group_seconds": dict(seconds), "sentences": list(sentences)}
+        cli.print_json(_document(reports, unreadable) | {"pooled": together})
     else:
-        together = sentences if len(reports) > 1 or model else None
-        _print(reports, together, every or len(reports) == 1, unreadable)
+        _print(reports, every or len(reports) == 1, unreadable)
+        if len(reports) > 1 or model:
+            print("\nAll files together")
+            for text in sentences or ["Every coefficient group is excited."]:
+                cli.print_wrapped("     ", text)
+        if not (every or len(reports) == 1):
+            print("\nEvery sentence on every file: --all")
     if len(unreadable) > 1 and not json:
-        raise type(unreadable[0][1])(f"{len(unreadable)} files cannot be read, as said above")
+        raise type(next(iter(unreadable.values())))(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
         raise _of_all(unreadable)
 
 
-def _taken(ship: Ship, trials: list[Trial]) -> list[str]:
-    """What the ``ship`` assumes of the ``trials`` or ignores, and of which trials she cannot be."""
-    from cases.inputs import model_inputs
-
-    said: list[str] = []
-    for trial in trials:
-        try:
-            said += model_inputs(trial, ship.inputs).notices
-        except UserError as error:
-            said.append(str(error))
-    return said
-
-
-def _of_all(unreadable: list[tuple[Path, UserError]]) -> UserError:
+def _of_all(unreadable: Mapping[Path, UserError]) -> UserError:
     """What is wrong with all files that could not be read, each sentence once; of the kind of the first."""
     many = f"{len(unreadable)} files cannot be read: " if len(unreadable) > 1 else ""
-    return type(unreadable[0][1])(many + "; ".join(dict.fromkeys(str(error) for _, error in unreadable)))
+    return type(next(iter(unreadable.values())))(many + "; ".join(dict.fromkeys(map(str, unreadable.values()))))
 
 
-def _document(
-    reports: list[CheckReport],
-    unreadable: list[tuple[Path, UserError]],
-    seconds: Mapping[str, float],
-    sentences: Sequence[str],
-) -> dict[str, Any]:
-    """{"files": [report, ...], "folders": [{"path", "verdict", "files"}, ...], "pooled": {"group_seconds": {...},
-    "sentences": [...]}}.
+def _document(reports: list[CheckReport], unreadable: Mapping[Path, UserError]) -> dict[str, Any]:
+    """{"files": [report, ...], "folders": [{"path", "verdict", "files"}, ...]}.
 
     A file that could not be read is a report with the verdict "contradictory" and no numbers. The verdict of a folder
     is the worst of its files.
     """
     files: list[dict[str, Any]] = [report.as_dict() for report in reports]
-    for path, error in unreadable:
+    for path, error in unreadable.items():
         finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
         head = {"name": path.stem, "path": str(path), "verdict": "contradictory"}
         files.append({**head, "findings": [finding], "numbers": {}})
     folders: dict[str, list[str]] = {}
     for row in files:
         folders.setdefault(str(Path(row["path"]).parent), []).append(row["verdict"])
-    rows = [{"path": path, "verdict": worst(verdicts), "files": len(verdicts)} for path, verdicts in folders.items()]
-    return {"files": files, "folders": rows, "pooled": {"group_seconds": dict(seconds), "sentences": list(sentences)}}
+    worst = {path: min(verdicts, key=ORDER.index) for path, verdicts in folders.items()}
+    rows = [{"path": path, "verdict": worst[path], "files": len(verdicts)} for path, verdicts in folders.items()]
+    return {"files": files, "folders": rows}
 
 
-def worst(verdicts: Sequence[str]) -> str:
-    """The verdict of a folder whose files have these ``verdicts``."""
-    return next((v for v in ("contradictory", "doubtful") if v in verdicts), "ok")
-
-
-def _print(
-    reports: list[CheckReport],
-    together: Sequence[str] | None,
-    every: bool,
-    unreadable: list[tuple[Path, UserError]],
-) -> None:
-    """A table with one line per file, what is wrong (``every``: and all else), and sentences on all files together."""
+def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, UserError]) -> None:
+    """A table with one line per file, and what is wrong, for all files that share it (``every``: and all else)."""
     rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
-    rows += [(path.stem, "unreadable", *[""] * 6) for path, _ in unreadable]
-    print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
+    rows += [(path.stem, "unreadable", *[""] * 6) for path in unreadable]
+    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
-    for _, error in unreadable if len(unreadable) > 1 else ():
-        print_wrapped("  !! ", str(error))
+    for error in unreadable.values() if len(unreadable) > 1 else ():
+        cli.print_wrapped("  !! ", str(error))
     if every:
         for report in reports:
             print(f"\n{report.name}: {report.verdict}")
             for finding in sorted(report.findings, key=lambda f: f.level == "info"):
-                print_wrapped(marks[finding.level], finding.text)
-    else:
-        for (level, text), names in _together(reports).items():
-            print_wrapped(marks[level], f"{_listed(names, len(reports))}: {text}")
-    if together is not None:
-        print("\nAll files together")
-        for text in together or ["Every coefficient group is excited."]:
-            print_wrapped("     ", text)
-    if not every:
-        print("\nEvery sentence on every file: --all")
-
-
-def _together(reports: list[CheckReport]) -> dict[tuple[str, str], list[str]]:
-    """What is wrong, and stretches that are left out: (level, sentence) -> names of the files, the worst first."""
-    found: dict[tuple[str, str], list[str]] = {}
+                cli.print_wrapped(marks[finding.level], finding.text)
+        return
+    shared: dict[tuple[str, str], list[str]] = {}
     for report in reports:
         for finding in report.findings:
             if finding.level != "info" or finding.code == "broken_stretch":
-                found.setdefault((finding.level, finding.text), []).append(report.name)
-    order = ("contradictory", "doubtful", "info")
-    return dict(sorted(found.items(), key=lambda item: order.index(item[0][0])))
-
-
-def _listed(names: list[str], of: int) -> str:
-    """The files with a sentence in common."""
-    if len(names) == of:
-        return "all files"
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+                shared.setdefault((finding.level, finding.text), []).append(report.name)
+    for (level, text), names in sorted(shared.items(), key=lambda item: ORDER.index(item[0][0])):
+        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+        whose = "all files" if len(names) == len(reports) else f"{', '.join(names[:4])}{more}"
+        cli.print_wrapped(marks[level], f"{whose}: {text}")
 
 
 def _cells(report: CheckReport) -> list[str]:
     """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
     sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
     channels = report.numbers["kinematics"]["channels"]
-    lags = [_short(channels[c]["lag_s"], "5.2f") if c in channels else "    -" for c in "uvr"]
+    lags = [channels[c]["lag_s"] if c in channels else None for c in "uvr"]
     low, high = excitation.get("n_range_rps", (None, None))
     return [
         str(sampling["rows"]),
         f"{sampling['duration_s']:.0f}",
         f"{sampling['dt_s']:.3g}",
-        " ".join(lags),
+        " ".join(_short(lag, ".2f").rjust(5) for lag in lags),
         _short(report.numbers["wind"]["ratio_to_ship_speed"], ".1f"),
         f"{_short(low, '.3g')}..{_short(high, '.3g')}",
     ]
 
 
 def _short(value: float | None, form: str) -> str:
-    return "-".rjust(int(form[0]) if form[0].isdigit() else 0) if value is None else format(value, form)
+    return "-" if value is None else format(value, form)

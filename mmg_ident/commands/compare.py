@@ -9,13 +9,11 @@ from typer import Option
 
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, UnknownName, UserError, needs_torch
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, names_of, print_json, progress, say
+from mmg_ident.commands import output as cli
 from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from fitting.report.parts import Store
-    from residual.papers.comparison import Study, Subset
 
 
 @o.options(
@@ -57,19 +55,26 @@ def compare(
     from cases.checks import ready
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
+    from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
-    names = tuple(dict.fromkeys(names_of([models])))
+    names = tuple(dict.fromkeys(cli.names_of([models])))
     needs_torch("mmg compare")
     from fitting.report.plot_style import FigureFolder
-    from residual.papers.comparison import MODELS, Study, comparison_dict, tables_text
+    from residual.papers.comparison import MODELS, Study, Subset, comparison_dict, tables_text
     from residual.papers.comparison import compare as compared
     from residual.papers.comparison_figures import write_figures
 
     unknown = [name for name in names if name not in MODELS]
     if unknown or not names:
         raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
-    subsets = _subsets(fractions, no_random)
+    try:
+        shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
+    except ValueError:
+        shares = []
+    if not shares or not all(0 < share <= 1 for share in shares):
+        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
+    subsets = tuple(Subset(share, random) for random in (True, False)[: 1 + no_random] for share in shares)
     if resume and not out:
         raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
@@ -83,18 +88,27 @@ def compare(
     trained_on, tests = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
     instruments = tuple(
-        e for e in with_instruments(captive, names_of([measurement])).effects if e not in captive.effects
+        e for e in with_instruments(captive, cli.names_of([measurement])).effects if e not in captive.effects
     )
     study = Study(captive, tuple(trained_on), tuple(tests), names, subsets, instruments=instruments, **settings)
-    store = _store(out, resume, study) if out else None
+    about = {
+        "--seeds": [study.seeds, study.seed],
+        "--models": list(study.models),
+        "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
+        "--fractions": [subset.words for subset in study.subsets],
+        "ship": hash_of_ship(study.ship),
+        "--train": hashes_of_trials(study.train),
+        "--test": hashes_of_trials(study.test),
+    }
+    store = Store(out / "entries", about, resume and out.exists()) if out else None
     try:
         with reserved(out) if out else nullcontext():
-            found = compared(study, store, progress())
+            found = compared(study, store, cli.progress())
     except UserError:
         if store:
             store.discard()
         raise
-    content = comparison_dict(found, command_line())
+    content = comparison_dict(found, cli.command_line())
     if not any(e.score for e in found.entries):
         reasons = dict.fromkeys(e.status for e in found.entries)
         if store:
@@ -114,30 +128,14 @@ def compare(
         with written.making(RESULT):
             write_json(out / RESULT, content)
     if json:
-        print_json(content)
+        cli.print_json(content)
     else:
         print(tables_text(found), end="")
     if out:
-        say(f"comparison: {out} (tables.md, result.json, figures)")
+        cli.say(f"comparison: {out} (tables.md, result.json, figures)")
     if found.interrupted and out:
-        say("not everything was done: the same command with --resume continues")
+        cli.say(f"not everything was done: {cli.RESUMED}")
     return 130 if found.interrupted else 0
-
-
-def _store(out: Path, resume: bool, study: Study) -> Store:
-    """Where finished entries are kept, with what must be the same to continue."""
-    from fitting.report import parts as c
-
-    about = {
-        "--seeds": [study.seeds, study.seed],
-        "--models": list(study.models),
-        "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
-        "--fractions": [subset.words for subset in study.subsets],
-        "ship": c.hash_of_ship(study.ship),
-        "--train": c.hashes_of_trials(study.train),
-        "--test": c.hashes_of_trials(study.test),
-    }
-    return c.Store(out / "entries", about, resume and out.exists())
 
 
 def _trials(given: list[str], option: str) -> list[Trial]:
@@ -153,16 +151,3 @@ def _trials(given: list[str], option: str) -> list[Trial]:
     if without:
         raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
     return found
-
-
-def _subsets(fractions: str, no_random: bool) -> tuple[Subset, ...]:
-    """Subsets from the options, all data first."""
-    from residual.papers.comparison import Subset
-
-    try:
-        shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
-    except ValueError:
-        shares = []
-    if not shares or not all(0 < share <= 1 for share in shares):
-        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
-    return tuple(Subset(share, random) for random in ((True, False) if no_random else (True,)) for share in shares)

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import NotWritable, TargetExists, UserError
+from mmg.errors import TargetExists, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from diagnosis.result import Diagnosis
-    from fitting.result import FitResult
     from residual.result import TrainResult
 
     Sets = tuple[list[Trial], list[Trial]]
 
+ANSWER = ("verdict", "effects", "equivalence_class", "sentence", "held_out")
+"""Keys of a diagnosis that --json prints."""
 STEP = 1.0
 """Step of the diagnosis [s], twice that of ``mmg diagnose``: half the time, and the same verdict for seeds 1 to 4."""
 
@@ -34,59 +34,64 @@ def demo(
     Example: mmg demo --out demo
     """
     from cases.checks import check
-    from cases.shipfiles.ship_file import dump_ship
-    from cases.simulation.demo_trials import CURRENT, FOULING, compare_with_truth, hidden_ship
+    from cases.shipfiles.ship_file import dump_ship, load_ship
+    from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, compare_with_truth, hidden_ship
+    from diagnosis.diagnose import DiagnosisOptions, diagnose
+    from fitting.calibrate import FitOptions
     from mmg.progress import LOGGER
+    from mmg_ident.api import calibrate
 
     names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]
     folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
         raise TargetExists(f"{folder}: already exists; choose another --out")
-    try:
+    with cli.writing(folder):
         folder.mkdir(parents=True)
-    except OSError as error:
-        raise NotWritable(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
     LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
     first = campaign(folder / "trials", seed, every=2)
     (folder / "hidden_ship.toml").write_text(dump_ship(hidden_ship(), "The truth behind the demo trials."))
     runs = len(first[0]) + len(first[1])
-    say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
+    cli.say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
     verdicts = [report.verdict for report in check([*first[0], *first[1]])]
-    say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
-    with working("calibrating; the first time the equations are compiled"):
-        fit = _calibrated(folder, first, seed)
+    cli.say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
+    data = folder / "trials"
+    options = FitOptions(
+        command=f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed} --out {folder / 'run'}"
+    )
+    with cli.working("calibrating; the first time the equations are compiled"):
+        fit = calibrate(SHIP, *first, None, options, cli.progress(), seed=seed).save(folder / "run")
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
     trials = f"{len(first[0])} trials by multiple shooting"
-    say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
+    cli.say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
     pair, truth = fit.scores["validation"], compare_with_truth(fit.ship)
     words = f"30 s windows {pair.before.window:.3f} -> {pair.after.window:.3f}, "
     words += f"100 s restarts {pair.before.paper:.3f} -> {pair.after.paper:.3f}"
-    say(f" 4 score     squared error on {len(first[1])} held-out trials: {words}")
-    say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
-    say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
+    cli.say(f" 4 score     squared error on {len(first[1])} held-out trials: {words}")
+    cli.say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
+    cli.say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
     declined = _trained(folder, "trials", "residual", first, seed)
-    say(f" 7 train     a network on these trials is {_decision(declined)}")
+    cli.say(f" 7 train     a network on these trials is {_decision(declined)}")
     second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
-    say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
-    with working("diagnosing"):
-        found = _diagnosed(folder, second, seed)
+    cli.say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
+    run, data = folder / "run", folder / "second"
+    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
+    told = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
+    with cli.working("diagnosing"):
+        found = diagnose(load_ship(run), *second, options=told, calibrated_on=run, progress=cli.progress())
+        found.save(folder / "diagnosis", report=False)
     causes = [f"{e.name} {', '.join(f'{k}={p.value:.3g}' for k, p in e.parameters.items())}" for e in found.effects]
-    say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
+    cli.say(f" 9 diagnose  {found.verdict}: {', '.join(causes) or 'no effect'} (numbers: {folder / 'diagnosis'})")
     gain = f"{found.held_out.reduction:.0%} smaller" if found.held_out else "not known"
-    say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
+    cli.say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
     third = campaign(folder / "third", seed + 2000, FOULING, every=2)
     kept = _trained(folder, "third", "third_residual", third, seed)
-    say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
-    say(f"12 so        {moral(declined, kept)}")
+    cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
+    cli.say(f"12 so        {moral(declined, kept)}")
     if json:
-        content, told = fit.to_dict(), found.to_dict()
-        print_json(
-            {
-                "folder": str(folder), "converged": fit.converged, "scores": content["scores"], **truth,
-                "diagnosis": {k: told[k] for k in ("verdict", "effects", "equivalence_class", "sentence", "held_out")},
-                "residual": _decided(declined), "third_residual": _decided(kept),
-            }
-        )  # fmt: skip
+        scores, answer = fit.to_dict()["scores"], found.to_dict()
+        content = {"folder": str(folder), "converged": fit.converged, "scores": scores, **truth}
+        content |= {"diagnosis": {key: answer[key] for key in ANSWER}}
+        cli.print_json(content | {"residual": _decided(declined), "third_residual": _decided(kept)})
     return 0 if fit.converged else 1
 
 
@@ -107,17 +112,6 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
 
 
-def _calibrated(folder: Path, trials: Sets, seed: int) -> FitResult:
-    """The calibration, in ``folder``/run."""
-    from cases.simulation.demo_trials import SHIP
-    from fitting.calibrate import FitOptions
-    from mmg_ident.api import calibrate
-
-    data = folder / "trials"
-    command = f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed}"
-    return calibrate(SHIP, *trials, None, FitOptions(command=command), progress(), seed=seed).save(folder / "run")
-
-
 def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> TrainResult | None:
     """A residual on the ship of ``folder``/run, in ``folder``/name; None where nothing was learned.
 
@@ -133,26 +127,13 @@ def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> Tra
         f"--out {folder / name}"
     )
     try:
-        with working("learning a residual"):
-            result = train(folder / "run", *trials, s, command=command, progress=progress())
+        with cli.working("learning a residual"):
+            result = train(folder / "run", *trials, s, command=command, progress=cli.progress())
             result.save(folder / name, report=False)
     except UserError as error:
-        say(f"   nothing was learned: {error}")
+        cli.say(f"   nothing was learned: {error}")
         return None
     return result
-
-
-def _diagnosed(folder: Path, trials: Sets, seed: int) -> Diagnosis:
-    """The diagnosis of a second campaign, in ``folder``/diagnosis."""
-    from cases.shipfiles.ship_file import load_ship
-    from diagnosis.diagnose import DiagnosisOptions, diagnose
-
-    run, data = folder / "run", folder / "second"
-    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
-    options = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
-    found = diagnose(load_ship(run), *trials, options=options, calibrated_on=run, progress=progress())
-    found.save(folder / "diagnosis", report=False)
-    return found
 
 
 def _decision(result: TrainResult | None) -> str:

@@ -8,24 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from diagnosis.inputs import DiagnosisOptions
-from mmg.errors import Missing, UnknownName, UserError
+from mmg.errors import Missing, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    command_line,
-    end_progress,
-    is_model,
-    names_of,
-    print_json,
-    print_table,
-    progress,
-    say,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from diagnosis.result import Diagnosis
-    from mmg.ship import Ship
 
 
 @o.options(
@@ -69,9 +57,9 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from cases.checks import ready
     from cases.io.campaigns import said_campaign
-    from cases.io.read import read_trials
+    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.ship_file import load_ship
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
     from diagnosis.result import is_complete
@@ -80,10 +68,11 @@ def diagnose(
     if not (resume and out.exists()):
         check_target(out)
     elif is_complete(out):
-        say(f"{out} has finished already; nothing to resume")
+        cli.say(f"{out} has finished already; nothing to resume")
         return 0
-    ship, options = _ship(run, without or []), DiagnosisOptions(**settings, command=command_line())
-    train, tests = ready(read_trials(trials), read_trials(test) if test else [], unchecked=unchecked)
+    ship = reduced_ship(load_ship(run), cli.names_of(without))
+    options = DiagnosisOptions(**settings, command=cli.command_line())
+    train, tests = cli.read_ready(trials, test, unchecked=unchecked)
     train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
@@ -91,49 +80,36 @@ def diagnose(
         raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:
         with reserved(out):
-            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, progress())
-            end_progress()
+            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, cli.progress())
+            cli.end_progress()
             found.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
     except (KeyboardInterrupt, UserError) as stop:
         if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
             if not store.has_parts:
                 store.discard()
             raise
-        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        print_json(found.to_dict())
+        cli.print_json(found.to_dict())
     else:
         _summary(found, out)
     return 0
 
 
-def _ship(where: str, without: Sequence[str]) -> Ship:
-    """The ship of a run folder, file or library, without some components."""
-    from cases.shipfiles.model_changes import reduced_ship
-    from cases.shipfiles.ship_file import load_ship
-
-    path = Path(where)
-    if path.is_dir() and not (path / "ship.toml").exists():
-        raise Missing(f"{where}: no ship.toml in it; give a run folder of mmg fit, a ship file or a ship of mmg ships")
-    if not path.is_dir() and not is_model(where):
-        raise UnknownName(f"{where}: neither a run folder nor a ship file nor a ship of mmg ships")
-    return reduced_ship(load_ship(path / "ship.toml" if path.is_dir() else where), names_of(without))
-
-
 def _summary(found: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
     for line in found.warnings:
-        say(f"warning: {line}")
+        cli.say(f"warning: {line}")
     rows = []
     for c in found.candidates[:8]:
         gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
         numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
-    print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
+    cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
     lines = [found.sentence, found.learned.sentence if found.learned else ""]
     lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
     lines += [found.between.sentence, *found.between.warnings] if found.between else []
     for line in filter(None, lines):
         print(line)
-    say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")
+    cli.say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from mmg.errors import UnknownName
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, print_table
+from mmg_ident.commands import output as cli
 
 
 def effects(
@@ -39,7 +39,7 @@ def effects(
         for key in chosen
     ]
     if json:
-        print_json({"ship": model.name, "effects": rows})
+        cli.print_json({"ship": model.name, "effects": rows})
         return
     if name:
         print(f"{name} (enters: {rows[0]['enters']})\n\n{rows[0]['physics']}\n")
@@ -49,4 +49,4 @@ def effects(
          f"{p['unit'] or '-'}{'*' * p['held']}", p["description"])
         for row in rows for p in row["parameters"]
     ]  # fmt: skip
-    print_table(("effect:parameter", "neutral|n", "typical|n", "unit", ""), lines)
+    cli.print_table(("effect:parameter", "neutral|n", "typical|n", "unit", ""), lines)

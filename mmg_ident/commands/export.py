@@ -9,7 +9,7 @@ from typer import Option
 
 from mmg.messages import message_rows
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import names_of, print_json, say, working
+from mmg_ident.commands import output as cli
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -24,8 +24,7 @@ def export(
     format: Annotated[
         str,
         Option(
-            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.",
-            autocompletion=_formats,
+            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.", autocompletion=_formats
         ),
     ],
     out: Annotated[Path, Option(help="Folder or file to write.")],
@@ -37,9 +36,7 @@ def export(
             "Default: this platform, where there is a compiler."
         ),
     ] = None,
-    force: Annotated[
-        bool, Option("--force", help="Also what did not converge or was never calibrated; replace what exists.")
-    ] = False,
+    force: Annotated[bool, Option("--force", help="Also what is not calibrated; replace what exists.")] = False,
     json: o.Json = False,
 ) -> None:
     """Deliver a calibrated or hybrid ship: code that runs without this program.
@@ -53,14 +50,13 @@ def export(
     from delivery.export import export as write
     from delivery.product import product_of
 
-    with working("reading"):
-        product = product_of(model, force, names_of(without))
-    options = {"platforms": names_of(platforms)} if platforms else {}
-    with working(f"exporting {product.ship.name}"):
+    with cli.working("reading"):
+        product = product_of(model, force, cli.names_of(without))
+    options = {"platforms": cli.names_of(platforms)} if platforms else {}
+    with cli.working(f"exporting {product.ship.name}"):
         said = write(product, format, out, force, **options)
     if json:
-        print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
+        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
         return
-    for line in (*product.caveats, *said):
-        say(f"note: {line}")
-    say(f"written: {out}")
+    cli.say_notes((*product.caveats, *said))
+    cli.say(f"written: {out}")

@@ -11,20 +11,9 @@ from fitting.settings import Settings
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, name_fault
 from mmg.messages import has_code
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    command_line,
-    names_of,
-    numbers_of,
-    print_json,
-    progress,
-    refuse_no_score,
-    say,
-    say_remarks,
-    say_scores,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from fitting.nlp.captive import Captive
     from fitting.result import FitResult
 
 OPEN = ("starts_left_out", "parts_left_out")
@@ -59,9 +48,7 @@ def fit(
     next_trial: Annotated[bool, Option(help="Do not look for the trial that tells most.")] = True,
     scheduler: o.Scheduler = None,
     resume: o.Resume = False,
-    unchecked: Annotated[
-        bool, Option("--unchecked", "--accept-contradictory", help="Take contradictory files and broken stretches too.")
-    ] = False,
+    unchecked: o.Unchecked = False,
     no_report: o.NoReport = False,
     json: o.Json = False,
 ) -> int:
@@ -72,12 +59,12 @@ def fit(
     import time
     from dataclasses import replace
 
-    from cases.checks import ready
-    from cases.io.read import read_trials
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.calibrate import FitOptions
+    from fitting.nlp.captive import read_captive
     from fitting.report.run_folder import check_target, reserved
+    from fitting.result import read_fit
     from fitting.settings import check_estimator
     from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
@@ -86,85 +73,60 @@ def fit(
     check_estimator(estimator)
     if "weight" in settings and "sigma" in settings:
         raise Conflict("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
-    points = _captive_points(captive, captive_sigma)
+    if captive_sigma and not captive:
+        raise Conflict("--captive-sigma: there is no --captive to which it belongs")
+    captive_std = cli.numbers_of(captive_sigma, 3, "--captive-sigma") if captive_sigma else None
+    if captive_std and min(captive_std) <= 0:
+        raise OutOfRange(f"--captive-sigma {captive_sigma}: X, Y [N] and N [N m] must be positive")
     if name_fault(name):
         raise BadValue(f"--name {name!r}: {name_fault(name)}")
-    earlier = _resumed(out) if resume and out.exists() else None
+    earlier = read_fit(out) if resume and out.exists() else None
+    if earlier and earlier.iterate is None and not earlier.converged:
+        raise Missing(f"{out}: no iterate to resume from; start again without --resume")
     if earlier and earlier.converged and not any(has_code(earlier.warnings, code) for code in OPEN):
-        say(f"{out} has converged already; nothing to resume")
+        cli.say(f"{out} has converged already; nothing to resume")
         return 0
     if not earlier:
         check_target(out)
     start = earlier.start if earlier else load_ship(ship)
-    start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
-    train, held_out = ready(read_trials(trials), read_trials(validate) if validate else [], unchecked=unchecked)
+    start = reduced_ship(start, cli.names_of(without), with_ or (), cli.names_of(fix), cli.names_of(only))
+    train, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
     options = FitOptions(
         bootstrap=bootstrap,
-        profile=tuple(names_of(profile)),
+        profile=tuple(cli.names_of(profile)),
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
-        per_campaign=tuple(names_of(per_campaign)),
-        instruments=tuple(names_of([measurement])),
-        captive=points,
+        per_campaign=tuple(cli.names_of(per_campaign)),
+        instruments=tuple(cli.names_of([measurement])),
+        captive=read_captive(captive, captive_std) if captive else None,
         resume=earlier,
-        command=command_line(),
-        name=name or _given_name(earlier),
+        command=cli.command_line(),
+        name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),
         estimator=estimator,
     )
     reading = time.perf_counter() - began
     for line in start.notices:
-        say(line)
+        cli.say(line)
     with (
-        interrupts_noted(lambda: say("interrupted: stopping at the next iterate and writing the run folder")),
+        interrupts_noted(lambda: cli.say("interrupted: stopping at the next iterate and writing the run folder")),
         reserved(out),
     ):
-        result = calibrate(start, train, held_out, Settings(**settings), options, progress())
+        result = calibrate(start, train, held_out, Settings(**settings), options, cli.progress())
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings)
         earlier_warnings = result.warnings
         result = result.save(out, replace=resume, numbers=None if json else _summary, report=not no_report)
         if json:
-            print_json(result.to_dict())
+            cli.print_json(result.to_dict())
         else:
             for line in result.warnings:  # those of figures and page, which come last
                 if line not in earlier_warnings:
-                    say(f"warning: {line}")
-            say(f"run folder: {out} (ship.toml, result.json{'' if no_report else ', report.html'})")
-    refuse_no_score(result.warnings, out)
+                    cli.say(f"warning: {line}")
+            cli.say(f"run folder: {out} (ship.toml, result.json{'' if no_report else ', report.html'})")
+    cli.refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130
-    if result.converged:
-        return 0
-    return 130 if result.status == "User_Requested_Stop" else 1
-
-
-def _given_name(earlier: FitResult | None) -> str:
-    """The name that an interrupted run was given, "" for none."""
-    return earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""
-
-
-def _resumed(out: Path) -> FitResult:
-    """The interrupted run in the folder ``out``."""
-    from fitting.result import read_fit
-
-    found = read_fit(out)
-    if found.iterate is None and not found.converged:
-        raise Missing(f"{out}: no iterate to resume from; start again without --resume")
-    return found
-
-
-def _captive_points(path: Path | None, sigma: str | None) -> Captive | None:
-    """Captive points of the file ``path``, with standard deviations ``sigma``: "X,Y [N],N [N m]"; None without one."""
-    from fitting.nlp.captive import read_captive
-
-    if path is None:
-        if sigma:
-            raise Conflict("--captive-sigma: there is no --captive to which it belongs")
-        return None
-    given = numbers_of(sigma, 3, "--captive-sigma") if sigma else None
-    if given and min(given) <= 0:
-        raise OutOfRange(f"--captive-sigma {sigma}: X, Y [N] and N [N m] must be positive")
-    return read_captive(path, given)
+    return 0 if result.converged else 130 if result.status == "User_Requested_Stop" else 1
 
 
 def _summary(result: FitResult) -> None:
@@ -175,26 +137,25 @@ def _summary(result: FitResult) -> None:
     constants = result.calibration.constants if result.calibration else None
     whose = "campaigns" if result.campaigns and result.campaigns["values"] else "runs"
     own = f" and {len(constants.p)} constants of {whose}" if constants else ""
-    say(
+    cli.say(
         f"{words} ({result.status}) after {sum(p.iterations for p in result.passes)} iterations "
         f"in {result.timings_s['total']:.1f} s; objective {result.objective or float('nan'):.6g}; "
         f"{len(result.coefficients)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
         f"seed {result.settings.seed}"
     )
-    say_remarks(result)
+    cli.say_remarks(result)
     for row in constants.table() if constants else []:
-        say(row)
+        cli.say(row)
     for test in result.effects or ():
         if not test.in_doubt:  # else it was said as a warning
-            say(test.sentence)
+            cli.say(test.sentence)
     if result.effects:
-        wall = result.timings_s["wall"]
-        say(f"effects tested in {result.timings_s['effects']:.1f} s ({result.timings_s['effects'] / wall:.0%} of all)")
-    say_scores(result.scores)
+        seconds = result.timings_s["effects"]
+        cli.say(f"effects tested in {seconds:.1f} s ({seconds / result.timings_s['wall']:.0%} of all)")
+    cli.say_scores(result.scores)
     kinds = result.identifiability["counts"]
-    say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
-    plan = result.identifiability.get("next_trial", {}).get("plan", [])
-    if plan:
-        say(f"next trial that would determine most: {plan[0]['name']}")
+    cli.say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
+    if plan := result.identifiability.get("next_trial", {}).get("plan"):
+        cli.say(f"next trial that would determine most: {plan[0]['name']}")
     if result.ship.mark:
-        say(f"name: {result.ship.title}")
+        cli.say(f"name: {result.ship.title}")

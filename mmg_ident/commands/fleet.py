@@ -9,10 +9,10 @@ from typer import Argument, Option
 
 from mmg.errors import Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, end_progress, print_json, print_table, progress, say
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from mmg_ident.fleet.run import Fleet
+    from mmg_ident.fleet.rows import Fleet
 
 
 def fleet(
@@ -33,8 +33,8 @@ def fleet(
     from fitting.report.run_folder import check_target, reserved
     from mmg_ident.fleet.page import write_page
     from mmg_ident.fleet.plan import read_plan
+    from mmg_ident.fleet.rows import write_tables
     from mmg_ident.fleet.run import PARTS, run_fleet
-    from mmg_ident.fleet.table import write_tables
 
     out = plan.with_suffix("") if out is None else out
     if not (resume and out.exists()):
@@ -44,15 +44,15 @@ def fleet(
     given = read_plan(plan)
     try:
         with reserved(out):
-            found = run_fleet(given, out, workers, command_line(), progress())
-            end_progress()
+            found = run_fleet(given, out, workers, cli.command_line(), cli.progress())
+            cli.end_progress()
             write_tables(found, out)
             write_page(found, out)
     except KeyboardInterrupt:
-        say(f"mmg: interrupted; what was finished is in {out}: the same command with --resume continues")
+        cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        print_json(found)
+        cli.print_json(found)
     else:
         _summary(found, out)
     return 1 if found.failed else 0
@@ -62,22 +62,19 @@ def _summary(found: Fleet, out: Path) -> None:
     """A few lines for a person."""
     rows = []
     for row in found.rows:
-        score = row["scores"].get("held_out") or row["scores"].get("training")
-        pair = score["window"] if score else None
-        words = f"{pair['before']:.3g} -> {pair['after']:.3g}" if pair and None not in pair.values() else ""
+        score = row["scores"].get("held_out") or row["scores"].get("training") or {}
+        pair = list(score.get("window", {}).values())
+        errors = " -> ".join(f"{error:.3g}" for error in pair if None not in pair)
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
-        rows.append((row["name"], row["status"], words, verdict, drifted, *counts))
+        rows.append((row["name"], row["status"], errors, verdict, drifted, *counts))
     heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
-    print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
-    for row in found.rows:
-        if row["status"] != "done":
-            say(f"{row['name']}: {row['status']}: {row['reason']}")
+    cli.print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
+    for row in (row for row in found.rows if row["status"] != "done"):
+        cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in found.groups:
-        low, high = group.widths.common_90
-        say(
-            f"sisters {group.name}: coefficients differ by {group.widths.common:.2g} of the prior's standard deviation "
-            f"(90 %: {low:.2g} to {high:.2g})"
-        )
-    say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")
+        width, (low, high) = group.widths.common, group.widths.common_90
+        words = f"{width:.2g} of the prior's standard deviation (90 %: {low:.2g} to {high:.2g})"
+        cli.say(f"sisters {group.name}: coefficients differ by {words}")
+    cli.say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue, Conflict, Missing, NotWritable, OutOfRange, TargetExists, UnknownName
+from mmg.errors import Conflict, Missing, TargetExists, UnknownName
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import is_model, print_json, print_table, refuse_target, say, ship_names, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cases.criteria.assessment import Assessment
     from cases.criteria.figures import Since
-    from cases.criteria.trial_correction import WaterVelocity
-    from cases.trial import Trial
     from mmg.ship import Ship
 
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 def imo(
     ships_and_trials: Annotated[
         list[str],
-        Argument(help="A ship to simulate, or measured trials.", metavar="SHIP|TRIAL...", autocompletion=ship_names),
+        Argument(help="A ship to simulate, or trials.", metavar="SHIP|TRIAL...", autocompletion=cli.ship_names),
     ],
     speed: Annotated[float | None, Option(help="Test speed [m/s]; default U_0, else Fn 0.142.")] = None,
     rudder_rate: Annotated[float | None, Option(help="[deg/s]; default the ship's, else 20 at 3 m.")] = None,
@@ -57,55 +56,62 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    import math
-
     from cases.criteria.assessment import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
+    from cases.criteria.trial_correction import WaterVelocity
     from cases.shipfiles.ship_file import load_ship
 
-    models = [a for a in ships_and_trials if is_model(a)]
-    files = [a for a in ships_and_trials if not is_model(a)]
+    models = [a for a in ships_and_trials if cli.is_model(a)]
+    files = [a for a in ships_and_trials if not cli.is_model(a)]
     if models and (files or len(models) > 1):
         raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise OutOfRange(f"--{option} {value:g} must be positive")
+        cli.positive(f"--{option}", value)
     if kind and kind not in KINDS:
         raise UnknownName(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
-    _check_targets(plot, out, force)
+    cli.refuse_target("--plot", plot, force, cli.FIGURES)
+    if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
+        raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
     if models:
-        own: dict[str, object] = {"--ship": ship, "--length": length, "--kind": kind or None}
-        own |= {"--correct": correct or None, "--current": current}
-        for option in [name for name, value in own.items() if value is not None]:
-            raise Conflict(f"{option} belongs to trial files; {models[0]} is simulated")
+        cli.refuse_given(
+            {"--ship": ship, "--length": length, "--kind": kind or None, "--correct": correct or None,
+             "--current": current},
+            f"belongs to trial files; {models[0]} is simulated",
+        )  # fmt: skip
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         simulated = load_ship(models[0])
-        with working(f"simulating the manoeuvres of {simulated.name}"):
+        with cli.working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
-        found, clouds = _with_intervals(found, models[0], simulated, (scatter, seed, workers), rate)
+        found, clouds = _with_intervals(found, models[0], simulated, rate, scatter, seed, workers)
     else:
-        own = {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None}
-        for option in [name for name, value in own.items() if value is not None]:
-            raise Conflict(f"{option} belongs to a ship that is simulated; trial files have their own")
+        cli.refuse_given(
+            {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
+            "belongs to a ship that is simulated; trial files have their own",
+        )
         model = load_ship(ship) if ship is not None else None
         if model is None and length is None:
             raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
-        water = _current(current) if current is not None else correct
-        found, clouds = imo_figures_of_trials(_trials(files, unchecked), model, length, kind, scale, water), {}
+        water: WaterVelocity | bool = correct
+        if current is not None:
+            speed, towards = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
+            cli.positive("--current SPEED:TOWARDS", speed, or_zero=True)
+            angle = math.radians(towards)
+            water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
+        (trials,) = cli.read_ready(files, unchecked=unchecked)
+        found, clouds = imo_figures_of_trials(trials, model, length, kind, scale, water), {}
     _write(plot, out, found, clouds)
     if json:
-        print_json(found.to_dict())
+        cli.print_json(found.to_dict())
         return
     _print(found)
     for path in filter(None, (plot, out)):
-        say(f"written: {path}")
+        cli.say(f"written: {path}")
 
 
 def _with_intervals(
-    found: Assessment, model: str, ship: Ship, draws: tuple[int | None, int, int], rudder_rate: float | None
+    found: Assessment, model: str, ship: Ship, rudder_rate: float | None, scatter: int | None, seed: int, workers: int
 ) -> tuple[Assessment, dict[str, Sequence[Since]]]:
-    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them; draws:
-    how many, their seed, and processes."""
+    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
     from dataclasses import replace
 
     from cases.shipfiles.estimates import is_starting_ship
@@ -113,7 +119,6 @@ def _with_intervals(
     from fitting.report.run_folder import content_on
     from mmg.messages import Message
 
-    scatter, seed, workers = draws
     content = content_on(Path(model))
     known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
     count = scatter if scatter is not None else DRAWS * known
@@ -122,55 +127,19 @@ def _with_intervals(
             words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"
             found = replace(found, notices=(*found.notices, Message(words, "no_covariance")))
         return found, {}
-    with working(f"simulating each manoeuvre {count} times"):
+    with cli.working(f"simulating each manoeuvre {count} times"):
         judged = with_intervals(found, ship, content, count, seed, rudder_rate, workers)
     return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
 
 
-def _current(text: str) -> WaterVelocity:
-    """The current that --current names: speed [m/s] and the direction it goes to [deg]."""
-    import math
-
-    from cases.criteria.trial_correction import WaterVelocity
-
-    try:
-        speed, towards = (float(part) for part in text.split(":"))
-    except ValueError:
-        speed = towards = math.nan
-    if not (math.isfinite(speed + towards) and speed >= 0):
-        raise BadValue(f"--current {text}: give SPEED:TOWARDS in m/s and deg, such as 0.4:90 for 0.4 m/s to the east")
-    angle = math.radians(towards)
-    return WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
-
-
-def _trials(files: Sequence[str], unchecked: bool) -> list[Trial]:
-    """The trials in ``files`` without broken stretches, or as they are if ``unchecked``."""
-    from cases.checks import ready
-    from cases.io.read import read_trials
-
-    return ready(read_trials(files), unchecked=unchecked)[0]
-
-
-def _check_targets(plot: Path | None, out: Path | None, force: bool) -> None:
-    """Everything about the output that can be refused before simulating."""
-    if plot is not None:
-        if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-            raise BadValue(f"--plot {plot}: figures end in .png, .svg or .pdf")
-        refuse_target("--plot", plot, force)
-    if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
-        raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
-
-
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
-    from functools import partial
-
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import maneuver_figure, save_figure
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    try:
+    with cli.writing(out or plot or ""):
         if plot is not None:
             save_figure(found.runs, found.heading, plot, clouds)
         if out is not None:
@@ -179,10 +148,9 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
-            draw = partial(maneuver_figure, found.runs, found.heading, clouds)
-            FigureFolder(out).write("imo", draw, found.heading, "")
-    except OSError as error:
-        raise NotWritable(f"{error.filename or out or plot}: cannot be written ({error.strerror})") from None
+            FigureFolder(out).write(
+                "imo", lambda: maneuver_figure(found.runs, found.heading, clouds), found.heading, ""
+            )
 
 
 def _print(found: Assessment) -> None:
@@ -199,7 +167,7 @@ def _print(found: Assessment) -> None:
         if row.run != last:
             rows.append([""] * (len(heads) + 1))
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
-        figure = WORDS.get(row.figure, row.figure.replace("_", " "))
+        figure = row.figure.removesuffix("_track").replace("_", " ")
         values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
         intervals = [_interval(row.interval_90, row.unit), _interval(row.interval_90_trial, row.unit)] * drawn
         cells = ["" if row.run == last else row.run, figure, *values, *intervals, _number(row.limit, row.unit)]
@@ -207,7 +175,7 @@ def _print(found: Assessment) -> None:
         cells += ["" if row.probability is None else f"{100 * row.probability:.0f} %"] * drawn
         rows.append([*cells, row.verdict + mark])
         last = row.run
-    print_table([*heads, "verdict"], rows)
+    cli.print_table([*heads, "verdict"], rows)
     print()
     for words, k in remarks.items():
         print(f"[{k}] {words}")
@@ -216,14 +184,9 @@ def _print(found: Assessment) -> None:
     print(found.conclusion)
 
 
-WORDS = {"initial_turning_track": "initial turning"}
-
-
 def _interval(ends: Sequence[float] | None, unit: str) -> str:
-    if ends is None:
-        return ""
     digits = 1 if unit == "deg" else 2
-    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends)
+    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends or ())
 
 
 def _number(value: float | None, unit: str) -> str:

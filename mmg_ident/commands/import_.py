@@ -10,7 +10,7 @@ from typer import Argument, Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, print_json, print_table, print_wrapped, say, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.importing.assembled_run import ImportedRun
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 @o.options(Headers="rudder_positive wind_direction velocity_frame zone_hours")
 def import_(
-    logs: Annotated[
-        list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet) or folders of them.", metavar="FILE...")
-    ],
+    logs: Annotated[list[Path], Argument(help="Raw logs (text, Excel, NMEA, Parquet), or folders.", metavar="FILE...")],
     out: Annotated[Path, Option(help="Folder to write: a file for each run, trials.toml, import.toml.")],
     map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid (docs/how-to/import.md).")] = None,
     rudder_positive: Annotated[str | None, Option(help="Side of positive rudder angles: starboard, port.")] = None,
@@ -40,47 +38,39 @@ def import_(
     On a terminal it asks for what the headers leave open; import.toml in the folder repeats the answers. Nothing is
     written while a file has a problem: all problems are said at once.
     """
+    from cases.checks import check
     from cases.importing.import_logs import import_logs
     from cases.importing.import_map import ImportMap, read_map
     from cases.importing.written_trials import write_import
+    from cases.io.read import read_trials
 
     chosen = read_map(map) if map else ImportMap()
-    given = {
-        "rudder_positive": rudder_positive,
-        "wind_direction": wind_direction,
-        "velocity_frame": velocity_frame,
-        "zone_hours": zone_hours,
-        "separate": separate or None,
-    }
+    given: dict[str, Any] = {"rudder_positive": rudder_positive, "wind_direction": wind_direction}
+    given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
-    found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+    found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     asked: set[tuple[str, str, str]] = set()
     while not json and sys.stdin.isatty() and sys.stderr.isatty():
         answered = _answered(found, chosen, asked)
         if answered is chosen:
             break
         chosen = answered  # an answer may leave a unit open
-        found = import_logs(logs, chosen, lambda files: each(files, "reading"))
+        found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     if found.problems:
         if len(found.problems) > 1 and not json:
-            for i, problem in enumerate(found.problems):
-                say(f"{i + 1}. {problem}")
+            for i, problem in enumerate(found.problems, start=1):
+                cli.say(f"{i}. {problem}")
             raise BadValue(f"{len(found.problems)} problems, listed above; nothing is written")
         raise BadValue("; ".join(found.problems))
-    with working("writing trials"):
+    with cli.working("writing trials"):
         files = write_import(found, chosen, out, force)
-    checks = _checks(files)
+    checks = check(read_trials(files))
     if json:
-        print_json(
-            {
-                "out": str(out),
-                "origin": found.origin,
-                "runs": [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)],
-            }
-        )
+        rows = [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)]
+        cli.print_json({"out": str(out), "origin": found.origin, "runs": rows})
     else:
         _print(found, files, checks)
-        say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
+        cli.say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
 
 
 def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
@@ -107,7 +97,7 @@ def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, st
         names = [question.file for question in questions]
         before |= {(name, header, quantity) for name in names}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
+        cli.say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
         answer = _choice(choices)
         for name in names:
             entry = dict(files.get(name, {}))
@@ -131,14 +121,7 @@ def _choice(choices: tuple[str, ...]) -> str:
         answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
         if answer in choices:
             return answer
-        say(f"  '{answer}' is none of them")
-
-
-def _checks(files: list[Path]) -> list[Any]:
-    from cases.checks import check
-    from cases.io.read import read_trials
-
-    return check(read_trials(files))
+        cli.say(f"  '{answer}' is none of them")
 
 
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
@@ -164,21 +147,16 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
     for run, file, report in zip(found.runs, files, checks, strict=True):
         t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
-    print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
+    cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     said: dict[str, list[str]] = {}
-    for run in found.runs:
-        for notice in run.notices:
-            said.setdefault(str(notice), []).append(run.name)
-        unknown = [header for log in run.logs for header in log.unknown]
-        if unknown:
-            said.setdefault(f"columns not known, not used: {', '.join(unknown)}", []).append(run.name)
-        for log in run.logs:
-            for header, what in log.unsure.items():
-                said.setdefault(f"column '{header}' not used: it may be {what}; say it in the map", []).append(run.name)
     for run, report in zip(found.runs, checks, strict=True):
-        for finding in report.findings:
-            if finding.level == "contradictory":
-                said.setdefault(f"[check] {finding.text}", []).append(run.name)
-    for words, names in said.items():
+        unknown = [header for log in run.logs for header in log.unknown]
+        words = [*map(str, run.notices), *[f"columns not known, not used: {', '.join(unknown)}"] * bool(unknown)]
+        unsure = [row for log in run.logs for row in log.unsure.items()]
+        words += [f"column '{header}' not used: it may be {what}; say it in the map" for header, what in unsure]
+        words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
+        for sentence in words:
+            said.setdefault(sentence, []).append(run.name)
+    for sentence, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
-        print_wrapped("  ", f"{whose}{words}")
+        cli.print_wrapped("  ", f"{whose}{sentence}")

@@ -11,12 +11,12 @@ import io
 import keyword
 import multiprocessing
 import os
+import re
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -88,7 +88,7 @@ if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
 import typer
 from typer.core import TyperGroup
 
-from mmg_ident.shadow import shadowing_mmg
+from mmg_ident import shadowing_mmg
 
 HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
@@ -96,37 +96,30 @@ MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
-@contextmanager
-def _spread(options: Mapping[str, Any]) -> Iterator[None]:
-    """Within this, lists of tasks of a verb with the option --workers are counted on a terminal as they are done, and
-    go to the Dask scheduler of ``options`` where one is named."""
-    if "workers" not in options:
-        yield
-        return
-    from fitting.parallel import listening
-    from mmg_ident.commands.output import progress
-
-    with listening(progress()):
-        if options.get("scheduler") is None:
-            yield
-            return
-        from fitting.parallel.dask_cluster import dask_cluster
-
-        with dask_cluster(str(options["scheduler"])):
-            yield
-
-
 def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
-    """The verb with Ctrl-C as ``typer.Abort``, since typer would make a silent exit code of it."""
+    """The verb with Ctrl-C as ``typer.Abort``, since typer would make a silent exit code of it.
+
+    Lists of tasks of a verb with the option --workers are counted on a terminal as they are done, and go to the Dask
+    scheduler where one is named.
+    """
 
     @functools.wraps(verb)
     def run_verb(*given: Any, **options: Any) -> Any:
         if signal.getsignal(signal.SIGINT) is _stopped:
             signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else note_interruption)
-        from mmg_ident.commands.output import narration
+        from mmg_ident.commands.output import narration, progress
 
         try:
-            with narration(for_machines=options.get("json") is True), _spread(options):
+            with contextlib.ExitStack() as stack:
+                stack.enter_context(narration(for_machines=options.get("json") is True))
+                if "workers" in options:
+                    from fitting.parallel import listening
+
+                    stack.enter_context(listening(progress()))
+                if options.get("scheduler") is not None:
+                    from fitting.parallel.dask_cluster import dask_cluster
+
+                    stack.enter_context(dask_cluster(str(options["scheduler"])))
                 return verb(*given, **options)
         except KeyboardInterrupt:
             raise typer.Abort from None
@@ -199,29 +192,14 @@ class _Verbs(TyperGroup):
 app: typer.Typer = typer.Typer(name="mmg", cls=_Verbs, **{**_PLAIN, "add_completion": True})
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+@app.callback(invoke_without_command=True)
+def _about(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    """Manoeuvring models (MMG) of ships, calibrated from trial data."""
+    if version:
         from mmg_ident import __version__
 
         typer.echo(f"mmg-ident {__version__}")
         raise typer.Exit
-
-
-@app.callback()
-def _about(
-    version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
-    ] = False,
-) -> None:
-    """Manoeuvring models (MMG) of ships, calibrated from trial data."""
-
-
-def _is_number(argument: str) -> bool:
-    try:
-        float(argument)
-    except ValueError:
-        return False
-    return True
 
 
 def expand(arguments: list[str]) -> list[str]:
@@ -232,13 +210,12 @@ def expand(arguments: list[str]) -> list[str]:
     result: list[str] = []
     current, waiting = None, False
     for argument in arguments:
-        if argument.startswith("-") and argument != "-" and not (current and _is_number(argument)):
+        if argument.startswith("-") and argument != "-" and not (current and re.match(r"-[\d.]", argument)):
             if waiting:
                 break
             current = argument if argument in MANY else None
             waiting = current is not None
-            if current is None:
-                result.append(argument)
+            result += [] if waiting else [argument]
         elif current:
             result += [current, argument]
             waiting = False
@@ -275,7 +252,7 @@ def main(arguments: list[str] | None = None) -> int:
     from fitting.solvers.interrupts import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
-    from mmg_ident.gone import refuse_gone_options
+    from mmg_ident.settings import refuse_gone_options
 
     OBSERVER.told = tell
     try:

@@ -10,7 +10,7 @@ from typer import Argument, Option
 from fitting.settings import Settings
 from mmg.errors import name_fault
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, print_json, progress, say, say_remarks, ship_names
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from diagnosis.groups.months import MonthStudy
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @o.options(Settings, Solver="time_limit seed")
 def months(
     folder: Annotated[Path, Argument(help="Folder of the Parquet files of the log, and folders in it.")],
-    ship: Annotated[str, Option(help="Library ship, ship file or run folder.", autocompletion=ship_names)],
+    ship: Annotated[str, Option(help="Library ship, ship file or run folder.", autocompletion=cli.ship_names)],
     out: o.RunFolder,
     settings: o.Given,
     fit: Annotated[bool, Option(help="Take the ship as she is.")] = True,
@@ -40,15 +40,15 @@ def months(
     check_target(out)
     start = load_ship(ship)
     chosen, name = Settings(**{"loss": "huber", **settings}), label_of(out)
-    options = FitOptions(command=command_line(), name="" if name_fault(name) else name)
+    options = FitOptions(command=cli.command_line(), name="" if name_fault(name) else name)
     with reserved(out):
-        study, result = study_months(folder, start, chosen, options, windows if fit else 0, progress())
+        study, result = study_months(folder, start, chosen, options, windows if fit else 0, cli.progress())
         write_study(study, result, out)
     if json:
-        print_json(study)
+        cli.print_json(study)
     else:
         if result:
-            say_remarks(result)
+            cli.say_remarks(result)
         _summary(study, out)
     return 0 if result is None or result.converged else 1
 
@@ -56,17 +56,17 @@ def months(
 def _summary(study: MonthStudy, out: Path) -> None:
     """A few lines for a person."""
     cut = study.cut
-    say(f"{study.days:.1f} days, {cut.rows} rows in {len(study.log.parts)} parts, every {cut.step:g} s")
-    say("; ".join(f"{what} {seconds / 3600:.1f} h" for what, seconds in cut.seconds.items() if seconds))
+    cli.say(f"{study.days:.1f} days, {cut.rows} rows in {len(study.log.parts)} parts, every {cut.step:g} s")
+    cli.say("; ".join(f"{what} {seconds / 3600:.1f} h" for what, seconds in cut.seconds.items() if seconds))
     for name, errors in study.scores.items():
         words = ", ".join(f"{channel} {value:.3g}" for channel, value in errors.items())
-        say(f"errors of all windows {name}: {words}")
+        cli.say(f"errors of all windows {name}: {words}")
     for row, company in zip(study.changes.named, study.changes.company, strict=True):
-        say(study.words(row))
+        cli.say(study.words(row))
         if company:
-            say(f"  {', '.join(company)} seem to change with it; the log does not tell them apart")
+            cli.say(f"  {', '.join(company)} seem to change with it; the log does not tell them apart")
     if study.changes.tested and not study.changes.named:
-        say(f"no change found in {len(study.changes.tested)} candidates")
+        cli.say(f"no change found in {len(study.changes.tested)} candidates")
     for line in study.warnings:
-        say(f"warning: {line}")
-    say(f"run folder: {out} (ship.toml, months.json, windows.parquet, months.html)")
+        cli.say(f"warning: {line}")
+    cli.say(f"run folder: {out} (ship.toml, months.json, windows.parquet, months.html)")

@@ -18,8 +18,7 @@ from mmg_ident.commands.output import numbers_of, ship_names
 from mmg_ident.settings import given_settings, option_of, settings_of
 
 Ship = Annotated[
-    str,
-    Argument(help="Library ship (mmg ships), ship file or run folder.", metavar="SHIP", autocompletion=ship_names),
+    str, Argument(help="Library ship (mmg ships), ship file or run folder.", metavar="SHIP", autocompletion=ship_names)
 ]
 Run = Annotated[str, Argument(help="Run folder of mmg fit, ship file or library ship.", metavar="RUN")]
 Trials = Annotated[list[Path], Argument(help="Trial files, or folders of them.", metavar="TRIAL...")]
@@ -30,14 +29,15 @@ Test = Annotated[list[Path] | None, Option(help="Trials that take no part, to ch
 Without = Annotated[list[str] | None, Option(help="Leave a component or effect out, such as wind.")]
 Campaign = Annotated[str | None, Option(help="Campaign of the trials, where nothing else says it.")]
 Resume = Annotated[bool, Option("--resume", help="Go on with an interrupted run in --out.")]
-Unchecked = Annotated[bool, Option("--unchecked", help="Take contradictory files and broken stretches too.")]
+Unchecked = Annotated[
+    bool, Option("--unchecked", "--accept-contradictory", help="Take contradictory files and broken stretches too.")
+]
 NoReport = Annotated[bool, Option("--no-report", help="Draw no figures and write no page.")]
 Force = Annotated[bool, Option("--force", help="Overwrite existing files.")]
 Json = Annotated[bool, Option("--json", help="Print the result as JSON on stdout.")]
 Seed = Annotated[int, Option(help="Seed of all random numbers.")]
 Workers = Annotated[int, Option(min=1, help="Processes over which tasks are spread.")]
 Scheduler = Annotated[str | None, Option(help="Dask scheduler that does the tasks: tcp://host:8786.")]
-Compiled = Annotated[bool, Option(help="Use a C compiler if there is one.")]
 Given = dict[str, Any]
 """Settings of a verb by name: those on the command line, and those in the file of --settings."""
 
@@ -102,7 +102,10 @@ def options(
                 return verb(*given, **values)
             line = {name: values.pop(name, None) for name in made}
             path = line.pop("settings", None)
-            line = {name: _parsed(kind, name, value) for name, value in line.items() if value is not None}
+            line = {name: value for name, value in line.items() if value is not None}
+            for name, field in settings_of(kind).items():
+                if name in line and "count" in field.metadata:  # as text on the line
+                    line[name] = numbers_of(line[name], field.metadata["count"], option_of(field))
             return verb(*given, **values, settings=given_settings(kind, line, path))
 
         shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
@@ -112,14 +115,6 @@ def options(
         return run
 
     return decorated
-
-
-def _parsed(kind: type, name: str, value: Any) -> Any:
-    """The ``value`` of an option, numbers where its field holds some and the line gives text."""
-    field = settings_of(kind)[name]
-    if "count" in field.metadata:
-        return numbers_of(value, field.metadata["count"], option_of(field))
-    return value
 
 
 class Verb(typer.core.TyperCommand):

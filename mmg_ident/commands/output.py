@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import shlex
 import shutil
 import sys
@@ -14,13 +15,20 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mmg.errors import BadValue, Missing, NoSolution, TargetExists
+from mmg.errors import BadValue, Conflict, Missing, NoSolution, NotWritable, OutOfRange, TargetExists
 
 if TYPE_CHECKING:
+    from cases.trial import Trial
     from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
     from residual.result import TrainResult
+
+
+FIGURES = (".png", ".svg", ".pdf")
+"""Endings of files of figures."""
+RESUMED = "the same command with --resume continues"
+"""How to go on with what was interrupted."""
 
 
 def command_line() -> str:
@@ -64,7 +72,12 @@ def say_remarks(result: FitResult | TrainResult) -> None:
     """Say the warnings and notices of ``result``."""
     for line in result.warnings:
         say(f"warning: {line}")
-    for line in result.notices:
+    say_notes(result.notices)
+
+
+def say_notes(notes: Iterable[str]) -> None:
+    """Say each of the ``notes``."""
+    for line in notes:
         say(f"note: {line}")
 
 
@@ -96,12 +109,46 @@ def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
             say(f"{name}{what}: rms errors over {after.units.window:g} s: {words}")
 
 
-def refuse_target(option: str, path: Path, force: bool) -> None:
-    """Raises UserError unless a file can be written to the ``path`` of ``option``; ``force``: over one that exists."""
+def refuse_target(option: str, path: Path | None, force: bool, endings: Sequence[str] = ()) -> None:
+    """Raises UserError unless a file can be written to the ``path`` of ``option``, where one is given.
+
+    force: over one that exists; endings: of its name, () for any.
+    """
+    if path is None:
+        return
+    if endings and path.suffix.lower() not in endings:
+        raise BadValue(f"{option} {path}: the name must end in {' or '.join(endings)}")
     if path.exists() and (path.is_dir() or not force):
         raise TargetExists(f"{option} {path}: exists already; choose another name or add --force")
     if not path.parent.is_dir():
         raise Missing(f"{option} {path}: there is no folder {path.parent}")
+
+
+def refuse_given(options: Mapping[str, object], why: str) -> None:
+    """Raises UserError, with the words ``why``, for the first of the ``options`` whose value is not None."""
+    for option, value in options.items():
+        if value is not None:
+            raise Conflict(f"{option} {why}")
+
+
+@contextmanager
+def writing(what: Path | str) -> Iterator[None]:
+    """While it lasts, an error of the system is that of a file of ``what``. Raises UserError."""
+    try:
+        yield
+    except OSError as error:
+        raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); choose another name") from None
+
+
+def read_ready(*sets: Sequence[str | Path] | None, unchecked: bool) -> tuple[list[Trial], ...]:
+    """The trials of each of the ``sets`` of files as they may be fitted and judged (``cases.checks.ready``).
+
+    unchecked: take them as they are. Raises UserError for files that cannot be read, and for contradictory ones.
+    """
+    from cases.checks import ready
+    from cases.io.read import read_trials
+
+    return ready(*(read_trials(some) if some else [] for some in sets), unchecked=unchecked)
 
 
 class _ToStderr(logging.Handler):
@@ -135,19 +182,17 @@ def narration(for_machines: bool = False) -> Iterator[None]:
 
 def progress() -> OnProgress | None:
     """A one-line progress display on a terminal; None when stderr is none, and with --json."""
-    if _for_machines.get() or not sys.stderr.isatty():
-        return None
-
-    def show(event: Progress) -> None:
-        values = "  ".join(f"{name} {value:.5g}" for name, value in event.values.items())
-        _show(event.task, event.step, event.of, values)
-
-    return show
+    return _show if _on_terminal() else None
 
 
-def _show(task: str, step: int, of: int | None, values: str = "") -> None:
-    sys.stderr.write(f"\r{task}: {step:3d}{f' of {of}' if of else ''}  {values} \033[K")
+def _show(event: Progress) -> None:
+    values = "  ".join(f"{name} {value:.5g}" for name, value in event.values.items())
+    sys.stderr.write(f"\r{event.task}: {event.step:3d}{f' of {event.of}' if event.of else ''}  {values} \033[K")
     sys.stderr.flush()
+
+
+def _on_terminal() -> bool:
+    return not _for_machines.get() and sys.stderr.isatty()
 
 
 T = TypeVar("T")
@@ -155,10 +200,12 @@ T = TypeVar("T")
 
 def each(items: Sequence[T], task: str) -> Iterator[T]:
     """The ``items`` of long work one by one, with a line on a terminal that says how far the ``task`` has come."""
+    from mmg.progress import Progress
+
     show = progress()
     for step, item in enumerate(items):
         if show:
-            _show(task, step, len(items))
+            show(Progress(task, step, len(items)))
         yield item
     end_progress()
 
@@ -166,7 +213,7 @@ def each(items: Sequence[T], task: str) -> Iterator[T]:
 @contextmanager
 def working(task: str) -> Iterator[None]:
     """While it lasts, a line on a terminal that says what is being done: the ``task``."""
-    if progress():
+    if _on_terminal():
         sys.stderr.write(f"\r{task} ...\033[K")
         sys.stderr.flush()
     try:
@@ -177,7 +224,7 @@ def working(task: str) -> Iterator[None]:
 
 def end_progress() -> None:
     """Clears the line of ``progress`` on a terminal."""
-    if not _for_machines.get() and sys.stderr.isatty():
+    if _on_terminal():
         sys.stderr.write("\r\033[K")
 
 
@@ -199,17 +246,24 @@ def is_model(argument: str) -> bool:
     return argument in library() or path.suffix.lower() in (".toml", ".json")
 
 
+def positive(option: str, value: float | None, or_zero: bool = False) -> None:
+    """Raises UserError unless the ``value`` of ``option`` is None or a positive number, or ``or_zero``."""
+    if value is not None and not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
+        raise OutOfRange(f"{option} {value:g}: must be {'0 or ' * or_zero}a positive number")
+
+
 def names_of(text: Iterable[str] | None) -> list[str]:
     """Names in ``text``, repeated and comma-separated option values."""
     return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
 
 
-def numbers_of(text: str, count: int, what: str) -> tuple[float, ...]:
-    """The ``count`` comma-separated numbers of ``text``; UserError, which begins with ``what``, for anything else."""
+def numbers_of(text: str, count: int, what: str, mark: str = ",") -> tuple[float, ...]:
+    """The ``count`` finite numbers that ``text`` lists with a ``mark`` between. Raises UserError, which begins with
+    ``what``, for anything else."""
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float(part) for part in text.split(mark))
     except ValueError:
         values = ()
-    if len(values) != count:
-        raise BadValue(f"{what}: {text!r} is not {count} comma-separated numbers")
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise BadValue(f"{what}: {text!r} is not {count} numbers with {mark!r} between them")
     return values

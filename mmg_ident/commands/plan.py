@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue, NotWritable, OutOfRange
+from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import names_of, print_json, progress, refuse_target, say, working
-
-if TYPE_CHECKING:
-    from fitting.design.planned_trial import PlannedTrial
+from mmg_ident.commands import output as cli
 
 
 @o.options(Limits="speed_limit margin start ahead rudder_limit", Solver="time_limit seed effort workers scheduler")
@@ -23,9 +20,7 @@ def plan(
     time: Annotated[float, Option(help="Length of the trial [s].")],
     out: Annotated[Path, Option(help="CSV file for the autopilot; a map comes with it.")],
     coefficients: Annotated[str | None, Option(help="Symbols, hull, propeller, rudder or all; default hull.")] = None,
-    figures: Annotated[
-        str | None, Option(help="Instead: advance, transfer, tactical_diameter, track_reach, first_overshoot_10, ...")
-    ] = None,
+    figures: Annotated[str | None, Option(help="Instead: advance, tactical_diameter, first_overshoot_10, ...")] = None,
     speed_limit: Annotated[float | None, Option(help="Highest [m/s]; default that of the trials.")] = None,
     margin: Annotated[float | None, Option(help="From the edges [m]; default half a beam.")] = None,
     start: Annotated[str | None, Option(help="x:y:heading [m, m, deg]; default where most room is.")] = None,
@@ -33,7 +28,7 @@ def plan(
     rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
     time_limit: Annotated[float, Option(help="Limit of the search [s].")] = 150.0,
     seed: o.Seed = 0,
-    effort: Annotated[float, Option(help="Factor on the length of the search.")] = 1.0,
+    effort: Annotated[float, Option(max=100, help="Factor on the length of the search.")] = 1.0,
     workers: o.Workers = 1,
     scheduler: o.Scheduler = None,
     force: o.Force = False,
@@ -47,61 +42,39 @@ def plan(
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
     from fitting.design.planned_trial import Wish, plan_trial
-    from fitting.report.plan_section import in_words
+    from fitting.report.plan_section import in_words, keep_plan, plan_map
     from fitting.report.run_folder import read_result
     from mmg_ident.api import load_run
 
-    if out.suffix.lower() != ".csv":
-        raise BadValue(f"--out {out}: the file for the autopilot ends in .csv")
-    for path in (out, out.with_suffix(".png")):
-        refuse_target("--out", path, force)
-    if not (math.isfinite(effort) and 0 < effort <= 100):
-        raise OutOfRange(f"--effort {effort:g}: give a number above 0, at most 100")
-    symbols, wanted = (tuple(names_of([text or ""])) for text in (coefficients, figures))
+    cli.refuse_target("--out", out, force, (".csv",))
+    cli.refuse_target("--out", out.with_suffix(".png"), force)
+    cli.positive("--effort", effort)
+    symbols, wanted = (tuple(cli.names_of([text or ""])) for text in (coefficients, figures))
+    place = None
+    if start is not None:
+        x, y, heading = cli.numbers_of(start, 3, "--start x:y:heading", ":")
+        place = (x, y, math.radians(heading))
     wish = Wish(
-        area, time, symbols, wanted, speed_limit, margin, _start(start), ahead, seed, effort,
-        math.radians(rudder_limit), time_limit, workers,
+        area, time, symbols, wanted, speed_limit, margin, place, ahead, seed, effort, math.radians(rudder_limit),
+        time_limit, workers,
     )  # fmt: skip
     kind = read_result(run)["kind"]
     if kind not in ("calibration", "training"):
         raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
     result = load_run(run)
-    with working("planning"):
-        planned = plan_trial(result.ship, result.to_dict(), wish, progress())
-    _write(planned, out, run)
-    content = planned.to_dict()
-    if json:
-        print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
-        return
-    for note in planned.notes:
-        say(f"note: {note}")
-    print("\n".join(in_words(content, out.name)))
-    say(f"written: {out}, {out.with_suffix('.png')}")
-
-
-def _start(text: str | None) -> tuple[float, float, float] | None:
-    """x, y [m], psi [rad] of words such as 5:12:90."""
-    if text is None:
-        return None
-    try:
-        x, y, heading = (float(word) for word in text.split(":"))
-    except ValueError:
-        x = y = heading = math.nan
-    if not all(math.isfinite(v) for v in (x, y, heading)):
-        raise BadValue(f"--start {text}: give x:y:heading in metres and degrees, such as 5:12:90")
-    return x, y, math.radians(heading)
-
-
-def _write(planned: PlannedTrial, out: Path, run: Path) -> None:
-    """The file for the autopilot and the map beside it; the run keeps the plan for its report."""
-    from fitting.report.plan_section import keep_plan, plan_map
-
-    try:
+    with cli.working("planning"):
+        planned = plan_trial(result.ship, result.to_dict(), wish, cli.progress())
+    with cli.writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
-    except OSError as error:
-        raise NotWritable(f"{error.filename or out}: cannot be written ({error.strerror or error})") from None
     try:
         keep_plan(planned, run, out)
     except OSError as error:
-        say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
+        cli.say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
+    content = planned.to_dict()
+    if json:
+        cli.print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})
+        return
+    cli.say_notes(planned.notes)
+    print("\n".join(in_words(content, out.name)))
+    cli.say(f"written: {out}, {out.with_suffix('.png')}")

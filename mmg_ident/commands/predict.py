@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 from typer import Option
 
 from mmg.errors import Conflict, NoSolution, TargetExists
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, progress, say
-
-if TYPE_CHECKING:
-    from cases.trial import Trial
-    from fitting.result import FitResult
-    from mmg.ship import Ship
-    from mmg_ident.prediction import Prediction
+from mmg_ident.commands import output as cli
 
 
 def predict(
@@ -24,10 +18,7 @@ def predict(
     out: Annotated[Path, Option(help="CSV file (one trial), or folder (NAME.csv for each).")],
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
     stride: Annotated[float | None, Option(help="Between window starts [s]; default the window.")] = None,
-    adapt: Annotated[
-        float | None,
-        Option(help="Past of a window [s] that tells the disturbance, 0: none; default what the run folder says pays."),
-    ] = None,
+    adapt: Annotated[float | None, Option(help="Past of a window [s]; default what the run says pays.")] = None,
     campaign: o.Campaign = None,
     force: o.Force = False,
     unchecked: o.Unchecked = False,
@@ -51,6 +42,7 @@ def predict(
     from cases.checks.trusted import DOUBT, remarks
     from cases.io.campaigns import MEAN, TAKEN, campaigns_taken, said_campaign
     from cases.io.files import file_key
+    from cases.io.leave_out import inside, spans_left_out
     from cases.io.read import read_trials
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
@@ -65,73 +57,35 @@ def predict(
         raise Conflict(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
     files = {run.name: out if single else out / f"{run.name}.csv" for run in runs}
     if len({file_key(name) for name in files}) < len(runs):
-        raise Conflict(
-            "two trials have the same name (as files of Windows have it); rename one or predict them separately"
-        )
+        raise Conflict("two trials have the same name (as files of Windows have it); rename one, or predict each alone")
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise TargetExists(f"{existing[0]}: exists already; choose another --out or add --force")
     (sound,) = ready(runs, unchecked=unchecked)
-    known = _read_once(model)
-    runs = said_campaign(runs, campaign, load_ship(model)) if campaign is not None else runs
-    found = api.predict(known, runs, window, stride, adapt, progress())
+    ship = None if is_black_box(model) else load_ship(model)
+    title = ship.title if ship else model
+    if campaign is not None:
+        runs = said_campaign(runs, campaign, ship or load_ship(model))
+    found = api.predict(model, runs, window, stride, adapt, cli.progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
-    notes: list[str] = list(past_to_use(api.content_of(known), adapt)[1])
+    notes: list[str] = [*past_to_use(api.content_of(model), adapt)[1]]
     notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
-    notes += [note for p, kept in zip(found, sound, strict=True) for note in _doubtful_starts(p, kept)]
-    notes += campaigns_taken(load_ship(model), runs) if not is_black_box(model) else []
+    for p, kept in zip(found, sound, strict=True):
+        left_out = inside(kept, spans_left_out(kept))
+        if begun := [str(w.number) for w in p.windows if left_out[w.first]]:
+            words = f"{kept.name}: window(s) {', '.join(begun)} begin in a broken stretch (mmg check)"
+            notes.append(f"{words}, from a state that is not to be believed")
+    notes += campaigns_taken(ship, runs) if ship else []
     notes += [note for p in found for note in p.notes if not (has_code([note], TAKEN) or has_code([note], MEAN))]
     write_tables({files[p.trial.name]: p.table for p in found})
-    for note in notes:
-        say(f"note: {note}")
+    cli.say_notes(notes)
     counts, past = {p.trial.name: len(p.windows) for p in found}, found[0].past_s
     if json:
-        outside = {p.trial.name: p.outside for p in found}
-        written = {
-            "title": _title(known),
-            "files": {n: str(p) for n, p in files.items()},
-            "windows": counts,
-            "past_s": past,
-            "notes": notes,
-        }
-        print_json(written | ({"outside_envelope": outside} if any(v is not None for v in outside.values()) else {}))
+        outside = {p.trial.name: p.outside for p in found if p.outside is not None}
+        content: dict[str, Any] = {"title": title, "files": {n: str(p) for n, p in files.items()}, "windows": counts}
+        content |= {"past_s": past, "notes": notes}
+        cli.print_json(content | ({"outside_envelope": outside} if outside else {}))
     else:
         how = f"with up to {past:g} s of past" if past else "without a past"
-        say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {_title(known)}, {how}, written to {out}")
-
-
-def _read_once(model: str) -> str | Ship | FitResult:
-    """The ship or calibration that ``model`` names, its name where it is a training."""
-    from cases.shipfiles.network_file import is_black_box
-    from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import RESULT, described_in
-    from fitting.result import FitResult
-    from mmg.ship import Ship
-    from mmg_ident.api import load_run
-
-    if is_black_box(model):
-        return model
-    folder = described_in(Path(model))
-    run = load_run(folder) if (folder / RESULT).exists() else load_ship(model)
-    return run if isinstance(run, (FitResult, Ship)) else model
-
-
-def _title(model: str | Ship | FitResult) -> str:
-    """What the ``model`` is called: of a ship her calibration."""
-    from cases.shipfiles.network_file import is_black_box
-    from cases.shipfiles.ship_file import load_ship
-
-    if isinstance(model, str):
-        return model if is_black_box(model) else load_ship(model).title
-    return model.ship.title if hasattr(model, "ship") else model.title
-
-
-def _doubtful_starts(found: Prediction, kept: Trial) -> list[str]:
-    """A note on the windows of ``found`` that begin in a stretch that is left out of the trial ``kept``."""
-    from cases.io.leave_out import inside, spans_left_out
-
-    rows = inside(kept, spans_left_out(kept))
-    begun = [str(w.number) for w in found.windows if rows[w.first]]
-    words = f"{kept.name}: window(s) {', '.join(begun)} begin in a broken stretch (mmg check), from a state that is not"
-    return [f"{words} to be believed"] if begun else []
+        cli.say(f"{sum(counts.values())} windows of {len(runs)} trial(s) by {title}, {how}, written to {out}")

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, OutOfRange, TargetExists
+from mmg.errors import BadValue, Conflict, TargetExists
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, say, working
+from mmg_ident.commands import output as cli
 
 
 def report(
     runs: o.Runs,
     out: Annotated[Path | None, Option(help="HTML file; default RUN/report.html, of several ./report.html.")] = None,
     pdf: Annotated[bool, Option("--pdf", help="Also a PDF beside it (needs WeasyPrint: the extra pdf).")] = False,
-    full_load_draught: Annotated[
-        float | None, Option(help="[m], at the length of the ship file: tested IMO figures are corrected to it.")
-    ] = None,
+    full_load_draught: Annotated[float | None, Option(help="[m] to which tested IMO figures are corrected.")] = None,
     imo: Annotated[bool, Option(help="Without the form for IMO, whose figures are simulated.")] = True,
     json: o.Json = False,
 ) -> None:
@@ -40,12 +37,12 @@ def report(
             raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
         if path.exists() and path.absolute() not in own:
             raise TargetExists(f"{path}: already exists; choose another --out")
-    if full_load_draught is not None and not (math.isfinite(full_load_draught) and full_load_draught > 0):
-        raise OutOfRange(f"--full-load-draught {full_load_draught:g}: must be a positive number of metres")
-    with working("writing the report"):
+    cli.positive("--full-load-draught", full_load_draught)
+    with cli.working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:
-        print_json({"report": str(target), "pdf": str(targets[1]) if pdf else None, "runs": [str(f) for f in folders]})
+        made = {"report": str(target), "pdf": str(targets[1]) if pdf else None}
+        cli.print_json(made | {"runs": [str(folder) for folder in folders]})
     else:
         for path in targets:
-            say(f"report: {path}")
+            cli.say(f"report: {path}")

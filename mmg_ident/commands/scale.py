@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import command_line, print_json, say, say_remarks, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
@@ -41,14 +41,14 @@ def scale(
     scaling = Scaling(length, speed, rho, form_factor, roughness, froude_only, name)
     scaling.check()
     check_target(out)
-    with reserved(out), working("scaling"):
-        result = write_scaled(scaled_result(run, scaling, command_line()), out)
+    with reserved(out), cli.working("scaling"):
+        result = write_scaled(scaled_result(run, scaling, cli.command_line()), out)
     if json:
-        print_json(result.to_dict())
+        cli.print_json(result.to_dict())
         return
-    say_remarks(result)
+    cli.say_remarks(result)
     _print(result)
-    say(f"run folder: {out} (ship.toml, result.json, report.html; model/ holds the run of the model)")
+    cli.say(f"run folder: {out} (ship.toml, result.json, report.html; model/ holds the run of the model)")
 
 
 def _print(result: FitResult) -> None:
@@ -56,15 +56,13 @@ def _print(result: FitResult) -> None:
     account: dict[str, Any] = result.scaling or {}
     model = account["model"]
     print(f"{result.ship_name}: {model['ship']} of {model['length_m']:g} m at the scale {account['scale']:.6g}")
-    points = account["self_propulsion"]
+    points, rows = account["self_propulsion"], []
     for key, words in (("speed_m_s", "speed [m/s]"), ("n", "revolutions [1/s]"), ("C_Th", "propeller loading C_Th")):
         pair = [points[side][key] for side in ("model", "ship")]
         if None not in pair:
-            print(f"  {words:24s} {pair[0]:10.4g} -> {pair[1]:10.4g}")
-    for row in account["coefficients"]:
-        if row["changed"]:
-            values = f"{row['model']:10.4g} -> {row['ship']:10.4g} +- {row['ship_std']:.2g}"
-            print(f"  {row['symbol']:24s} {values}")
-    kept = [row["symbol"] for row in account["coefficients"] if not row["changed"]]
-    if kept:
-        print(f"  kept, with wider errors: {', '.join(kept)}")
+            rows.append((words, *(f"{value:.4g}" for value in pair), ""))
+    changed = [row for row in account["coefficients"] if row["changed"]]
+    rows += [(r["symbol"], f"{r['model']:.4g}", f"{r['ship']:.4g}", f"{r['ship_std']:.2g}") for r in changed]
+    cli.print_table(("", "model|n", "ship|n", "std|n"), rows)
+    if kept := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
+        print(f"kept, with wider errors: {', '.join(kept)}")

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, TooFewData, UnknownName
 from mmg.states import STATES
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import each, is_model, numbers_of, print_json, print_table, say
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-
-    from cases.trial import Trial
     from fitting.prediction.score import Score, TrialScore
-    from fitting.prediction.units import RunErrors
-    from mmg.messages import Message
-    from mmg.ship import Ship
+    from fitting.prediction.units import RunErrors, UnitErrors
 
 
 def score(
@@ -32,10 +27,7 @@ def score(
     sigma: Annotated[str | None, Option(help="Of x,y,psi,u,v,r, to divide errors by.")] = None,
     sigma_from: Annotated[list[Path] | None, Option(help="Trials with that sigma.", metavar="TRIAL...")] = None,
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
-    adapt: Annotated[
-        float | None,
-        Option(help="Also with this past of a window [s], 0: not; default what a run folder says pays."),
-    ] = None,
+    adapt: Annotated[float | None, Option(help="Also with a past of so many s; default what a run says pays.")] = None,
     window: Annotated[float, Option(help="Of errors in units [s]; default 30, or 4 L/U of a large ship.")] = 0.0,
     campaign: o.Campaign = None,
     unchecked: o.Unchecked = False,
@@ -55,9 +47,8 @@ def score(
     """
     from dataclasses import replace
 
-    from cases.checks import ready
     from cases.checks.trusted import remarks
-    from cases.io.read import read_trials
+    from cases.io.campaigns import campaigns_taken, said_campaign
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
@@ -66,8 +57,8 @@ def score(
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 
-    models = list(dict.fromkeys(a for a in runs_and_trials if is_model(a)))
-    files = [Path(a) for a in runs_and_trials if not is_model(a)]
+    models = list(dict.fromkeys(a for a in runs_and_trials if cli.is_model(a)))
+    files = [a for a in runs_and_trials if not cli.is_model(a)]
     if not models and not Path(runs_and_trials[0]).exists():
         load_ship(runs_and_trials[0])
     if not models:
@@ -76,18 +67,17 @@ def score(
         raise Missing("no trial named: give trial files, or a folder of them, after the models")
     if method not in ("rk4", "euler"):
         raise UnknownName(f"--method {method!r} is unknown; use rk4 or euler")
-    if adapt is not None and not (0 <= adapt < float("inf")):
-        raise OutOfRange("--adapt must be 0 or a positive number of seconds")
-    if not (0 <= window < float("inf")):
-        raise OutOfRange(f"--window {window:g} must be 0 or a positive number of seconds")
+    cli.positive("--adapt", adapt, or_zero=True)
+    cli.positive("--window", window, or_zero=True)
     if sigma and sigma_from:
         raise Conflict("--sigma and --sigma-from exclude each other")
-    trials, others = ready(read_trials(files), read_trials(sigma_from) if sigma_from else [], unchecked=unchecked)
+    trials, others = cli.read_ready(files, sigma_from, unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
+    ships = {name: model.ship for name, model in loaded.items() if isinstance(model, Simulator)}
     if sigma:
         import numpy as np
 
-        values, origin = np.array(numbers_of(sigma, 6, "--sigma")), "--sigma"
+        values, origin = np.array(cli.numbers_of(sigma, 6, "--sigma")), "--sigma"
         if not (values > 0).all():
             raise OutOfRange("--sigma: all six numbers must be positive")
     elif sigma_from:
@@ -95,83 +85,34 @@ def score(
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     if campaign is not None:
-        trials = _said(trials, campaign, [s.ship for s in loaded.values() if isinstance(s, Simulator)])
-    lengths = [s.ship.particulars["L"] for s in loaded.values() if isinstance(s, Simulator)]
-    window = window or window_for(trials, lengths[0] if lengths else None)
+        knowing = [ship for ship in ships.values() if ship.campaigns] or list(ships.values())
+        if not knowing:
+            raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
+        trials = said_campaign(trials, campaign, knowing[0])
+    window = window or window_for(trials, next((ship.particulars["L"] for ship in ships.values()), None))
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)
-    for name, simulator in each(list(loaded.items()), "scoring"):
+    for name, simulator in cli.each(list(loaded.items()), "scoring"):
         scores[name] = scored(simulator, trials, values, origin, method, units=window)
-        if past and isinstance(simulator, Simulator):
+        if past and name in ships:
             scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
-    notes = [
-        *_campaigns(loaded, trials),
-        *remarks(trials),
-        *(_worth(scores, loaded, read_trials(files), values, method) if remarks(trials) else ()),
-    ]
-    scores = {name: replace(s, notes=(*notes, *s.notes)) for name, s in scores.items()}
+    taken = dict.fromkeys(message for ship in ships.values() for message in campaigns_taken(ship, trials))
+    scores = {name: replace(s, notes=(*taken, *remarks(trials), *s.notes)) for name, s in scores.items()}
     if json:
-        found = {n: s.to_dict() for n, s in scores.items()}
-        titles = {n: s.ship.title for n, s in loaded.items() if isinstance(s, Simulator)}
-        print_json(
-            {"titles": titles, "metric": METRIC, "method": method, "past_s": past, "models": found,
-             "worse": worse_than_first(scores)}
-        )  # fmt: skip
+        found = {"metric": METRIC, "method": method, "past_s": past, "worse": _worse_than_first(scores)}
+        cli.print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
     else:
-        for model, simulator in loaded.items():
-            if isinstance(simulator, Simulator) and simulator.ship.mark:
-                say(f"{Path(model).name}: {simulator.ship.title}")
-        print_scores(scores)
-    _refuse_nan(scores)
-
-
-def _said(trials: list[Trial], campaign: str, ships: list[Ship]) -> list[Trial]:
-    """The ``trials`` as of the ``campaign``, which one of the ``ships`` at least must know."""
-    from cases.io.campaigns import said_campaign
-
-    knowing = [ship for ship in ships if ship.campaigns] or ships
-    if not knowing:
-        raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
-    return said_campaign(trials, campaign, knowing[0])
-
-
-def _campaigns(models: dict[str, Any], trials: list[Trial]) -> list[Message]:
-    """Which campaigns' instruments the ``models`` take for the ``trials``, each message once."""
-    from cases.io.campaigns import campaigns_taken
-    from mmg.rollout import Simulator
-
-    ships = [model.ship for model in models.values() if isinstance(model, Simulator)]
-    return list(dict.fromkeys(message for ship in ships for message in campaigns_taken(ship, trials)))
-
-
-def _worth(
-    scores: dict[str, Score], models: dict[str, Any], trials: list[Trial], sigma: np.ndarray, method: str
-) -> list[Message]:
-    """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
-    from cases.checks.trusted import as_they_are
-    from fitting.prediction.score import score as scored
-    from fitting.prediction.score_words import in_words
-    from mmg.messages import Message
-
-    name, simulator = next(iter(models.items()))
-    kept = scored(simulator, as_they_are(trials), sigma, "", method)
-    words = f"with what was left out {Path(name).name} has 30 s windows {in_words(kept.window)} instead of "
-    words += f"{in_words(scores[name].window)}, 100 s restarts {in_words(kept.paper)} instead of "
-    words += in_words(scores[name].paper)
-    return [Message(f"{words} (--unchecked scores every row)", "left_out_worth")]
-
-
-def _refuse_nan(scores: dict[str, Score]) -> None:
-    """Raises UserError where a prediction diverges, and where no 30 s are scored: that is a failure, not a result."""
-    for name, found in scores.items():
-        if found.diverged:
-            names = ", ".join(found.diverged)
+        for name, ship in ships.items():
+            if ship.mark:
+                cli.say(f"{Path(name).name}: {ship.title}")
+        _print(scores)
+    for name, result in scores.items():  # both are failures, no results
+        if result.diverged:
+            names = ", ".join(result.diverged)
             raise NoSolution(f"{Path(name).name}: no score on {names}, the prediction diverges; see mmg check")
-        if math.isnan(found.window):
-            raise TooFewData(
-                f"{Path(name).name}: no score, no whole window of 30 s without missing samples is in these trials; "
-                "give longer ones, or mend them (mmg check)"
-            )
+        if math.isnan(result.window):
+            words = "no window of 30 s without missing samples is in these trials; give longer ones, or mend them"
+            raise TooFewData(f"{Path(name).name}: no score, {words} (mmg check)")
 
 
 METRIC = {
@@ -181,8 +122,8 @@ METRIC = {
 }
 
 
-def print_scores(scores: Mapping[str, Score]) -> None:
-    """Print everything about the ``scores`` of models, by name."""
+def _print(scores: Mapping[str, Score]) -> None:
+    """Everything about the ``scores`` of models, by name."""
     from cases.trial import UNITS
 
     first = next(iter(scores.values()))
@@ -192,25 +133,19 @@ def print_scores(scores: Mapping[str, Score]) -> None:
     ]
     rows.append(("all rows pooled", *map(_cell, scores.values()), ""))
     heads = ("trial", *(f"{Path(name).name}|n" for name in scores), "windows|n")
-    print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
-    _print_units(scores)
+    cli.print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
+    _print_units({Path(name).name: s.units for name, s in scores.items() if s.units})
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
     print(f"sigma from {first.sigma_from}: {words}")
-    print(past_in_words(scores))
+    past = {Path(name).name: s.past_s for name, s in scores.items() if s.past_s}
+    used = f"up to {max(past.values()):g} s by {', '.join(past)}; none by the others" if past else "none is used"
+    print(f"past of a window: {used}")
     for note in dict.fromkeys(note for s in scores.values() for note in s.notes):
         of = [Path(name).name for name, s in scores.items() if note in s.notes]
         model = f" ({', '.join(of)})" if len(of) < len(scores) else ""
         print(f"note: {note}{model}")
-    for line in worse_than_first(scores):
+    for line in _worse_than_first(scores):
         print(line)
-
-
-def past_in_words(scores: Mapping[str, Score]) -> str:
-    """How much of the past of a window the predictions of the ``scores`` used."""
-    with_past = {Path(name).name: s.past_s for name, s in scores.items() if s.past_s}
-    if not with_past:
-        return "past of a window: none is used"
-    return f"past of a window: up to {max(with_past.values()):g} s by {', '.join(with_past)}; none by the others"
 
 
 def _cell(found: Score | TrialScore) -> str:
@@ -220,9 +155,8 @@ def _cell(found: Score | TrialScore) -> str:
     return f"{in_words(found.paper)} | {in_words(found.window)}"
 
 
-def _print_units(scores: Mapping[str, Score]) -> None:
-    """Errors in units by run, and those of the manoeuvring figures."""
-    units = {Path(name).name: s.units for name, s in scores.items() if s.units}
+def _print_units(units: Mapping[str, UnitErrors]) -> None:
+    """Errors in units by run, and those of the manoeuvring figures, of models by name."""
     if not units:
         return
     first = next(iter(units.values()))
@@ -230,32 +164,28 @@ def _print_units(scores: Mapping[str, Score]) -> None:
     title = f"rms errors over {first.window:g} s windows{times}: position | heading | u | r | share of change"
     rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
     rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
-    print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
+    cli.print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
     rows = []
     for i, run in enumerate(first.runs):
         by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
-        for maneuver in run.maneuvers:
-            for figure in maneuver.figures:
-                found = [figures.get((maneuver.title, figure.figure)) for figures in by_model]
-                cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
-                measured = f"{figure.measured:.3g} {figure.unit}"
-                rows.append((run.name, maneuver.title, figure.figure.replace("_", " "), measured, *cells))
+        for title, figure in ((m.title, f) for m in run.maneuvers for f in m.figures):
+            found = [figures.get((title, figure.figure)) for figures in by_model]
+            cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
+            measured = f"{figure.measured:.3g} {figure.unit}"
+            rows.append((run.name, title, figure.figure.replace("_", " "), measured, *cells))
     if rows:
         heads = ("trial", "manoeuvre", "figure", "measured|n", *(f"{name}|n" for name in units))
-        print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
+        cli.print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
 
 
 def _units(run: RunErrors) -> str:
-    if not run.windows:
-        return "-"
     e = run.errors
-    if not math.isfinite(e["position"]):
-        return "diverges"
-    numbers = (e["position"], e["heading"], e["u"], e["r"], 100 * run.share)
-    return " | ".join(f"{value:.3g}" for value in numbers)
+    if not run.windows or not math.isfinite(e["position"]):
+        return "diverges" if run.windows else "-"
+    return " | ".join(f"{value:.3g}" for value in (e["position"], e["heading"], e["u"], e["r"], 100 * run.share))
 
 
-def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
+def _worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
     compared with the first of all."""
     from fitting.prediction.score_pairs import ScorePair
@@ -265,8 +195,7 @@ def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     for other in others:
         found, alike = scores[other], next(n for n, s in scores.items() if s.past_s == scores[other].past_s)
         name = first if alike == other else alike
-        runs = ScorePair(scores[name], found).worse_runs
-        if runs:
+        if runs := ScorePair(scores[name], found).worse_runs:
             words = f"worse than {Path(name).name} on {len(runs)} of {len(found.trials)} runs: {'; '.join(runs)}"
             lines.append(f"{Path(other).name}: {words}")
     return lines

@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from fitting.settings import Settings
-from mmg.errors import Conflict, NotWritable, TooFewData, UnknownName, UserError
+from mmg.errors import Conflict, TooFewData, UnknownName, UserError
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    command_line,
-    names_of,
-    print_json,
-    print_table,
-    progress,
-    refuse_target,
-    say,
-)
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial import Trial
@@ -38,9 +30,7 @@ def select(
     ship: o.Ship,
     settings: o.Given,
     trials: Annotated[list[Path] | None, Argument(help="Trials to fit on, or folders.", metavar="TRIAL...")] = None,
-    validate: Annotated[
-        list[Path] | None, Option(help="Trials to choose by; default the last quarter.", metavar="TRIAL...")
-    ] = None,
+    validate: Annotated[list[Path] | None, Option(help="To choose by; default a quarter.", metavar="TRIAL...")] = None,
     test: Annotated[list[Path] | None, Option(help="Trials to test the choice on, once.", metavar="TRIAL...")] = None,
     out: Annotated[Path | None, Option(help="Run folder to write, with --write a ship file.")] = None,
     unchecked: o.Unchecked = False,
@@ -53,16 +43,12 @@ def select(
     force: o.Force = False,
     only: Annotated[list[str] | None, Option(help="Try only these, such as mmg,sm2-order3.")] = None,
     order: Annotated[int, Option(help="Highest order of the polynomials.")] = 3,
-    actuators: Annotated[
-        str | None, Option(help="Such as 'n, delta' or 'n+n_2, delta', where + mirrors; default the ship's.")
-    ] = None,
+    actuators: Annotated[str | None, Option(help="Such as 'n+n_2, delta', + mirrors; default the ship's.")] = None,
     asymmetric: Annotated[bool, Option("--asymmetric", help="Port and starboard differ: keep all.")] = False,
     duplicates: Annotated[str, Option(help="Left out of sin^2 + cos^2: paper, identity, none.")] = "paper",
     moduli: Annotated[str, Option(help="Squares as moduli: paper, full, none.")] = "paper",
     hard: Annotated[bool, Option("--hard", help="Sub-models switch at once, not blended.")] = False,
-    objective: Annotated[
-        str, Option(help="regression, or paper: simulated subsequences (Miyauchi et al. 2023).")
-    ] = "regression",
+    objective: Annotated[str, Option(help="regression, or paper (Miyauchi et al. 2023).")] = "regression",
     optimizer: Annotated[str | None, Option(help="Of the paper's: gradient (default) or cmaes.")] = None,
     seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
     scheduler: o.Scheduler = None,
@@ -82,35 +68,34 @@ def select(
     from fitting.selection.candidates import Rules, candidate, candidates
     from mmg.components.expansion.structure import term_list
 
-    wanted = [list_, terms is not None, write is not None, bool(trials)]
-    if sum(wanted) != 1:
+    if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
     if (write is None and not trials) != (out is None):
         raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
-    if out is not None and not trials:
-        refuse_target("--out", out, force)
+    cli.refuse_target("--out", None if trials else out, force)
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
     if trials and out is not None:
         chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
         method = _method(objective, optimizer, seeds, chosen)
         sets = _sets(trials, validate, test, unchecked)
-        return _choose(model, rules, sets, names_of(only), (chosen, method, resume, not no_report), out, json)
+        return _choose(model, rules, sets, cli.names_of(only), chosen, method, resume, not no_report, out, json)
     if list_:
         found = candidates(model, rules)
-        print_json({"ship": model.name, "candidates": [_row(c) for c in found]}) if json else _print(found)
+        rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in found]
+        if json:
+            cli.print_json({"ship": model.name, "candidates": [_row(c) for c in found]})
+        else:
+            cli.print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)
         return 0
     one = candidate(model, str(write if terms is None else terms), rules)
-    for notice in one.ship.notices:
-        say(f"note: {notice}")
+    cli.say_notes(one.ship.notices)
     if out is not None:
-        try:
+        with cli.writing(out):
             replace_text(out, dump_ship(one.ship))
-        except OSError as error:
-            raise NotWritable(f"--out {out}: cannot be written ({error.strerror or error})") from None
-        say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
+        cli.say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
     elif json:
-        rows = [{"symbol": s, "monomial": text, "force": s[0]} for s, text in one.ship.monomials.items()]
-        print_json({"ship": model.name, **_row(one), "terms": rows})
+        each = [{"symbol": s, "monomial": text, "force": s[0]} for s, text in one.ship.monomials.items()]
+        cli.print_json({"ship": model.name, **_row(one), "terms": each})
     else:
         print(term_list(list(one.ship.coefficients.values())))
     return 0
@@ -132,7 +117,7 @@ def _sets(
         if len(train) < 2:
             raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
         train, held = train[:-count], train[-count:]
-        say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
+        cli.say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
     train, held, last = ready(train, held, last, unchecked=unchecked)
     return train, held, last
 
@@ -156,20 +141,25 @@ def _choose(
     rules: Rules,
     sets: tuple[list[Trial], list[Trial], list[Trial]],
     only: list[str],
-    how: tuple[Settings, Method | None, bool, bool],
+    settings: Settings,
+    method: Method | None,
+    resume: bool,
+    report: bool,
     out: Path,
     json: bool,
 ) -> int:
     """Chooses, writes the run folder, says what came out."""
     from dataclasses import asdict, replace
 
-    from fitting.report.run_folder import PENDING, check_target, reserved
+    from fitting.report.plot_structures import learning_plot, structure_plot
+    from fitting.report.plot_style import FigureFolder
+    from fitting.report.run_folder import PENDING, check_target, reserved, write_json
     from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.kept import fingerprint, kept_beside
+    from fitting.selection.learning import write_learning
     from fitting.selection.structure_choice import choose_structure
 
-    settings, method, resume, report = how
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
     done = there and PENDING not in {message.text for message in read_fit(out).messages}
     if not there:
@@ -185,43 +175,33 @@ def _choose(
         kept = kept_beside(out, wanted, resume)
         if done:  # it was ended after the run folder was whole
             kept.done()
-            say(f"{out} is there already, whole")
+            cli.say(f"{out} is there already, whole")
             return 0
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
+            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), method, kept)
         except (KeyboardInterrupt, UserError) as error:
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
-                say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
+                cli.say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
-        found = choice.to_dict()
-        result = replace(choice.result, command=command_line()).save(
-            out, replace=there, attach=lambda folder: _beside(choice, folder, report), report=report
-        )
-        choice = replace(choice, result=result)
+        found, runs = choice.to_dict(), [run for some in choice.runs.values() for run in some]
+
+        def attach(folder: Path) -> None:
+            """All candidates, learning curves and figures, beside the run."""
+            write_json(folder / "selection.json", found)
+            if runs:
+                write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+            figures = FigureFolder(folder / "figures")
+            if report:
+                figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
+            if report and runs:
+                curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
+                figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
+
+        result = replace(choice.result, command=cli.command_line())
+        result.save(out, replace=there, attach=attach, report=report)
         kept.done()
-    print_json(found | {"out": str(out)}) if json else _tell(choice, out)
+    cli.print_json(found | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
-
-
-def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
-    """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.report.plot_structures import learning_plot, structure_plot
-    from fitting.report.plot_style import FigureFolder
-    from fitting.report.run_folder import write_json
-    from fitting.selection.learning import write_learning
-
-    found = choice.to_dict()
-    write_json(folder / "selection.json", found)
-    runs = [run for some in choice.runs.values() for run in some]
-    if runs:
-        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
-    if not report:
-        return
-    figures = FigureFolder(folder / "figures")
-    figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-    if runs:
-        curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
-        figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
@@ -233,19 +213,18 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         numbers = (in_words(row.validation), in_words(row.training), diverged) if not row.left_out else ("", "", "")
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))
-    print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
-    for runs in choice.runs.values():
-        for run in runs:
-            print(
-                f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
-                f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
-                f"{len(run.vanished)} terms left out"
-            )
+    cli.print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
+    for run in (run for some in choice.runs.values() for run in some):
+        print(
+            f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
+            f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
+            f"{len(run.vanished)} terms left out"
+        )
     for name, error in choice.test.items():
         print(f"test trials, 30 s windows, {name}: {in_words(error)}")
     s = choice.stability
     print(f"{choice.chosen}: {s.diverged} of {s.sequences} random harbour sequences diverge; at most {s.speed:.3g} m/s")
-    say(f"run folder: {out} (ship.toml, result.json, selection.json, figures/structures.png, report.html)")
+    cli.say(f"run folder: {out} (ship.toml, result.json, selection.json, figures/structures.png, report.html)")
 
 
 def _row(one: StructureCandidate) -> dict[str, Any]:
@@ -254,8 +233,3 @@ def _row(one: StructureCandidate) -> dict[str, Any]:
         "name": one.name, "unknowns": one.unknowns, "terms_X": x, "terms_Y": y, "terms_N": n, "order": one.order,
         "submodels": one.submodels, "description": one.words,
     }  # fmt: skip
-
-
-def _print(found: tuple[StructureCandidate, ...]) -> None:
-    rows = [(one.name, str(one.unknowns), *map(str, one.counts), one.words) for one in found]
-    print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing, NotWritable
+from mmg.errors import Conflict, Missing
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, print_table, refuse_target, say, ship_names
-
-if TYPE_CHECKING:
-    from mmg.ship import Ship
+from mmg_ident.commands import output as cli
 
 
 def ships(
     name: Annotated[
         str | None,
-        Argument(help="Ship, ship file or run folder to print.", metavar="SHIP", autocompletion=ship_names),
+        Argument(help="Ship, ship file or run folder to print.", metavar="SHIP", autocompletion=cli.ship_names),
     ] = None,
     new: Annotated[
         list[str] | None,
@@ -40,6 +37,7 @@ def ships(
 
     Example: mmg ships --new 320 58 20.8 0.81 9.86 0.72 112.5 7.97 --out my_ship.toml
     """
+    from cases.io.files import replace_text
     from cases.shipfiles.new_ship import new_ship, parse_particulars
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
     from mmg.messages import has_code
@@ -50,12 +48,17 @@ def ships(
         called = called or (out.stem if out else "my_ship")
         ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
         for notice in ship.notices if new else ():
-            say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
+            cli.say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
         if out is not None:
-            _write(out, dump_ship(ship, _HEAD if new else ""), force)
-            say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
-        elif json:
-            print_json(_document(ship))
+            cli.refuse_target("--out", out, force)
+            with cli.writing(out):
+                replace_text(out, dump_ship(ship, _HEAD if new else ""))
+            cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
+        elif json:  # the tables of a ship file
+            words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
+            rows = {s: {k: v for k, v in vars(c).items() if k != "symbol"} for s, c in ship.coefficients.items()}
+            content = {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}
+            cli.print_json(content)
         else:
             sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
         return
@@ -64,41 +67,18 @@ def ships(
     known = {key: load_ship(key) for key in library()}
     if json:
         listed = [
-            {
-                "name": key,
-                "description": ship.description,
-                "L": ship.particulars["L"],
-                "model": dict(ship.components),
-                "coefficients": len(ship.coefficients),
-            }
+            {"name": key, "description": ship.description, "L": ship.particulars["L"],
+             "model": dict(ship.components), "coefficients": len(ship.coefficients)}
             for key, ship in known.items()
-        ]
-        print_json({"ships": listed})
+        ]  # fmt: skip
+        cli.print_json({"ships": listed})
         return
-    rows = []
+    table = []
     for key, ship in known.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
-        rows.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
-    print_table(("name", "L [m]|n", "coefficients|n", "models"), rows)
+        table.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
+    cli.print_table(("name", "L [m]|n", "coefficients|n", "models"), table)
 
 
 _HEAD = """Starting ship from main particulars, by regressions of the literature: expect errors of a quarter in turning
 circles and of 40 % in overshoots. Calibrate it on trials with mmg fit; correct by hand what you know better."""
-
-
-def _write(path: Path, text: str, force: bool) -> None:
-    """Writes a ship file, whole or not at all; UserError when it exists or the folder does not."""
-    from cases.io.files import replace_text
-
-    refuse_target("--out", path, force)
-    try:
-        replace_text(path, text)
-    except OSError as error:
-        raise NotWritable(f"--out {path}: cannot be written ({error.strerror or error})") from None
-
-
-def _document(ship: Ship) -> dict[str, Any]:
-    """A ship file as JSON: the same tables."""
-    words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
-    rows = {s: {key: value for key, value in vars(c).items() if key != "symbol"} for s, c in ship.coefficients.items()}
-    return {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, OutOfRange
+from mmg.errors import Conflict, OutOfRange
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, refuse_target, say, working
+from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
+    from cases.criteria.scatter import ManeuverScatter
     from cases.trial import Trial
     from mmg.ship import Ship
 
@@ -39,9 +40,7 @@ def simulate(
     dt: Annotated[float | None, Option(help="Sampling interval [s]; default 0.1.")] = None,
     seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
     campaign: Annotated[str | None, Option(help="Whose instruments log the run; default the mean.")] = None,
-    scatter: Annotated[
-        int | None, Option(help="Ships drawn from the covariance: median and 90 % interval of each figure.")
-    ] = None,
+    scatter: Annotated[int | None, Option(help="Ships drawn: median and 90 % interval of each figure.")] = None,
     plot: Annotated[Path | None, Option(help="Figure of their tracks (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="Trial file to write (.csv or .parquet).")] = None,
     force: o.Force = False,
@@ -67,111 +66,87 @@ def simulate(
         raise Conflict("give either --maneuver or --controls, one of them")
     if seed < 0:
         raise OutOfRange(f"--seed {seed} must not be negative")
-    if out is not None:
-        if out.suffix.lower() not in (".csv", ".parquet"):
-            raise BadValue(f"--out {out}: trial files end in .csv or .parquet")
-        refuse_target("--out", out, force)
-    if plot is not None:
-        if plot.suffix.lower() not in (".png", ".svg", ".pdf"):
-            raise BadValue(f"--plot {plot}: figures end in .png, .svg or .pdf")
-        refuse_target("--plot", plot, force)
-    approach: dict[str, Any] = {"n": n, "speed": speed, "duration": duration}
-    approach |= {"rudder_rate": None if rudder_rate is None else math.radians(rudder_rate), "sampled": sampled_helm}
-    given = [name for name, value in {**approach, "dt": dt}.items() if value not in (None, False)]
-    if controls is not None and given:
-        option = {"sampled": "sampled-helm"}.get(given[0], given[0].replace("_", "-"))
-        raise Conflict(f"--{option} belongs to --maneuver; with --controls the file gives times and inputs")
+    cli.refuse_target("--out", out, force, (".csv", ".parquet"))
+    cli.refuse_target("--plot", plot, force, cli.FIGURES)
+    orders = {"--n": n, "--speed": speed, "--rudder-rate": rudder_rate, "--sampled-helm": sampled_helm or None}
+    if controls is not None:
+        words = "belongs to --maneuver; with --controls the file gives times and inputs"
+        cli.refuse_given({**orders, "--duration": duration, "--dt": dt}, words)
     model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
     if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
-        if any(value is not None for value in (n, speed, rudder_rate)) or sampled_helm:
-            raise Conflict(
-                f"{maneuver} starts at rest with actuators at their own rates; give --duration and --dt only"
-            )
+        cli.refuse_given(orders, f"is not for {maneuver}, which starts at rest with actuators at their own rates")
         maneuver, source = None, harbour_inputs(model, duration, own, dt)
-    plan = parse_maneuver(maneuver, model, seed=seed, **approach) if maneuver is not None else None
+    plan = None
+    if maneuver is not None:
+        rate = None if rudder_rate is None else math.radians(rudder_rate)
+        plan = parse_maneuver(
+            maneuver, model, n=n, speed=speed, rudder_rate=rate, seed=seed, duration=duration, sampled=sampled_helm
+        )
     if scatter is not None:
-        if plan is None and controls is None:
-            raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
+        from fitting.prediction.maneuver_scatter import maneuver_scatter
+        from fitting.report.plot_maneuvers import save_figure
+        from fitting.report.run_folder import content_on
+
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
-        for option in [name for name, value in others.items() if value is not None]:
-            raise Conflict(f"--scatter is a manoeuvre in calm air; leave {option} out")
-        _scatter(ship, model, plan, (scatter, seed), dt, (out, plot), json)
+        cli.refuse_given(others, "does not belong to --scatter, which is a manoeuvre in calm air; leave it out")
+        if plan is None:
+            raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
+        with cli.working(f"simulating {plan.name} {scatter} times"):
+            found, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
+        if plot is not None:
+            if run is None or drawn is None:
+                raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
+            save_figure((run,), f"{model.title}: {plan.name}, {scatter} draws", plot, {run.name: drawn.shown})
+        if out is not None:
+            tracks = found.tracks()
+            if out.suffix.lower() == ".parquet":
+                tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
+            else:
+                tracks.to_csv(out, index=False)
+        for path in filter(None, (plot, out)):
+            cli.say(f"written: {path}")
+        if json:
+            cli.print_json(found.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
+        else:
+            _print_scatter(found, model, single=run is not None)
         return
     if plot is not None:
         raise Conflict("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
-    with working("simulating"):
+    with cli.working("simulating"):
         trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
-    found = figures_of(trial, plan) if plan else {}
-    summary = _summary(model, trial, plan.name if plan else trial.name, found)
+    figures = figures_of(trial, plan) if plan else {}
+    summary = _summary(model, trial, plan.name if plan else trial.name, figures)
     if noise and out is None:
-        say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
+        cli.say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if out is not None:
         noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
         write_trial(noisy, out)
     summary |= {"seed": seed, "noise": noise, "wind": wind}
     summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
-    print_json(summary) if json else _print(summary, found, model)
+    cli.print_json(summary) if json else _print(summary, figures, model)
 
 
-def _scatter(
-    name: str,
-    ship: Ship,
-    plan: Any,
-    draws: tuple[int, int],
-    dt: float | None,
-    files: tuple[Path | None, Path | None],
-    as_json: bool,
-) -> None:
-    """Draws (how many and their seed), prints the table, and writes the motions and the figure to ``files``."""
-    from fitting.prediction.maneuver_scatter import maneuver_scatter
-    from fitting.report.plot_maneuvers import save_figure
-    from fitting.report.run_folder import content_on
-
-    content = content_on(Path(name))
-    with working(f"simulating {plan.name} {draws[0]} times"):
-        found, run, drawn = maneuver_scatter(ship, plan, content, *draws, dt)
-    out, plot = files
-    if plot is not None:
-        if run is None or drawn is None:
-            raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
-        save_figure((run,), f"{ship.title}: {plan.name}, {draws[0]} draws", plot, {run.name: drawn.shown})
-        say(f"written: {plot}")
-    if out is not None:
-        tracks = found.tracks()
-        if out.suffix.lower() == ".parquet":
-            tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
-        else:
-            tracks.to_csv(out, index=False)
-        say(f"written: {out}")
-    if as_json:
-        print_json(found.to_dict() | {"title": ship.title, "out": None if out is None else str(out)})
-        return
-    for notice in found.notices:
-        say(f"note: {notice}")
-    print(f"{ship.title}: {plan.name}, {found.count} draws of {len(found.coefficients)} coefficients")
-    single = "   of a single trial   criterion" if run is not None else ""
-    print(f"  {'figure':<28} {'as it is':>10} {'median':>10}   90 % interval{single}")
+def _print_scatter(found: ManeuverScatter, ship: Ship, single: bool) -> None:
+    """The figures of draws as a table; single: of one trial each, too."""
+    cli.say_notes(found.notices)
+    title = f"{ship.title}: {found.maneuver.name}, {found.count} draws of {len(found.coefficients)} coefficients"
+    rows = []
     for row in found.rows:
-        print(f"  {_scatter_line(row, ship.particulars['L'])}")
+        unit, factor, form = _unit(row.unit, ship.particulars["L"])
 
+        def shown(*values: float | None, factor: float = factor, form: str = form) -> str:
+            return " .. ".join("-" if x is None or math.isnan(x) else f"{factor * x:{form}}" for x in values)
 
-def _scatter_line(row: Any, length: float) -> str:
-    """A line of the table of draws."""
-    unit, factor, form = _unit(row.unit, length)
-
-    def shown(*values: float | None) -> list[str]:
-        return ["-" if x is None or math.isnan(x) else f"{factor * x:{form}}" for x in values]
-
-    value, middle = shown(row.value, row.median)
-    line = f"{row.figure.replace('_', ' ') + f' [{unit}]':<28} {value:>10} {middle:>10}   "
-    line += " .. ".join(shown(*row.interval_90))
-    if row.interval_90_trial is not None:
-        line += "   " + " .. ".join(shown(*row.interval_90_trial))
-    if row.probability is not None:
-        line += f"   <= {shown(row.limit)[0]}: {100 * row.probability:.0f} %"
-    return line if row.share == 1 else f"{line}  ({100 * row.share:.0f} % of the draws)"
+        limit = "" if row.probability is None else f"<= {shown(row.limit)}: {100 * row.probability:.0f} %"
+        share = "" if row.share == 1 else f"({100 * row.share:.0f} % of the draws)"
+        cells = [f"{row.figure.replace('_', ' ')} [{unit}]", shown(row.value), shown(row.median)]
+        cells += [shown(*row.interval_90), *[shown(*row.interval_90_trial or ())] * single]
+        rows.append([*cells, f"{limit} {share}".strip()])
+    cli.print_table(
+        ("figure", "as it is|n", "median|n", "90 % interval|n", *["of a single trial|n"] * single, ""), rows, title
+    )
 
 
 def _unit(unit: str, length: float) -> tuple[str, float, str]:
@@ -203,10 +178,11 @@ def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dic
 
 
 def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> None:
-    for notice in summary["notices"]:
-        say(f"note: {notice}")
+    from cases.criteria.figures import figure_unit
+
+    cli.say_notes(summary["notices"])
     if summary["out"]:
-        say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
+        cli.say(f"{summary['samples']} samples, {summary['duration_s']:g} s, written to {summary['out']}")
         return
     print(f"{summary['title']}: {summary['run']}, {summary['duration_s']:g} s")
     for word in ("start", "final"):
@@ -220,23 +196,6 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
         )
     print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
     for name, value in figures.items():
-        print(f"  {_line(name, value, ship.particulars['L'])}")
-
-
-_SHOWN = {
-    "rad/s": ("deg/s", math.degrees(1.0), ".3f"),
-    "rad": ("deg", math.degrees(1.0), ".1f"),
-    "m/s": ("m/s", 1.0, ".3f"),
-    "m": ("m", 1.0, ".2f"),
-    "s": ("s", 1.0, ".2f"),
-}
-"""Unit of a figure -> unit, factor and format for people."""
-
-
-def _line(name: str, value: float, length: float) -> str:
-    """A figure in words: angles in degrees, lengths also in ship lengths."""
-    from cases.criteria.figures import figure_unit
-
-    unit, factor, form = _SHOWN.get(figure_unit(name), ("", 1.0, ".3f"))
-    lengths = f" = {value / length:.2f} L" if unit == "m" else ""
-    return f"{name.replace('_', ' ')}  {factor * value:{form}} {unit}{lengths}".rstrip()
+        unit, factor, form = _unit(figure_unit(name), ship.particulars["L"])
+        metres = f"{value:.2f} m = " if unit == "L" else ""
+        print(f"  {name.replace('_', ' ')}  {metres}{factor * value:{form}} {unit}")

@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, UnknownName, needs_torch
+from mmg.errors import Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import (
-    command_line,
-    print_json,
-    progress,
-    refuse_no_score,
-    say,
-    say_remarks,
-    say_scores,
-)
+from mmg_ident.commands import output as cli
 from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings
 
 if TYPE_CHECKING:
@@ -32,8 +24,6 @@ _ONLY = {
     "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
-_AGAIN = "the same command with --resume continues"
-"""How to go on with a training that was stopped."""
 
 
 @o.options(
@@ -47,9 +37,7 @@ def train(
     trials: o.Trials,
     out: o.RunFolder,
     settings: o.Given,
-    validate: Annotated[
-        list[Path] | None, Option(help="Trials to judge by; default parts that take turns.", metavar="TRIAL...")
-    ] = None,
+    validate: Annotated[list[Path] | None, Option(help="Judged by; default parts in turn.", metavar="TRIAL...")] = None,
     model: Annotated[str, Option(help="hybrid, or a black box: fnn, rnn, rnn-window.")] = "hybrid",
     keep: Annotated[str, Option(help="Recommended ship: better, or always the hybrid.")] = "better",
     scheduler: o.Scheduler = None,
@@ -69,24 +57,21 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
-    from cases.checks import ready
     from cases.checks.held_out import training_trials
-    from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import check_target, reserved
-    from residual.result import CALIBRATED
+    from fitting.report.run_folder import RESULT, check_target, reserved
+    from residual.result import CALIBRATED, read_training
 
     chosen_settings = _settings(model, settings)
     if keep not in KEEP:
         raise UnknownName(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    chosen, held_out = read_trials(trials), read_trials(validate) if validate else []
-    chosen, held_out = ready(chosen, held_out, unchecked=unchecked)
+    chosen, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
     start, trained_on = load_ship(run), training_trials(chosen)[0]
     needs_torch("mmg train")
-    if resume and out.exists() and _is_complete(out):
-        say(f"{out} has finished already; nothing to resume")
+    if resume and (out / RESULT).exists() and read_training(out).complete:
+        cli.say(f"{out} has finished already; nothing to resume")
         return 0
     from residual.pipeline import train as trained
     from residual.train import training_store
@@ -94,16 +79,16 @@ def train(
     store = training_store(out, start, trained_on, held_out, chosen_settings, resume)
     try:
         with reserved(out):
-            result = trained(run, chosen, held_out, chosen_settings, keep, command_line(), progress(), store)
+            result = trained(run, chosen, held_out, chosen_settings, keep, cli.command_line(), cli.progress(), store)
             result.save(out, replace=True, report=not no_report)
     except KeyboardInterrupt:
         if not store.folder.is_dir():
             raise
-        say(f"mmg: interrupted; what was finished is in {store.folder}: {_AGAIN}")
+        cli.say(f"mmg: interrupted; what was finished is in {store.folder}: {cli.RESUMED}")
         return 130
-    _summary(result, out) if not json else print_json(result.to_dict())
+    _summary(result, out) if not json else cli.print_json(result.to_dict())
     if result.recommended != CALIBRATED:  # a residual that is declined may diverge
-        refuse_no_score(result.warnings, out)
+        cli.refuse_no_score(result.warnings, out)
     return 130 if result.interrupted else 0
 
 
@@ -117,32 +102,20 @@ def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
     return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
 
 
-def _is_complete(out: Path) -> bool:
-    """Whether the run folder ``out`` holds a training of which no seed was stopped or left out."""
-    from fitting.report.run_folder import RESULT, read_result
-    from residual.result import read_training
-
-    if not (out / RESULT).exists():
-        return False
-    if read_result(out)["kind"] != "training":
-        raise BadValue(f"{out}: is no run of mmg train, so there is nothing to resume; choose another --out")
-    return read_training(out).complete
-
-
 def _summary(result: TrainResult, out: Path) -> None:
     """A few lines for a person."""
-    say_remarks(result)
+    cli.say_remarks(result)
     if result.decision:
-        say(f"{result.decision.words} (judged and scored, with and without it, without the past of a window)")
+        cli.say(f"{result.decision.words} (judged and scored, with and without it, without the past of a window)")
     what = "of the black box, after that of the ship model" if result.black_box else "with the residual"
-    say_scores(result.scores, f", {what}")
+    cli.say_scores(result.scores, f", {what}")
     if result.network:
         du, dv, dr = result.network.bound
-        say(f"the residual never exceeds |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2, whatever the inputs")
+        cli.say(f"for any inputs the residual stays below |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2")
     if not result.complete:
-        say(f"not all seeds came to their end: {_AGAIN}")
+        cli.say(f"not all seeds came to their end: {cli.RESUMED}")
     if result.black_box:
-        say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
+        cli.say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
     else:
         other = f"; the {result.other} ship: {out / result.other}" if result.other else ""
-        say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")
+        cli.say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")

@@ -9,21 +9,15 @@ from typer import Option
 
 from mmg.errors import BadValue
 from mmg_ident.commands import options as o
-from mmg_ident.commands.output import print_json, refuse_target, say, working
+from mmg_ident.commands import output as cli
 
 
 def view(
     runs: o.Runs,
     out: Annotated[Path | None, Option(help="HTML file; default RUN/view.html, of several ./view.html.")] = None,
-    trials: Annotated[
-        list[Path] | None, Option(help="Trials to show; default those of the runs.", metavar="TRIAL...")
-    ] = None,
-    diagnosis: Annotated[
-        Path | None, Option(help="Diagnosis whose force is marked; default one beside the run.")
-    ] = None,
-    window: Annotated[
-        list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100 and 0.")
-    ] = None,
+    trials: Annotated[list[Path] | None, Option(help="To show; default those of the runs.", metavar="TRIAL...")] = None,
+    diagnosis: Annotated[Path | None, Option(help="Diagnosis whose force is marked; default one beside a run.")] = None,
+    window: Annotated[list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100, 0.")] = None,
     force: o.Force = False,
     json: o.Json = False,
 ) -> None:
@@ -36,25 +30,17 @@ def view(
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))
-    if out is not None:
-        refuse_target("--out", out, force)
-    elif target.is_dir():
+    cli.refuse_target("--out", out, force)
+    if out is None and target.is_dir():
         raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
     campaign = gather(folders, trials or (), diagnosis)
-    for note in campaign.notes:
-        say(f"note: {note}")
-    with working("writing the page"):
+    cli.say_notes(campaign.notes)
+    with cli.working("writing the page"):
         size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
     if json:
-        print_json(
-            {
-                "view": str(target),
-                "bytes": size,
-                "trials": [shown.trial.name for shown in campaign.trials],
-                "models": [model.label for model in campaign.models],
-                "diagnosis": campaign.diagnosis.folder if campaign.diagnosis else None,
-                "notes": list(campaign.notes),
-            }
-        )
+        trials_shown, labels = ([s.trial.name for s in campaign.trials], [model.label for model in campaign.models])
+        folder = campaign.diagnosis.folder if campaign.diagnosis else None
+        content = {"view": str(target), "bytes": size, "trials": trials_shown, "models": labels}
+        cli.print_json(content | {"diagnosis": folder, "notes": list(campaign.notes)})
     else:
-        say(f"page: {target} ({size / 1e6:.1f} MB, {len(campaign.trials)} trials); open it in a browser")
+        cli.say(f"page: {target} ({size / 1e6:.1f} MB, {len(campaign.trials)} trials); open it in a browser")

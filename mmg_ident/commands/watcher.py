@@ -72,50 +72,29 @@ def _attend(pipe: int, first: int) -> None:
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)  # who reads the output of the first process must see its end
-    heard = _Heard()
-    while data := os.read(pipe, 64):
-        heard.take(data)
-        while heard.due is not None:
-            left = heard.due - time.monotonic()
-            if select.select([pipe], [], [], max(left, 0.0))[0]:
-                if not (data := os.read(pipe, 64)):
-                    return
-                heard.take(data)
-            elif heard.must_end():
-                os.kill(first, signal.SIGKILL)
+    held, ending, pressed, began = False, False, 0, 0.0
+    due: float | None = None  # when something must be said or done
+    while True:
+        if select.select([pipe], [], [], None if due is None else max(due - time.monotonic(), 0.0))[0]:
+            if not (data := os.read(pipe, 64)):
                 return
-
-
-class _Heard:
-    """What was heard of the first process. due: the time at which something must be said or done, or None."""
-
-    def __init__(self) -> None:
-        self.held, self.pressed, self.ending, self.began = False, 0, False, 0.0
-        self.due: float | None = None
-
-    def take(self, data: bytes) -> None:
-        """Note what the bytes ``data`` tell."""
-        for byte in data:
-            if byte in (WORDS["held"], WORDS["released"]):
-                self.held, self.pressed = byte == WORDS["held"], 0
-            elif byte == WORDS["noted"] and self.pressed < 2:
-                self.due = None  # it has said so itself
-            elif byte == WORDS["ending"]:
-                self.ending = True
-            elif byte in SIGNALS:
-                self.pressed, self.ending = self.pressed + 1, False
-                self.began = time.monotonic()
-                self.due = self.began + ANSWER
-
-    def must_end(self) -> bool:
-        """Whether the process must be ended now; else it is said what it does."""
-        if self.held and self.pressed < 2:
+            for byte in data:
+                if byte in (WORDS["held"], WORDS["released"]):
+                    held, pressed = byte == WORDS["held"], 0
+                elif byte == WORDS["noted"] and pressed < 2:
+                    due = None  # it has said so itself
+                elif byte == WORDS["ending"]:
+                    ending = True
+                elif byte in SIGNALS:
+                    pressed, ending, began = pressed + 1, False, time.monotonic()
+                    due = began + ANSWER
+        elif held and pressed < 2:
             os.write(2, _WAITS)
-            self.due = None
-            return False
-        if self.ending and time.monotonic() < self.began + END - 0.1:
+            due = None
+        elif ending and time.monotonic() < began + END - 0.1:
             os.write(2, _ENDS)
-            self.due = self.began + END
-            return False
-        os.write(2, _ENDED)
-        return True
+            due = began + END
+        else:
+            os.write(2, _ENDED)
+            os.kill(first, signal.SIGKILL)
+            return

@@ -7,7 +7,8 @@ Paths are relative to the folder of the plan; ``*``, ``?`` and ``**`` stand for 
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -20,7 +21,7 @@ from cases.io.toml_file import Section, checked, header, number, read_toml, refu
 from cases.shipfiles.model_changes import reduced_ship, with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
-from mmg.errors import BadValue, Missing, UserError, name_fault
+from mmg.errors import BadValue, Conflict, Missing, UserError, name_fault
 from mmg.ship import Ship
 
 
@@ -62,24 +63,22 @@ class PlanFile(Section):
 
 @dataclass(frozen=True)
 class PlannedShip:
-    """One ship of a plan. start: from which she is calibrated; trials, held_out: files, with their
-    SHA-256; campaign: of each trial, "" where the plan does not say; sisters: name of the group, "" for none."""
+    """One ship of a plan. start: from which she is calibrated; trials: file -> campaign, "" where the plan says none;
+    held_out: files; hashes: SHA-256 of each file; sisters: name of the group, "" for none."""
 
     name: str
     start: Ship
-    trials: tuple[Path, ...]
-    campaign: tuple[str, ...]
+    trials: Mapping[Path, str]
     held_out: tuple[Path, ...]
-    hashes: Mapping[str, str]
+    hashes: Mapping[Path, str]
     sisters: str = ""
 
 
 @dataclass(frozen=True)
 class FleetPlan:
-    """A plan that was checked. path: of the file; options: of all ships; ships: in the order of the plan; sisters: name
-    of a group -> names of its ships."""
+    """A plan that was checked. options: of all ships; ships: in the order of the plan; sisters: name of a group ->
+    names of its ships."""
 
-    path: Path
     options: FleetTable
     ships: tuple[PlannedShip, ...]
     sisters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -96,26 +95,35 @@ def read_plan(path: str | Path) -> FleetPlan:
     if content is None or not content.ships:
         refuse(str(path), problems or ["no ships: add a table [ships.NAME] with ship and trials for each ship"])
         raise Missing(f"{path}: no ships")
-    problems += _fleet_problems(content)
+    problems += _name_problems(content.ships)
     group = {name: key for key, names in content.sisters.items() for name in names}
     ships = []
     for name, table in content.ships.items():
-        found, wrong = _planned(name, table, content.fleet, path.absolute().parent, group.get(name, ""))
+        wrong: list[str] = []
+        ships += _planned(name, table, content.fleet, path.absolute().parent, group.get(name, ""), wrong)
         problems += [f"{header('ships', name)} {sentence}" for sentence in wrong]
-        ships += [found] if found else []
     problems += _shared_files(ships)
     problems += _sister_problems(content, {s.name: s for s in ships})
     count = f"{len(problems)} problems: " if len(problems) > 1 else ""
     if problems:
         raise BadValue(f"{path}: {count}{'; '.join(dict.fromkeys(problems))}")
-    return FleetPlan(path, content.fleet, tuple(ships), {k: tuple(v) for k, v in content.sisters.items()})
+    return FleetPlan(content.fleet, tuple(ships), {k: tuple(v) for k, v in content.sisters.items()})
 
 
-def _fleet_problems(content: PlanFile) -> list[str]:
-    """What is wrong with the options and the names."""
+@contextmanager
+def _noted(problems: list[str]) -> Iterator[None]:
+    """While it lasts, an error that a user meets is added to the ``problems``."""
+    try:
+        yield
+    except UserError as error:
+        problems.append(str(error))
+
+
+def _name_problems(names: Iterable[str]) -> list[str]:
+    """What is wrong with the ``names`` of ships, which become those of folders."""
     found = []
     seen: dict[str, str] = {}
-    for name in content.ships:
+    for name in names:
         fault = name_fault(name) or ("must not begin with a dot" if name.startswith(".") else "")
         found += [f"{header('ships', name)}: the name {fault}"] if fault or not name.strip() else []
         other = seen.setdefault(file_key(name), name)
@@ -125,64 +133,63 @@ def _fleet_problems(content: PlanFile) -> list[str]:
 
 
 def _planned(
-    name: str, table: ShipTable, fleet: FleetTable, root: Path, sisters: str
-) -> tuple[PlannedShip | None, list[str]]:
-    """The ship of a ``table`` of the plan, and sentences on what is wrong with it; None where she is not known."""
-    start, problems = _start(name, table, fleet, root)
-    trials = [(files, "") for files in (table.trials,) if files]
-    trials += [(files, label) for label, files in table.campaigns.items()]
-    found, wrong = listed_files(trials, root)
-    problems += wrong
-    if not trials:
+    name: str, table: ShipTable, fleet: FleetTable, root: Path, sisters: str, problems: list[str]
+) -> list[PlannedShip]:
+    """The ship of a ``table`` of the plan, none where she is not known; problems: to which what is wrong is added."""
+    start = None
+    with _noted(problems):
+        start = _start(name, table, fleet, root)
+    trials: dict[Path, str] = {}
+    lists = [("", table.trials), *table.campaigns.items()]
+    for campaign, texts in lists:
+        for file in _files_of(texts, root, problems):
+            other = trials.get(file, "")
+            if other and other != campaign:
+                problems.append(f"{file.name} is of two campaigns, {other} and {campaign}")
+            trials[file] = campaign or other
+    if not table.trials and not table.campaigns:
         problems.append('no trials: add trials = ["FOLDER or *.csv"], or campaigns')
-    held_out, wrong = listed_files([(table.held_out, "")], root)
-    problems += wrong
-    both = [file.name for file in held_out if file in found]
-    problems += [f"held_out: {', '.join(both)} are trials as well; leave them out of one of the two"] if both else []
+    held_out = _files_of(table.held_out, root, problems)
+    if both := [file.name for file in held_out if file in trials]:
+        problems.append(f"held_out: {', '.join(both)} are trials as well; leave them out of one of the two")
     hashes = {}
-    for file in dict.fromkeys([*found, *held_out]):
-        try:
-            hashes[str(file)] = file_hash(file)
-        except UserError as error:
-            problems.append(str(error))
-    if start is None:
-        return None, problems
-    ship = PlannedShip(name, start, tuple(found), tuple(found.values()), tuple(held_out), hashes, sisters)
-    return ship, problems
+    for file in dict.fromkeys([*trials, *held_out]):
+        with _noted(problems):
+            hashes[file] = file_hash(file)
+    return [PlannedShip(name, start, trials, tuple(held_out), hashes, sisters)] if start else []
 
 
-def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> tuple[Ship | None, list[str]]:
-    """The ship from which the one of a ``table`` is calibrated, and sentences on what is wrong with it."""
+def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> Ship:
+    """The ship from which the one of a ``table`` is calibrated. Raises UserError where there is none."""
     if (table.ship is None) == (table.particulars is None):
         words = "give ship (library name, ship file or run folder) or particulars (L, B, d, C_b, ...)"
-        return None, [f"{words}, not both" if table.ship else words]
-    try:
-        if table.particulars is not None:
+        raise Conflict(f"{words}, not both" if table.ship else words)
+    if table.particulars is not None:
+        try:
             ship = new_ship(name, table.particulars)
-        else:
-            beside = root / str(table.ship)
-            ship = load_ship(beside if beside.exists() else str(table.ship))
-        without = fleet.without if table.without is None else table.without
-        effects = fleet.effects if table.effects is None else table.effects
-        start = reduced_ship(ship.without_network(), without, effects)
-        with_instruments(start, fleet.measurement)  # freed by the fit; what is wrong with them is said now
-        return start, []
-    except UserError as error:
-        return None, [str(error).replace("--new: ", "particulars: ")]
+        except UserError as error:
+            raise type(error)(str(error).replace("--new: ", "particulars: ")) from None
+    else:
+        beside = root / str(table.ship)
+        ship = load_ship(beside if beside.exists() else str(table.ship))
+    without = fleet.without if table.without is None else table.without
+    effects = fleet.effects if table.effects is None else table.effects
+    start = reduced_ship(ship.without_network(), without, effects)
+    with_instruments(start, fleet.measurement)  # freed by the fit; what is wrong with them is said now
+    return start
 
 
-def _shared_files(ships: Sequence[PlannedShip]) -> list[str]:
+def _shared_files(ships: Iterable[PlannedShip]) -> list[str]:
     """Files that two ships of the plan have, by path or by content, and copies among those of one ship."""
-    first: dict[str, tuple[str, str]] = {}
+    first: dict[str, tuple[str, Path]] = {}
     found = []
     for ship in ships:
         for file, digest in ship.hashes.items():
             owner, other = first.setdefault(digest, (ship.name, file))
             if other == file and owner == ship.name:
                 continue
-            which = "are the same file" if other != file else "is one file"
-            names = f"{Path(file).name} of {ship.name}" + (f" and {Path(other).name}" if other != file else " and that")
-            found.append(f"{names} of {owner} {which}; leave it out of one of them")
+            names = f"{file.name} of {ship.name} and {other.name} of {owner}"
+            found.append(f"{names} are the same file; leave it out of one of them")
     return found
 
 
@@ -206,43 +213,28 @@ def _sister_problems(content: PlanFile, ships: Mapping[str, PlannedShip]) -> lis
     return found
 
 
-def listed_files(lists: Sequence[tuple[Sequence[str], str]], root: Path) -> tuple[dict[Path, str], list[str]]:
-    """File -> campaign, in the order of the ``lists``, and a sentence on each path that is missing or listed twice.
-
-    lists: paths, folders and patterns, and the campaign that they are of ("" where none is said); root: folder to which
-    paths are relative. Files in ``trials`` that a campaign lists too are of that campaign.
-    """
-    found: dict[Path, str] = {}
-    problems = []
-    for paths, campaign in lists:
-        for text in dict.fromkeys(paths):
-            files, wrong = _matching(text, root)
-            problems += wrong
-            for file in files:
-                other = found.get(file, "")
-                if other and other != campaign:
-                    problems.append(f"{file.name} is of two campaigns, {other} and {campaign}")
-                found[file] = campaign or other
-    return found, problems
+def _files_of(texts: Iterable[str], root: Path, problems: list[str]) -> list[Path]:
+    """Files that paths, folders and patterns stand for, each once; problems: to which what is wrong is added."""
+    found: list[Path] = []
+    for text in dict.fromkeys(texts):
+        with _noted(problems):
+            found += _matching(text, root)
+    return list(dict.fromkeys(found))
 
 
-def _matching(text: str, root: Path) -> tuple[list[Path], list[str]]:
-    """Files that a ``text`` of the plan stands for, and what is wrong with it."""
+def _matching(text: str, root: Path) -> list[Path]:
+    """Files that a ``text`` of the plan stands for. Raises UserError where there are none."""
     if not text.strip():
-        return [], ["an empty path"]
+        raise Missing("an empty path")
     path = root / Path(text).expanduser()
-    if not glob.has_magic(text) or path.exists():
+    if path.exists() or not glob.has_magic(text):
         if not path.exists():
-            return [], [f"{text}: no such file or folder"]
+            raise Missing(f"{text}: no such file or folder")
         if path.is_file() and path.suffix.lower() not in SUFFIXES:
-            return [], [f"{text}: not a trial file; expected .csv or .parquet"]
-        matches = [path]
-    else:
-        matches = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207
-        matches = [match for match in matches if match.is_dir() or match.suffix.lower() in SUFFIXES]
-        if not matches:
-            return [], [f"{text}: no trial file matches"]
-    try:
-        return [Path(file) for file in trial_files(matches)], []
-    except UserError as error:
-        return [], [str(error)]
+            raise BadValue(f"{text}: not a trial file; expected .csv or .parquet")
+        return trial_files([path])
+    matches = [Path(match) for match in sorted(glob.glob(str(path), recursive=True))]  # noqa: PTH207
+    matches = [match for match in matches if match.is_dir() or match.suffix.lower() in SUFFIXES]
+    if not matches:
+        raise Missing(f"{text}: no trial file matches")
+    return trial_files(matches)

@@ -1,59 +1,156 @@
-"""What the table and the page of a fleet say of one ship, as plain values."""
+"""The rows of a fleet: what its table and its page say of each ship, as plain values; and the tables as files."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import plain, versions, write_json
 from mmg.effects import EFFECTS
+from mmg.errors import NotWritable
 
 if TYPE_CHECKING:
-    from diagnosis.groups.findings import Between
+    import pandas as pd
+
+    from diagnosis.groups.findings import Between, GroupDifference
     from diagnosis.result import Diagnosis
     from fitting.prediction.score_pairs import ScorePair
     from fitting.result import FitResult
+    from fitting.selection.sisters import SisterWidths
     from mmg_ident.fleet.plan import PlannedShip
 
 ALIKE, CHANCE = 2.0, 0.01
 """Difference in log Bayes factor below which two names of a difference are alike; chance below which it is one."""
 MOVED, SURE = 1.0, 2.576
 """A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %)."""
+APART = 3.0
+"""Standard errors from the mean of her sisters from which a coefficient is said to differ."""
+SETS = {"held_out": "validation", "training": "training"}
+"""Sets of trials in a row, and in a calibration."""
+LISTS = ("campaigns", "moved", "moved_against_sisters", "instruments", "warnings")
+TEXTS = ("name", "sisters", "status", "reason", "start", "loss", "verdict", "sentence")
+TOLD: dict[str, Any] = {
+    "verdict": "", "sentence": "", "effects": [], "compared": [], "between": "", "between_sentence": "", "drifted": [],
+    "surroundings": [], "reduction": None, "p_alike": None, "widths_from_mean": None, "moved_against_sisters": [],
+    "diagnosis_failed": "",
+}  # fmt: skip
+"""What a diagnosis and sisters add to a row, without them."""
+
+
+@dataclass(frozen=True)
+class SisterGroup:
+    """A group of sisters: its name, the ships whose fits told of each other, and what these said."""
+
+    name: str
+    ships: tuple[str, ...]
+    widths: SisterWidths
+
+    def to_dict(self) -> dict[str, Any]:
+        """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
+        w = self.widths
+        mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
+        columns = zip(w.symbols, mean, error, w.unit * w.width, w.width, strict=True)
+        return {
+            "ships": self.ships,
+            "common_width": w.common,
+            "common_width_90": w.common_90,
+            "coefficients": {
+                s: {"mean": m, "mean_std": e, "width": t, "width_of_prior": share} for s, m, e, t, share in columns
+            },
+            "from_the_others": {
+                name: {"p_alike": w.p_alike[k], "standard_errors": dict(zip(w.symbols, w.from_others[k], strict=True))}
+                for k, name in enumerate(self.ships)
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleet.rows``); groups:
+    of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
+
+    name: str
+    rows: tuple[Mapping[str, Any], ...]
+    groups: tuple[SisterGroup, ...]
+    timing: Mapping[str, Mapping[str, float]]
+    seconds: float
+    command: str = ""
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the ships that have no calibration that can be used."""
+        return tuple(row["name"] for row in self.rows if row["status"] != "done")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of fleet.json."""
+        return plain({
+            "kind": "fleet",
+            "schema_version": 1,
+            "name": self.name,
+            "command": self.command,
+            "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
+            "sisters": {group.name: group for group in self.groups},
+            "failed": self.failed,
+            "timings_s": {"this_run": self.seconds, "ships": self.timing},
+            "versions": versions(),
+        })  # fmt: skip
+
+
+def _row(ship: PlannedShip, **values: Any) -> dict[str, Any]:
+    """The row of a ``ship`` with these ``values``."""
+    head = {"name": ship.name, "sisters": ship.sisters, "start": ship.start.title}
+    return {**TOLD, **head, "length": ship.start.particulars["L"], **values}
+
+
+def failed_row(ship: PlannedShip, reason: str) -> dict[str, Any]:
+    """The row of a ``ship`` that could not be done, for a ``reason``."""
+    return _row(
+        ship, status="failed", reason=reason, trials=len(ship.trials), held_out=len(ship.held_out), seconds_used=0.0,
+        loss="", weight=None, campaigns=[], scores={}, coefficients={}, moved=[], instruments=[], warnings=[],
+    )  # fmt: skip
 
 
 def ship_row(
-    ship: PlannedShip, result: FitResult, diagnosis: Diagnosis | None, left_out: Sequence[str]
+    ship: PlannedShip,
+    result: FitResult,
+    diagnosis: Diagnosis | None,
+    left_out: Sequence[str],
+    group: SisterGroup | None,
+    alone: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """The row of a ``ship`` that was calibrated (``result``); diagnosis: of it, None for none; left_out: sentences on
-    files. Returns plain values."""
+    files; group, alone: her sisters, and what her fit without them gave. Returns plain values."""
     coefficients = _coefficients(ship, result)
-    names = {"validation": "held_out", "training": "training"}
+    moved = [s for s, c in coefficients.items() if c["beyond_chance"] and abs(c["moved"]) >= MOVED]
     told = result.campaigns or {}
-    row: dict[str, Any] = {
-        "name": ship.name,
-        "sisters": ship.sisters,
-        "status": "done" if result.converged else "not converged",
-        "reason": "" if result.converged else result.advice or result.status,
-        "start": ship.start.title,
-        "length": ship.start.particulars["L"],
-        "trials": len(result.data),
-        "held_out": len(result.validation_data),
-        "seconds_used": result.seconds_used,
-        "loss": result.settings.loss,
-        "weight": result.settings.weight,
-        "campaigns": list(told.get("runs", {})),
-        "scores": {key: _scores(result.scores[name]) for name, key in names.items() if name in result.scores},
-        "coefficients": coefficients,
-        "moved": sorted(
-            (s for s, c in coefficients.items() if _has_moved(c)), key=lambda s: -abs(coefficients[s]["moved"])
-        ),
-        "instruments": [*left_out, *told.get("sentences", [])],
-        "drifted": [],
-        "warnings": list(result.warnings),
-    }
-    return plain(row | (_diagnosed(row, diagnosis) if diagnosis else {"verdict": "", "sentence": "", "effects": []}))
+    row = _row(
+        ship,
+        status="done" if result.converged else "not converged",
+        reason="" if result.converged else result.advice or result.status,
+        trials=len(result.data),
+        held_out=len(result.validation_data),
+        seconds_used=result.seconds_used,
+        loss=result.settings.loss,
+        weight=result.settings.weight,
+        campaigns=list(told.get("runs", {})),
+        scores={key: _scores(result.scores[name]) for key, name in SETS.items() if name in result.scores},
+        coefficients=coefficients,
+        moved=sorted(moved, key=lambda s: -abs(coefficients[s]["moved"])),
+        instruments=[*left_out, *told.get("sentences", [])],
+        warnings=list(result.warnings),
+    )
+    if diagnosis:
+        row |= _diagnosed(row, diagnosis)
+    if group and alone:
+        row |= _among_sisters(row, group, alone)
+    return plain(row)
 
 
 def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, Any]]:
@@ -62,68 +159,68 @@ def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, A
     for symbol, c in result.coefficients.items():
         start = ship.start.coefficients.get(symbol)
         value, std = (start.value, start.std) if start else (c.prior_value, c.prior_std)
-        rows[symbol] = {
-            "value": c.value,
-            "std": c.std,
-            "unit": c.unit,
-            "description": c.description,
-            "start": value,
-            "start_std": std,
-            "moved": (c.value - value) / std if value is not None and std else math.nan,
-        }
+        moved = (c.value - value) / std if value is not None and std else math.nan
+        sure = value is not None and c.std is not None and abs(c.value - value) > SURE * c.std
+        estimate = {"value": c.value, "std": c.std, "unit": c.unit, "description": c.description}
+        rows[symbol] = estimate | {"start": value, "start_std": std, "moved": moved, "beyond_chance": sure}
     return rows
 
 
-def _has_moved(c: Mapping[str, Any]) -> bool:
-    change = abs(c["value"] - c["start"]) if c["start"] is not None else 0.0
-    return abs(c["moved"]) >= MOVED and c["std"] is not None and change > SURE * c["std"]
-
-
 def _scores(pair: ScorePair) -> dict[str, Any]:
-    """Both metrics before and after, errors in units after, and errors of manoeuvring figures after."""
+    """Both metrics before and after, and errors in units after."""
     found: dict[str, Any] = {
         name: {"before": getattr(pair.before, name), "after": getattr(pair.after, name)} for name in ("window", "paper")
     }
-    units = pair.after.units
-    if units:
-        found["window_s"] = units.window
-        found["position_m"] = units.pooled.errors["position"]
-        found["heading_deg"] = units.pooled.errors["heading"]
-        found["figures"] = [
-            {"run": run.name, "maneuver": m.title, "figure": f.figure, "unit": f.unit, "measured": f.measured,
-             "predicted": f.predicted}
-            for run in units.runs for m in run.maneuvers for f in m.figures
-        ]  # fmt: skip
+    if units := pair.after.units:
+        errors = units.pooled.errors
+        found |= {"window_s": units.window, "position_m": errors["position"], "heading_deg": errors["heading"]}
     return found
+
+
+def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[str, Any]) -> dict[str, Any]:
+    """What her sisters say of the ship of a ``row``, and what her fit ``alone`` gave beside it."""
+    w, k = group.widths, group.ships.index(row["name"])
+    mean, width = w.centre + w.unit * w.mean, w.unit * w.width
+    coefficients, scores = dict(row["coefficients"]), dict(row["scores"])
+    for i, s in enumerate(w.symbols):
+        own = {"alone": alone["coefficients"][s]["value"], "alone_std": alone["coefficients"][s]["std"]}
+        others = {"sister_mean": mean[i], "sister_width": width[i], "from_others": w.from_others[k, i]}
+        coefficients[s] = coefficients[s] | own | others
+    for key, name in SETS.items():
+        if key in scores and name in alone["scores"]:
+            scores[key] = scores[key] | {"alone": alone["scores"][name]["after"]["window"]}
+    away = dict(zip(w.symbols, np.abs(w.from_others[k]), strict=True))
+    return {
+        "coefficients": coefficients,
+        "scores": scores,
+        "p_alike": w.p_alike[k],
+        "widths_from_mean": np.sqrt(np.mean(((w.estimate[k] - w.mean) / w.used_width) ** 2)),
+        "moved_against_sisters": sorted((s for s in away if away[s] > APART), key=lambda s: -away[s]),
+    }
 
 
 def _diagnosed(row: Mapping[str, Any], found: Diagnosis) -> dict[str, Any]:
     """What a diagnosis adds to a row: verdict, effects, what drifted between campaigns, what instruments show."""
     between = found.between
     differences = between.differences if between else ()
-    drifted = [
-        {"name": d.name, "campaign": d.group, "p_value": d.p_value, "text": difference(d)}
-        for d in differences
-        if d.nature == "ship"
-    ]
+    drifted = [_drift(d, d.name, difference(d)) for d in differences if d.nature == "ship"]
     drifted += one_of_several(between) if between else []
-    other = [f"between campaigns: {difference(d)}" for d in differences if d.nature == "instrument"]
-    named = [e for e in found.effects if nature(e.name) == "instrument"]
     instruments = [
         *row["instruments"],
-        *(f"{e.name}: {_sizes(e.parameters)}" for e in named),
+        *(f"{e.name}: {_sizes(e.parameters)}" for e in found.effects if nature(e.name) == "instrument"),
         *(fault.sentence for fault in found.instruments),
         *found.kinematics,
-        *other,
+        *(f"between campaigns: {difference(d)}" for d in differences if d.nature == "instrument"),
     ]
     surroundings = [difference(d) for d in differences if d.nature == "surroundings"]
+    unnamed = between and not drifted and not surroundings  # what is named is said by its row
     return {
         "verdict": found.verdict,
         "sentence": found.sentence,
         "effects": [{"name": e.name, "p_value": e.p_value, "text": _sizes(e.parameters)} for e in found.effects],
         "compared": list(between.groups) if between else [],
         "between": between.verdict if between else "",
-        "between_sentence": _between_words(between.sentence, drifted, surroundings) if between else "",
+        "between_sentence": between.sentence.replace("groups by group", "campaigns") if between and unnamed else "",
         "drifted": drifted,
         "surroundings": surroundings,
         "instruments": list(dict.fromkeys(instruments)),
@@ -138,27 +235,72 @@ def one_of_several(between: Between) -> list[dict[str, Any]]:
     if between.verdict != "unknown" or not between.candidates:
         return []
     best = between.candidates[0]
-    alike = [
-        d
-        for d in between.candidates
-        if best.log_bayes - d.log_bayes < ALIKE and d.p_value < CHANCE and d.log_bayes > ALIKE
-    ]
+    least = max(ALIKE, best.log_bayes - ALIKE)
+    alike = [d for d in between.candidates if d.p_value < CHANCE and d.log_bayes > least]
     if not any(d.nature == "ship" for d in alike):
         return []
     alike.sort(key=lambda d: d.name not in EFFECTS)  # causes before the coefficients that they change
     best = alike[0]
     rest = ", ".join(d.name for d in alike[1:])
     words = difference(best) + (f"; {rest} would explain it as well" if rest else "; it explains a part of it")
-    return [
-        {"name": " or ".join(d.name for d in alike), "campaign": best.group, "p_value": best.p_value, "text": words}
-    ]
+    return [_drift(best, " or ".join(d.name for d in alike), words)]
 
 
-def _between_words(sentence: str, *named: Sequence[Any]) -> str:
-    """The ``sentence`` of a comparison, about campaigns, where nothing is ``named``; else "" as rows say it."""
-    return "" if any(named) else sentence.replace("groups by group", "campaigns")
+def _drift(d: GroupDifference, name: str, text: str) -> dict[str, Any]:
+    """The row of a difference ``d`` between campaigns, by its name and in words."""
+    return {"name": name, "campaign": d.group, "p_value": d.p_value, "text": text}
 
 
 def _sizes(parameters: Mapping[str, Any]) -> str:
     """Estimates of the parameters of an effect in words."""
     return ", ".join(f"{k} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for k, p in parameters.items())
+
+
+def ship_table(fleet: Fleet) -> pd.DataFrame:
+    """A row for each ship of ``fleet``: what became of her, scores, what drifted, failed and moved, in words separated
+    by "; "."""
+    import pandas as pd
+
+    rows = []
+    for row in fleet.rows:
+        out = {key: value for key, value in row.items() if key in TEXTS or isinstance(value, (float, int, type(None)))}
+        for name in SETS:
+            score = row["scores"].get(name, {})
+            for metric in ("window", "paper"):
+                pair = score.get(metric, {})
+                out |= {f"{name}_{metric}_{when}": pair.get(when) for when in ("before", "after")}
+            out |= {f"{name}_{key}": score.get(key) for key in ("position_m", "heading_deg")}
+        numbers = {key: math.nan if value is None else float(value) for key, value in out.items() if key not in TEXTS}
+        words = {key: "; ".join(row[key]) for key in LISTS}
+        words["drifted"] = "; ".join(d["text"] for d in row["drifted"])
+        words["effects"] = "; ".join(f"{e['name']}: {e['text']}" for e in row["effects"])
+        rows.append({key: out[key] for key in TEXTS} | numbers | words)
+    return pd.DataFrame(rows).set_index("name")
+
+
+def coefficient_table(fleet: Fleet) -> pd.DataFrame:
+    """A row for each ship and coefficient of ``fleet``: estimate, start, fit alone, mean and width of the sisters."""
+    import pandas as pd
+
+    numbers = ["value", "std", "start", "start_std", "moved", "alone", "alone_std"]
+    numbers += ["sister_mean", "sister_width", "from_others"]
+    rows = [
+        {"ship": row["name"], "coefficient": symbol} | dict(c)
+        for row in fleet.rows
+        for symbol, c in row["coefficients"].items()
+    ]
+    table = pd.DataFrame(rows, columns=["ship", "coefficient", "unit", *numbers])
+    return table.astype(dict.fromkeys(numbers, float))
+
+
+def write_tables(fleet: Fleet, folder: Path) -> None:
+    """Write the tables and fleet.json of ``fleet`` to ``folder``, each whole or not at all. Raises UserError where they
+    cannot be written."""
+    try:
+        for name, table in (("fleet", ship_table(fleet)), ("coefficients", coefficient_table(fleet))):
+            with replaced(folder / f"{name}.parquet") as scratch:
+                table.to_parquet(scratch, engine="pyarrow", write_page_checksum=True)
+            replace_text(folder / f"{name}.csv", table.to_csv(index=name == "fleet", lineterminator="\n"))
+        write_json(folder / "fleet.json", fleet)
+    except OSError as error:
+        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error})") from None

@@ -1,90 +1,93 @@
-"""A fleet from its plan to its table: sisters alone, what they share, every ship, and what was found of all.
+"""A fleet from its plan to its rows: sisters alone, what they share, then every ship.
 
-Ships are independent tasks of ``fitting.parallel``; what one of them gives does not depend on who does it. Finished
-ones are kept as they finish, so that a run that was interrupted goes on with the same values.
+Ships are independent tasks of ``fitting.parallel``; what one of them gives does not depend on who does it. A task holds
+paths, not trials: the files are read where the work is done. What a ship is done with lies in ``parts``, under a key of
+all that it depends on, so that a run can be resumed and a changed ship alone is done again.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
+import json
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cases.checks import check, ready
+from cases.checks.report import CONTRADICTORY
+from cases.io.campaigns import campaigns_of
+from cases.io.files import file_hash
+from cases.io.read import read_trials
+from cases.io.sidecar import NAME as SIDECAR
+from cases.shipfiles.ship_file import dump_ship
+from cases.trial import Trial
+from diagnosis import diagnose as diagnosing
+from diagnosis.inputs import DiagnosisOptions
+from diagnosis.result import Diagnosis
+from fitting.calibrate import FitOptions
+from fitting.nlp.grid import default_step
 from fitting.parallel import run_all
+from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
-from fitting.selection.sisters import SisterEvidence, SisterWidths, estimates_of, mean_of, sister_start, sister_widths
-from mmg.errors import NotWritable
+from fitting.result import FitResult
+from fitting.selection import sisters
+from fitting.settings import Settings
+from mmg.errors import Conflict, NotCalibrated, NotWritable, UserError
 from mmg.progress import LOGGER, OnProgress, Progress
-from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, SisterStart, finish_ship, fit_alone, key_of
-from mmg_ident.fleet.plan import FleetPlan, PlannedShip
+from mmg_ident.api import calibrate
+from mmg_ident.fleet.plan import FleetPlan, FleetTable, PlannedShip
+from mmg_ident.fleet.rows import Fleet, SisterGroup, failed_row, ship_row
+
+SHIPS, DIAGNOSIS, PARTS = "ships", "diagnosis", "parts"
+ALONE, DONE = "alone", "done"
+"""Stages: sisters by their own trials, and every ship."""
+SITE = "site.toml"
+COARSER = 2.0
+"""Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time."""
 
 
 @dataclass(frozen=True)
-class SisterGroup:
-    """A group of sisters: its name, the ships whose fits told of each other, and what these said."""
+class FleetTask:
+    """A ship to do. options: of the plan; folder: of the fleet; command: that is stored; sisters: what they say of each
+    other, None for a ship without any and for a fit alone."""
 
-    name: str
-    ships: tuple[str, ...]
-    widths: SisterWidths
-
-
-@dataclass(frozen=True)
-class Fleet:
-    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleet.rows``); groups:
-    of sisters; timing: seconds by ship and stage; seconds: of this run; made: ships that it did; command."""
-
-    name: str
-    rows: tuple[Mapping[str, Any], ...]
-    groups: tuple[SisterGroup, ...] = ()
-    timing: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    seconds: float = 0.0
-    made: tuple[str, ...] = ()
+    ship: PlannedShip
+    options: FleetTable
+    folder: Path
     command: str = ""
+    sisters: SisterGroup | None = None
+
+    def store(self, stage: str) -> Store:
+        """Where outcomes of a ``stage`` lie."""
+        return Store(self.folder / PARTS / stage, {})
+
+    def kept(self, stage: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+        """Words and arrays of a part that was finished from the same, None where there is none."""
+        found = self.store(stage).load(self.ship.name)
+        return found if found and found[0].get("key") == self.key else None
 
     @property
-    def failed(self) -> tuple[str, ...]:
-        """Names of the ships that have no calibration that can be used."""
-        return tuple(row["name"] for row in self.rows if row["status"] != "done")
-
-    def to_dict(self) -> dict[str, Any]:
-        """The content of fleet.json."""
-        return plain({
-            "kind": "fleet",
-            "schema_version": 1,
-            "name": self.name,
-            "command": self.command,
-            "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
-            "sisters": {group.name: group_dict(group) for group in self.groups},
-            "failed": self.failed,
-            "timings_s": {"this_run": self.seconds, "ships": self.timing},
-            "versions": versions(),
-        })  # fmt: skip
-
-
-def group_dict(group: SisterGroup) -> dict[str, Any]:
-    """Plain values of a ``group`` of sisters: widths in units of the prior, by coefficient and for all, and each sister
-    against the mean."""
-    w = group.widths
-    return {
-        "ships": group.ships,
-        "common_width": w.common,
-        "common_width_90": w.common_90,
-        "coefficients": {
-            s: {"mean": m, "mean_std": e, "width": t, "width_of_prior": share}
-            for s, m, e, t, share in zip(
-                w.symbols, w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance)),
-                w.unit * w.width, w.width, strict=True,
-            )
-        },
-        "from_the_others": {
-            name: {"p_alike": p, "standard_errors": dict(zip(w.symbols, z.tolist(), strict=True))}
-            for name, p, z in zip(group.ships, w.p_alike.tolist(), w.from_others, strict=True)
-        },
-    }  # fmt: skip
+    def key(self) -> str:
+        """Text that differs where anything differs that the outcome depends on."""
+        ship, group = self.ship, self.sisters
+        files = [*ship.trials, *ship.held_out]
+        beside = sorted({path for f in files for path in (f.parent / SIDECAR, f.parent / SITE) if path.is_file()})
+        about = {
+            "ship": dump_ship(ship.start),
+            "name": ship.name,
+            "trials": [[file.name, label, ship.hashes[file]] for file, label in ship.trials.items()],
+            "held_out": [[file.name, ship.hashes[file]] for file in ship.held_out],
+            "beside": [file_hash(path) for path in beside],
+            "options": self.options.model_dump(exclude={"name"}),
+            "sisters": group and (group.ships, vars(group.widths)),
+            "version": versions()["mmg-ident"],
+        }
+        return hashlib.sha256(json.dumps(plain(about), sort_keys=True).encode()).hexdigest()
 
 
 def run_fleet(
@@ -96,147 +99,175 @@ def run_fleet(
     executor is in force; command: that is stored; progress: told of each ship. Returns the rows of all; a ship that
     fails has one that says why. Raises UserError where nothing can be written.
     """
-    began, errors, made = time.perf_counter(), dict[str, str](), list[str]()
-    for stage in ("alone", "done"):
+    began = time.perf_counter()
+    for stage in (ALONE, DONE):
         try:
             (out / PARTS / stage).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
-    said = _Said(errors, made, progress)
-    out = out.absolute()
-    alone = [_task(plan, ship, out, command) for ship in plan.ships if ship.sisters]
-    said.all(fit_alone, [task for task in alone if not _kept(task, "alone")], workers, "alone")
-    groups = _groups(plan, [task for task in alone if task.ship.name not in errors])
-    tasks = [_with_sisters(_task(plan, s, out, command), groups) for s in plan.ships if s.name not in errors]
-    said.all(finish_ship, [task for task in tasks if not _kept(task, "done")], workers, "fleet")
-    rows, timing = [], {}
-    found = {task.ship.name: _kept(task, "done") for task in tasks}
-    sisters = {task.ship.name: task.store("alone").load(task.ship.name) for task in alone}
-    for ship in plan.ships:
-        words = found.get(ship.name)
-        if words is None:
-            rows.append(failed_row(ship, errors.get(ship.name, "")))
-            continue
-        own = sisters.get(ship.name)
-        rows.append(_with_alone(words["row"], own[0] if own else None, groups))
-        timing[ship.name] = words["timing"] | ({"alone": own[0]["timing"]} if own else {})
-    seconds = time.perf_counter() - began
-    return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), timing, seconds, tuple(made), command)
+    tasks = [FleetTask(ship, plan.options, out.absolute(), command) for ship in plan.ships]
+    alone = [task for task in tasks if task.ship.sisters]
+    failures = _do(fit_alone, alone, ALONE, workers, progress)
+    groups = _groups(plan, [task for task in alone if task.ship.name not in failures])
+    tasks = [replace(t, sisters=groups.get(t.ship.sisters)) for t in tasks if t.ship.name not in failures]
+    failures |= _do(finish_ship, tasks, DONE, workers, progress)
+    kept = {task.ship.name: found[0] for task in tasks if (found := task.kept(DONE))}
+    rows = [kept[s.name]["row"] if s.name in kept else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
+    timing = {name: words["timing"] for name, words in kept.items()}
+    return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), timing, time.perf_counter() - began, command)
 
 
-class _Said:
-    """Ships that failed and that were made, said as they finish."""
+def _do(
+    work: Callable[[FleetTask], tuple[str, str]],
+    tasks: Sequence[FleetTask],
+    stage: str,
+    workers: int,
+    progress: OnProgress | None,
+) -> dict[str, str]:
+    """Do those of the ``tasks`` of a ``stage`` that are not kept, and say so; returns ship -> why she failed."""
+    tasks = [task for task in tasks if not task.kept(stage)]
+    failures, done = dict[str, str](), list[str]()
 
-    def __init__(self, errors: dict[str, str], made: list[str], progress: OnProgress | None) -> None:
-        self.errors, self.made, self.progress = errors, made, progress
+    def each(outcome: tuple[str, str]) -> None:
+        name, failure = outcome
+        done.append(name)
+        if failure:
+            failures[name] = failure
+            LOGGER.warning("%s: failed: %s", name, failure)
+        else:
+            words = "fitted alone" if stage == ALONE else "done"
+            LOGGER.info("%s: %s (%d of %d)", name, words, len(done), len(tasks))
+        if progress:
+            progress(Progress("sisters alone" if stage == ALONE else "ships", len(done), len(tasks)))
 
-    def all(
-        self, work: Callable[[FleetTask], ShipOutcome], tasks: Sequence[FleetTask], workers: int, stage: str
-    ) -> None:
-        count = [0]
-
-        def each(outcome: ShipOutcome) -> None:
-            count[0] += 1
-            if outcome.failure:
-                self.errors[outcome.name] = outcome.failure
-                LOGGER.warning("%s: failed: %s", outcome.name, outcome.failure)
-            else:
-                words = "fitted alone" if stage == "alone" else "done"
-                LOGGER.info("%s: %s (%d of %d)", outcome.name, words, count[0], len(tasks))
-            if stage != "alone":
-                self.made.append(outcome.name)
-            if self.progress:
-                self.progress(Progress("sisters alone" if stage == "alone" else "ships", count[0], len(tasks)))
-
-        run_all(work, tasks, workers, each)
-
-
-def _task(plan: FleetPlan, ship: PlannedShip, out: Path, command: str) -> FleetTask:
-    """The task of fitting a ``ship`` alone, or with the others of a fleet where she has no sisters."""
-    options = plan.options.model_copy(update={"name": ""})
-    return FleetTask(ship, options, out, key_of(ship, options), command)
-
-
-def _kept(task: FleetTask, stage: str) -> dict[str, Any] | None:
-    """The words of a part that was finished from the same, None where there is none."""
-    found = task.store(stage).load(task.ship.name)
-    return found[0] if found and found[0].get("key") == task.key else None
+    run_all(work, tasks, workers, each)
+    return failures
 
 
 def _groups(plan: FleetPlan, tasks: Sequence[FleetTask]) -> dict[str, SisterGroup]:
     """What sisters say of each other, by group, from those that were fitted alone; two are needed."""
     groups = {}
-    for group in plan.sisters:
-        told: dict[str, SisterEvidence] = {}
+    for name in plan.sisters:
+        told: dict[str, sisters.SisterEvidence] = {}
         for task in tasks:
-            found = task.store("alone").load(task.ship.name) if task.ship.sisters == group else None
-            if found:
+            if task.ship.sisters == name and (found := task.kept(ALONE)):
                 words, arrays = found
-                parts = (arrays[key] for key in ("centre", "unit", "A", "b"))
-                told[task.ship.name] = SisterEvidence(tuple(words["symbols"]), *parts)
+                told[task.ship.name] = sisters.SisterEvidence(tuple(words["symbols"]), **arrays)
         if len(told) > 1:
-            groups[group] = SisterGroup(group, tuple(told), sister_widths(list(told.values())))
-            common = groups[group].widths.common
-            LOGGER.info("sisters %s: %d ships differ by %.2g of the prior's std", group, len(told), common)
+            groups[name] = SisterGroup(name, tuple(told), sisters.sister_widths(list(told.values())))
+            common = groups[name].widths.common
+            LOGGER.info("sisters %s: %d ships differ by %.2g of the prior's std", name, len(told), common)
     return groups
 
 
-def _with_sisters(task: FleetTask, groups: Mapping[str, SisterGroup]) -> FleetTask:
-    """The task of a ship with what her sisters say of her, as it is where there are none."""
-    group, name = groups.get(task.ship.sisters), task.ship.name
-    if group is None:
-        return task
-    w, number = group.widths, group.ships.index(name)
-    start = sister_start(task.ship.start, w, group.ships)
-    sister = SisterStart(start, estimates_of(w, number), mean_of(w))
-    more = {"mean": w.mean, "covariance": w.mean_covariance, "width": w.used_width, "values": sister.values}
-    key = key_of(task.ship, task.options, more)
-    return FleetTask(task.ship, task.options, task.folder, key, task.command, sister)
+def _reported(work: Callable[[FleetTask], None]) -> Callable[[FleetTask], tuple[str, str]]:
+    """``work`` that gives the name of the ship and why it failed, "" where it did not: it must not end the others."""
+
+    @functools.wraps(work)
+    def reported(task: FleetTask) -> tuple[str, str]:
+        try:
+            work(task)
+        except UserError as error:
+            return task.ship.name, " ".join(str(error).split())
+        except Exception as error:
+            return task.ship.name, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        return task.ship.name, ""
+
+    return reported
 
 
-def _with_alone(row: Mapping[str, Any], alone: Mapping[str, Any] | None, groups: Mapping[str, SisterGroup]) -> dict:
-    """The ``row`` of a ship with what her fit alone and her sisters say beside it."""
-    group = groups.get(row["sisters"])
-    if group is None or alone is None:
-        return dict(row)
-    w, k = group.widths, group.ships.index(row["name"])
-    coefficients = {s: dict(c) for s, c in row["coefficients"].items()}
-    place = {s: i for i, s in enumerate(w.symbols)}
-    for s, c in coefficients.items():
-        if s in place:
-            i = place[s]
-            c["alone"], c["alone_std"] = alone["coefficients"][s]["value"], alone["coefficients"][s]["std"]
-            c["sister_mean"] = float(w.centre[i] + w.unit[i] * w.mean[i])
-            c["sister_width"] = float(w.unit[i] * w.width[i])
-            c["from_others"] = float(w.from_others[k, i])
-    away = {s: abs(float(w.from_others[k, i])) for s, i in place.items()}
-    moved = sorted((s for s in place if away[s] > ALPHA), key=lambda s: -away[s])
-    errors = {
-        name: {"alone": alone["scores"][key]["after"]["window"]}
-        for name, key in (("held_out", "validation"), ("training", "training"))
-        if key in alone["scores"]
+@_reported
+def fit_alone(task: FleetTask) -> None:
+    """Calibrate the ship of a ``task`` by her own trials and keep what they say for her sisters. Raises UserError where
+    that is not possible."""
+    began = time.perf_counter()
+    result = _calibrated(task, *trials_of(task)[:2])
+    if not result.converged or result.calibration is None:
+        raise NotCalibrated(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
+    found = sisters.SisterEvidence.of(result.calibration)
+    words = {
+        "key": task.key,
+        "symbols": list(found.symbols),
+        "coefficients": plain(result.coefficients),
+        "scores": plain(result.scores),
+        "wall_s": time.perf_counter() - began,
     }
-    scores = {name: value | errors.get(name, {}) for name, value in row["scores"].items()}
-    used = (w.estimate[k] - w.mean) / w.used_width
-    return dict(row) | {
-        "coefficients": coefficients,
-        "scores": scores,
-        "p_alike": float(w.p_alike[k]),
-        "widths_from_mean": float(np.sqrt(np.mean(used**2))),
-        "moved_against_sisters": moved,
-    }
+    task.store(ALONE).save(task.ship.name, words, {name: getattr(found, name) for name in ("A", "b", "centre", "unit")})
 
 
-ALPHA = 3.0
-"""Standard errors from the mean of her sisters from which a coefficient is said to differ."""
+@_reported
+def finish_ship(task: FleetTask) -> None:
+    """Calibrate, judge and diagnose the ship of a ``task``; write her run folder and her row."""
+    began = time.perf_counter()
+    train, held_out, left_out = trials_of(task)
+    result = _calibrated(task, train, held_out)
+    folder = task.folder / SHIPS / task.ship.name
+    result = result.save(folder, replace=folder.exists())
+    diagnosis, failed = _diagnosed(task, result, train, held_out, folder)
+    alone = replace(task, sisters=None).kept(ALONE) if task.sisters else None
+    row = ship_row(task.ship, result, diagnosis, left_out, task.sisters, alone[0] if alone else None)
+    timing = {**({ALONE: alone[0]["wall_s"]} if alone else {}), DONE: time.perf_counter() - began}
+    words = {"key": task.key, "row": row | {"diagnosis_failed": failed}, "timing": timing}
+    task.store(DONE).save(task.ship.name, words)
 
 
-def failed_row(ship: PlannedShip, reason: str) -> dict[str, Any]:
-    """The row of a ``ship`` that could not be done, for a ``reason``."""
-    return {
-        "name": ship.name, "sisters": ship.sisters, "status": "failed", "reason": reason, "start": ship.start.title,
-        "length": ship.start.particulars["L"], "trials": len(ship.trials), "held_out": len(ship.held_out),
-        "seconds_used": 0.0, "loss": "", "weight": None, "campaigns": [], "scores": {}, "coefficients": {},
-        "moved": [], "instruments": [], "drifted": [], "warnings": [], "verdict": "", "sentence": "", "effects": [],
-        "diagnosis_failed": "",
-    }  # fmt: skip
+def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Trial]) -> FitResult:
+    o, group, start = task.options, task.sisters, task.ship.start
+    settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
+    options = FitOptions(next_trial=False, instruments=tuple(o.measurement), command=task.command, name=task.ship.name)
+    if group:
+        start = sisters.sister_start(start, group.widths, group.ships)
+        values = sisters.estimates_of(group.widths, group.ships.index(task.ship.name))
+        options = replace(options, start=values, prior_mean=sisters.mean_of(group.widths))
+    return calibrate(start, list(train), list(held_out), settings, options)
+
+
+def _diagnosed(
+    task: FleetTask, result: FitResult, train: Sequence[Trial], held_out: Sequence[Trial], folder: Path
+) -> tuple[Diagnosis | None, str]:
+    """The diagnosis of a calibrated ship, written into her run ``folder``, or why there is none."""
+    if not task.options.diagnose or not result.converged:
+        return None, "" if result.converged else "not diagnosed: the calibration has not converged"
+    several = len({trial.meta.get("group") for trial in train}) > 1
+    step = task.options.diagnosis_step or COARSER * default_step(train, result.ship.particulars["L"])
+    options = DiagnosisOptions(
+        step, task.options.seed, learn=False, command=task.command, between="group" if several else None
+    )
+    try:
+        ship = (
+            sisters.with_whole_prior(result.ship, sisters.mean_of(task.sisters.widths)) if task.sisters else result.ship
+        )
+        found = diagnosing.diagnose(ship, train, held_out, None, options, folder)
+    except (UserError, np.linalg.LinAlgError) as error:
+        return None, f"not diagnosed: {error}"
+    target = folder / DIAGNOSIS
+    found.save(target, replace=target.exists())
+    return found, ""
+
+
+def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
+    """The trials of the ship of a ``task`` to fit and those held out, and sentences on files that mmg check calls
+    contradictory, which are left out. Raises UserError where none is left to fit."""
+    ship = task.ship
+    train = [
+        replace(trial, meta={**trial.meta, "campaign": label}) if label else trial
+        for trial, label in zip(read_trials(ship.trials), ship.trials.values(), strict=True)
+    ]
+    held_out = read_trials(ship.held_out) if ship.held_out else []
+    left_out: list[str] = []
+    if not task.options.unchecked:
+        refuted = {}
+        for report in check([*train, *held_out]):
+            if report.verdict == CONTRADICTORY:
+                refuted[report.path] = next(f.text for f in report.findings if f.level == CONTRADICTORY)
+        left_out = [f"{Path(path).name} is left out: {text}" for path, text in refuted.items()]
+        train, held_out = ([t for t in some if str(t.path or "") not in refuted] for some in (train, held_out))
+        if not train:
+            raise Conflict(f"mmg check calls all trials contradictory: {left_out[0]}")
+    fitted, judged = ready(train, held_out, unchecked=task.options.unchecked)
+    names = campaigns_of(fitted)
+    grouped = [
+        replace(trial, meta={**trial.meta, "group": names.names[number]})
+        for trial, number in zip(fitted, names.number, strict=True)
+    ]
+    return grouped, list(judged), left_out

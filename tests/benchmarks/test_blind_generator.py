@@ -18,7 +18,7 @@ from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_num
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
 from benchmarks.blind.generator.effect import LEVELS, Effect
-from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
+from benchmarks.blind.generator.foreign import FOREIGN
 from benchmarks.blind.generator.machinery import follow
 from benchmarks.blind.generator.plant import plant_of, rates
 from benchmarks.blind.generator.strangers import NEW, STRANGERS
@@ -31,7 +31,7 @@ from cases.shipfiles.ship_file import load_ship
 from mmg.model import assemble
 
 ROOT = Path(__file__).parents[2]
-EFFECTS: tuple[Effect, ...] = (*LIBRARY, *FOREIGN, MISFIT, *NEW)
+EFFECTS: tuple[Effect, ...] = (*LIBRARY, *FOREIGN, *NEW)
 NULL = Hand("null", ())
 CONTRACT = (
     "current wind_force wind_sensor_bias shallow_water bank wave_drift rudder_lag rudder_backlash rudder_offset "

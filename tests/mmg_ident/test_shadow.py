@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from mmg_ident.shadow import shadowing_mmg
+from mmg_ident import shadowing_mmg
 
 ROOT = Path(__file__).parents[2]
 

@@ -181,7 +181,7 @@ def run(cases: list[Case]) -> Runs:
 def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
     """Mean J per case over the 30 s windows of the held-out runs, of the true model from the true state; (cases,).
 
-    The model has the true coefficients and, if asked, every hidden effect and misfit with the memory that the truth
+    The model has the true coefficients and, if asked, every hidden effect with the memory that the truth
     has, real actuators and true wind, but not the random force. J is the mean over windows, samples after the first
     and the six columns of the squared error against the record, by SCALES. Without effects: the same ship, taken at
     its logged actuators; what the hidden cause costs before any calibration.

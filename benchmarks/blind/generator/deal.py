@@ -10,18 +10,18 @@ import numpy as np
 
 from benchmarks.blind.generator import instruments, machinery, surroundings
 from benchmarks.blind.generator.effect import LEVELS, Drawn, Effect
-from benchmarks.blind.generator.foreign import FOREIGN, MISFIT
+from benchmarks.blind.generator.foreign import FOREIGN
 from benchmarks.blind.generator.strangers import STRANGERS
 
 LIBRARY: tuple[Effect, ...] = (*surroundings.EFFECTS, *machinery.EFFECTS, *instruments.EFFECTS)
-KINDS = ("library", "null", "foreign", "strangers", "pair", "misfit", "mix")
+KINDS = ("library", "null", "foreign", "strangers", "pair", "mix")
 NULL_SHARE, FOREIGN_SHARE, DECOYS = 0.10, 0.15, 0.25
 """Shares of null and foreign cases in a mix, and of other cases with a site file that explains nothing."""
 
 
 @dataclass(frozen=True)
 class Hand:
-    """What one case holds: its kind, and effects with their strengths (the misfit last, if any)."""
+    """What one case holds: its kind, and effects with their strengths."""
 
     kind: str
     effects: tuple[tuple[Effect, str], ...]
@@ -58,10 +58,8 @@ def _hands_of(
         among = FOREIGN if kind == "foreign" else strangers
         pool = [(effect, level) for effect in among for level in LEVELS[1:]]
         return [Hand("foreign", (one,)) for one in _cycled(pool, count, rng)]
-    if kind == "pair":
-        pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
-        return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
-    return [Hand(kind, ((effect, "medium"), (MISFIT, "medium"))) for effect in _cycled(list(library), count, rng)]
+    pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
+    return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
 
 
 def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str] = ()) -> list[Hand]:

@@ -1,4 +1,4 @@
-"""Causes that no library of effects holds, and the smooth structural misfit. Not for the eyes of who diagnoses."""
+"""Causes that no library of effects holds. Not for the eyes of who diagnoses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, OneNumber, scaled, sign
+from benchmarks.blind.generator.effect import Array, Drawn, OneNumber, scaled, sign
 from benchmarks.blind.generator.instruments import turned
 
 
@@ -154,37 +154,7 @@ class LooseCargo(Sized):
         return np.stack([z[1], -spring - m.u * m.r])
 
 
-class Misfit(Effect):
-    """Small smooth forces of the state that no model has: three random ridges in each of X, Y, N, none at rest."""
-
-    name, levels = "misfit", (0.5, 1.0, 2.0)
-    scale = (0.05, 0.2, 0.12)
-    neutral = {  # noqa: RUF012
-        "size": 0.0,
-        **{f"{kind}_{a}_{i}": 0.0 for kind in "abcdg" for a in "XYN" for i in range(3)},
-    }
-
-    def draw(self, strength: str, rng: np.random.Generator, runs: int) -> Drawn:
-        size = self.size(strength, rng)
-        inside = {name: float(rng.normal()) for name in self.neutral if name != "size"}
-        return Drawn({"size": size}, {"size": size, **inside})
-
-    def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
-        speed = (m.u**2 + m.v**2 + (m.r * p["L"] / 2) ** 2) / 0.04
-        moving = speed / (1 + speed)
-        signals = (m.u / 0.2, m.v / 0.05, m.r / 0.03)
-        out = []
-        for axis, unit in zip("XYN", self.scale, strict=True):
-            total = 0.0
-            for i in range(3):
-                ridge = sum(getattr(e, f"{k}_{axis}_{i}") * s for k, s in zip("abc", signals, strict=True))
-                total = total + getattr(e, f"g_{axis}_{i}") * np.tanh(0.7 * ridge + getattr(e, f"d_{axis}_{i}"))
-            out.append(e.size * unit * moving * total / np.sqrt(3.0))
-        parts[self.name] = (out[0], out[1], out[2])
-
-
 FOREIGN = (
     YawDrag(), OneSidedDrag(), WheelAhead(), LameRudder(), TurningThrust(), Deviation(), Swell(), Dragging(), Eddy(),
     Droop(), LooseCargo(),
 )  # fmt: skip
-MISFIT = Misfit()

@@ -255,7 +255,7 @@ def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pyte
         (["missing.csv"], "--length"),
         (["esso_osaka_3m", "--length", "3"], "--length"),
         (["a.csv", "--length", "3", "--speed", "1"], "--speed"),
-        (["esso_osaka_3m", "--speed", "-1"], "must be positive"),
+        (["esso_osaka_3m", "--speed", "-1"], "--speed -1"),
         (["esso_osaka_3m", "--plot", "figure.doc"], ".png"),
         (["esso_osaka_3m", "--maneuver", "pirouette"], "unknown manoeuvre"),
         (["a.csv", "--length", "3", "--kind", "spiral"], "--kind"),

@@ -242,8 +242,8 @@ def all_fixed(folder: Path) -> list[str | Path]:
 BAD: list[tuple[Callable[[Path], list[str | Path]], str]] = [
     (lambda f: [f / "ship.toml", f / "nowhere.csv"], "nowhere.csv"),
     (lambda f: [f / "ship.toml", f / "train", "--test", f / "no_test.csv"], "no_test.csv"),
-    (lambda f: [f / "nothing", f / "train"], "nothing: neither a run folder nor a ship file nor a ship of mmg ships"),
-    (lambda f: [f / "train", f / "train"], "ship.toml"),
+    (lambda f: [f / "nothing", f / "train"], "nothing: no such ship"),
+    (lambda f: [f / "train", f / "train"], "train: no such ship"),
     (lambda f: [f / "no_ship.toml", f / "train"], "no_ship.toml"),
     (short, "10"),
     (all_fixed, "every coefficient is fixed"),

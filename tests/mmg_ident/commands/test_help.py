@@ -11,8 +11,7 @@ import mmg_ident
 from fitting.settings import Settings
 from mmg.errors import UnknownName
 from mmg_ident.commands.main import PANELS, VERBS, main
-from mmg_ident.gone import GONE
-from mmg_ident.settings import checked_settings, given_settings, settings_of
+from mmg_ident.settings import GONE, checked_settings, given_settings, settings_of
 from residual.settings import BlackBoxSettings
 
 MOST = 8

@@ -11,7 +11,7 @@ import pytest
 
 from mmg_ident.commands.main import main
 from mmg_ident.fleet import run as fleet_run
-from mmg_ident.fleet.job import fit_alone
+from mmg_ident.fleet.run import fit_alone
 from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 

@@ -76,7 +76,7 @@ def test_a_plan_lists_campaigns_patterns_and_particulars(tmp_path: Path) -> None
     file(elsewhere / "5.csv", 5)
     plan = read_plan(write_plan(tmp_path, ships))
     anna, berta = plan.ships
-    assert anna.campaign == ("old", "old", "new") and [p.name for p in anna.held_out] == ["4.csv"]
+    assert list(anna.trials.values()) == ["old", "old", "new"] and [p.name for p in anna.held_out] == ["4.csv"]
     assert berta.start.particulars["L"] == 161 and [p.name for p in berta.trials] == ["5.csv"]
     assert not plan.options.diagnose
 
