@@ -206,22 +206,11 @@ def bounded_step(
 ) -> np.ndarray:
     """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper.
 
-    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Those that would leave
-    are held at their bounds and the others found anew. Where one of the held pulls back after that, the least squares
-    that have the same minimum are solved by an active set that lets go again (Stark and Parker 1995).
+    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Where the free minimum
+    leaves the bounds, the least squares that have the same minimum are solved by an active set (Stark and Parker 1995).
     """
-    d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
-    for _ in range(len(p)):
-        free = ~held
-        d[free] = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free] - hessian[np.ix_(free, held)] @ d[held])
-        leaving = free & ((p + d < lower - 1e-12) | (p + d > upper + 1e-12))
-        if not leaving.any():
-            break
-        d[leaving] = np.clip(p + d, lower, upper)[leaving] - p[leaving]
-        held |= leaving
-    pull = slope + hessian @ d
-    at_lower = p + d - lower < upper - p - d
-    if not (held & np.where(at_lower, pull < 0.0, pull > 0.0)).any():
+    d = np.linalg.solve(hessian, -slope)
+    if not ((p + d < lower - 1e-12) | (p + d > upper + 1e-12)).any():
         return d
     from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
 

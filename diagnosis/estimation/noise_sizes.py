@@ -147,7 +147,10 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
 
 
 def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> tuple[NoiseModel, float]:
-    """As ``updated_noise`` by the average information, and the gain of log likelihood that is expected from it."""
+    """As ``updated_noise`` by the average information, and the gain of log likelihood that is expected from it.
+
+    here, r, u, typical: as there.
+    """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     slope, information = slope_and_information(here, r, u)
     own, known = _prior_share(noise, sizes)

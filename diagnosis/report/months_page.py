@@ -41,7 +41,6 @@ def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> No
     figures = FigureFolder(folder / "figures")
     if shown(study):
         figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
-    figures.write("days", partial(days_figure, study), "What became of each day", "Hours of windows by day.")
     with figures.making("the page"):
         page = environment("diagnosis.report").get_template("months.html.j2")
         content = {
@@ -81,19 +80,3 @@ def changes_figure(study: MonthStudy) -> Figure:
         dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
     ax.set_xlabel("days since the log began", fontsize=9)
     return figure
-
-
-def days_figure(study: MonthStudy) -> Figure:
-    """Hours of manoeuvring and steady windows of each day of ``study``, and of those the model does not explain."""
-    day = ((study.by_window["begin_s"] - study.cut.begin) // 86400).astype(int)
-    count, hours = int(day.max()) + 1, study.cut.length / 3600
-    moved, strange = study.by_window["manoeuvring"], study.by_window["unexplained"]
-    figure = new_figure(2.4)
-    ax, base = figure.subplots(), np.zeros(count)
-    for name, chosen, colour in (("steady", ~moved & ~strange, "#BBD5E8"), ("manoeuvring", moved & ~strange, AFTER),
-                                 ("not explained by the model", strange, BEFORE)):  # fmt: skip
-        height = hours * np.bincount(day[chosen], minlength=count)
-        ax.bar(np.arange(count) + 0.5, height, 0.85, base, color=colour, label=name)
-        base = base + height
-    ax.legend(fontsize=8, frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return dress(ax, "days since the log began", "hours under way").figure  # type: ignore[return-value]

@@ -86,7 +86,9 @@ def _by_channel(rows: Sequence[Mapping[str, Any]], key: str) -> list[dict[str, A
 
 def held_rows(d: Findings) -> list[dict[str, Any]]:
     """Errors of the test trials of ``d`` before and after, the total last."""
-    every = d.held_out.all_runs if d.held_out is not None else []
+    if d.held_out is None:
+        return []
+    every = [*d.held_out.by_run.items(), ("all windows", (d.held_out.mse_before, d.held_out.mse_after))]
     return [{"name": name, "before": a, "after": b, "worse": b > a, "change": _change(a, b)} for name, (a, b) in every]
 
 

@@ -14,9 +14,8 @@ import pytest
 
 from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
-from diagnosis.estimation.filtering import filtered_by, whitened_by
+from diagnosis.estimation.filtering import filtered_by, source, whitened_by
 from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
-from diagnosis.estimation.kalman_c import source
 from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
 from mmg.compile.path_c import FLAGS
@@ -35,9 +34,9 @@ def code() -> ctypes.CDLL:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """The choice between code and numpy is made again, before and after."""
-    filtering.forget_code()
+    filtering._library.cache_clear()
     yield
-    filtering.forget_code()
+    filtering._library.cache_clear()
 
 
 def system(n: int, seed: int = 0) -> LinearSystem:
