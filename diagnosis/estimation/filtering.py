@@ -194,6 +194,11 @@ def _faults(library: ctypes.CDLL) -> str:
     return f"the filter differs from that in numpy {wrong}" if wrong else ""
 
 
+def forget_code() -> None:
+    """Choose again between code and numpy when the filter is next used."""
+    _library.cache_clear()
+
+
 _PRODUCTS = """
 #include <stdlib.h>
 /* m rows of w vectors of a product: sums that wait for each other in none of the others */

@@ -149,7 +149,7 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
 def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> tuple[NoiseModel, float]:
     """As ``updated_noise`` by the average information, and the gain of log likelihood that is expected from it.
 
-    here, r, u, typical: as there.
+    here, typical: as there; r: (K, R, n), u: (K + 1, R, 6) of the smoother.
     """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     slope, information = slope_and_information(here, r, u)

@@ -34,9 +34,9 @@ def code() -> ctypes.CDLL:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """The choice between code and numpy is made again, before and after."""
-    filtering._library.cache_clear()
+    filtering.forget_code()
     yield
-    filtering._library.cache_clear()
+    filtering.forget_code()
 
 
 def system(n: int, seed: int = 0) -> LinearSystem:
