@@ -98,49 +98,36 @@ def diagnose(
     the trials. Raises UserError for input from which nothing can be concluded, and OutOfTimeError where the time
     limit is reached before there is a verdict; what comes after it is left out then, with a warning.
     """
-    o = options or DiagnosisOptions()
+    o, began = options or DiagnosisOptions(), time.perf_counter()
     with time_limit(o.time_limit):
-        return _within_time(ship, trials, tests, site, o, calibrated_on, timed(progress))
-
-
-def _within_time(
-    ship: Ship,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    site: Site | Path | None,
-    o: DiagnosisOptions,
-    calibrated_on: Path | str | Sequence[Trial] | None,
-    progress: OnProgress,
-) -> Diagnosis:
-    """``diagnose`` with the clock running."""
-    began = time.perf_counter()
-    trials, tests, by_role = parted(trials, tests, o.between)
-    trials, copies = diagnosable_trials(trials)
-    groups = group_trials(trials, o.between) if o.between else None
-    ship, of_campaign = ship_in(ship, trials)
-    ship, remarks = diagnosable(ship)
-    remarks += of_campaign
-    place = site if isinstance(site, Site) else read_site(trials, ship, site)
-    kept, shared = independent_tests(trials, tests)
-    known = calibration_trials(ship, trials, calibrated_on)
-    remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
-    remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
-    told = told_of_predictions(ship, calibrated_on)
-    inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
-    try:
-        found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
-    except (BrokenModelError, np.linalg.LinAlgError) as error:
-        why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
-        return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
-    except OutOfTimeError as error:
-        words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
-        raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
-    found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
-    return with_learned(found, trials, kept, o, progress) if o.learn else found
+        trials, tests, by_role = parted(trials, tests, o.between)
+        trials, copies = diagnosable_trials(trials)
+        groups = group_trials(trials, o.between) if o.between else None
+        ship, of_campaign = ship_in(ship, trials)
+        ship, remarks = diagnosable(ship)
+        remarks += of_campaign
+        place = site if isinstance(site, Site) else read_site(trials, ship, site)
+        kept, shared = independent_tests(trials, tests)
+        known = calibration_trials(ship, trials, calibrated_on)
+        remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
+        remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
+        told = told_of_predictions(ship, calibrated_on)
+        inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
+        progress = timed(progress)
+        try:
+            found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+        except (BrokenModelError, np.linalg.LinAlgError) as error:
+            why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
+            return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
+        except OutOfTimeError as error:
+            words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
+            raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
+        found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
+        return with_learned(found, trials, kept, o, progress) if o.learn else found
 
 
 def _diagnosed(
-    ship: Ship,
+    given: Ship,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
     site: Site,
@@ -150,7 +137,7 @@ def _diagnosed(
     progress: OnProgress | None,
 ) -> Diagnosis:
     """The diagnosis; no test trial shares rows with the trials."""
-    given, began = ship, time.perf_counter()
+    began = time.perf_counter()
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
     ready, gridded, result = _searched(ready, trials, tests, options, progress)
@@ -161,9 +148,10 @@ def _diagnosed(
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named, late = verdict == "named", ready.reading.time_error
-    wide, of_width = _with_wider_priors(p, found.final if is_named else found.null)
+    fitted = found.final if is_named else found.null
+    wide, of_width = p.with_wider(fitted), width_notices(p.width(fitted, MOST).factor, p.width_taken(fitted))
     found = replace(found, final=wide) if is_named else found
-    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
+    final, same = (wide, summary.equivalence_class(found)) if is_named else (found.null, ())
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
@@ -184,10 +172,11 @@ def _diagnosed(
     is_left = verdict == "unknown" or remainder
     unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
     between = _between(ready, sensors, groups, trials, reasons)
-    unnamed, usual = _by_kind(before, after), p.expected_unnamed_null > 0
-    sentence = doubt or sentence_of(verdict, effects, same, remainder, result.held, found, unexplained, usual)
+    unnamed = Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
+    sentence = doubt or sentence_of(
+        verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0
+    )
     sentence += likeness(unnamed.after if is_named else unnamed.before) if is_left and not doubt else ""
-    timings["total"] = time.perf_counter() - began
     return Diagnosis(
         verdict=verdict,
         sentence=sentence,
@@ -207,7 +196,7 @@ def _diagnosed(
         unexplained_force=unexplained,
         chance=result.chance,
         pattern=fits,
-        timings=timings,
+        timings={**timings, "total": time.perf_counter() - began},
         inputs=DiagnosisInputs(),
         ship=after_all,
         before=ship_before,
@@ -216,11 +205,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-
-
-def _by_kind(before: UnnamedForms, after: UnnamedForms) -> Unnamed:
-    """What the unnamed forms explain, for diagnosis.json."""
-    return Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
 
 
 def _searched(
@@ -250,11 +234,6 @@ def _searched(
     if is_better and (is_likelier or explains_lateness(result.found, again.found)):
         return other, like, again
     return ready, gridded, result
-
-
-def _with_wider_priors(p: SearchProblem, fit: Estimate) -> tuple[Estimate, tuple[Message, ...]]:
-    """The ``fit`` with priors as wide as the trials have them, where that is wider than stated; and a sentence."""
-    return p.with_wider(fit), width_notices(p.width(fit, MOST).factor, p.width_taken(fit))
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

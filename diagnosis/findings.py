@@ -116,11 +116,6 @@ class HeldOut:
     likelihood_interval_90: tuple[Real, Real] | None = None
     horizons: Mapping[str, Pair] = field(default_factory=dict)
 
-    @property
-    def all_runs(self) -> list[tuple[str, tuple[float, float]]]:
-        """Name, errors before and after of each trial and, last, of all windows."""
-        return [*self.by_run.items(), ("all windows", (self.mse_before, self.mse_after))]
-
     def to_dict(self) -> dict[str, Any]:
         """The part "held_out" of ``diagnosis.json``."""
         pairs = {"by_run": self.by_run, "horizons": self.horizons}

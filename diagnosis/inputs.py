@@ -140,18 +140,16 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
     if not tests:
         return [], []
     every = [*train, *tests]
-    hashes = {t.sha256: t.name for t in train if t.sha256}
+    hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[str](), list[Trial]()
     copies = [{str(copy.get("other")) for copy in found} for found, *_ in duplicates(every)]
-    remarks: list[str] = []
-    kept = []
     for t, others in zip(tests, copies[len(train) :], strict=True):
         here = [o.name for o, its in zip(train, copies, strict=False) if o.name in others or t.name in its]
         here += [hashes[t.sha256]] if t.sha256 in hashes else []
-        if here:
-            words = f"{t.name} shares rows with {here[0]}, so it is no test and was left out of the check"
-            remarks.append(Message(words, "shared_rows"))
-        else:
+        if not here:
             kept.append(t)
+            continue
+        words = f"{t.name} shares rows with {here[0]}, so it is no test and was left out of the check"
+        remarks.append(Message(words, "shared_rows"))
     if not kept:
         remarks.append(Message("no test trial is left: how far the gap closes was not checked", "no_test_left"))
     return kept, remarks

@@ -71,15 +71,6 @@ def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter, time_erro
     return replace(by_trials, std=math.hypot(by_trials.std, EFFECTS[name].form_error * off, late))
 
 
-def values_by_run(problem: SearchProblem, fit: Estimate, candidate: Candidate) -> dict[str, dict[str, float]]:
-    """Values of a ``candidate`` that differs by run, in a ``fit`` to ``problem``. Returns run -> parameter -> value."""
-    rows: dict[str, dict[str, float]] = {}
-    for symbol, run in candidate.columns:
-        if run is not None:
-            rows.setdefault(problem.data.trials[run], {})[symbol.split(".", 1)[1]] = fit.value(symbol, run)
-    return rows
-
-
 def _named_in(found: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
     """The search in which an effect was named."""
     return next((s, s.best) for s in found.searches if s.best is not None and s.best.candidate == candidate)
@@ -99,7 +90,11 @@ def named_effect(
     time_error: as of ``parameters_of``."""
     search, refitted = _named_in(found, candidate)
     sizes = parameters_of(full, found.final, candidate, time_error)
-    runs = values_by_run(problem, found.final, candidate)
+    runs: dict[str, dict[str, float]] = {}
+    for symbol, run in candidate.columns:
+        if run is not None:
+            value = found.final.value(symbol, run)
+            runs.setdefault(problem.data.trials[run], {})[symbol.split(".", 1)[1]] = value
     absorbed = search.score(candidate).absorbed
     return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed, runs)
 

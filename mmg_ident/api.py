@@ -6,7 +6,7 @@ A *model* is a ship, the name of one of the library, a ship file, a run folder, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -196,7 +196,6 @@ def calibrate(
     likelihood of a diagnosis. Raises UserError for input from which nothing can be identified, and for values outside
     their limits.
     """
-    from diagnosis.calibration.on_demand import second_estimate, tests_of_effects
     from fitting import calibrate as pipeline
     from fitting.settings import Settings
     from fitting.solvers.interrupts import unless_interrupted
@@ -205,11 +204,20 @@ def calibrate(
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)
     start = _ship(ship)
-    options = replace(options or pipeline.FitOptions(), second=second_estimate)
+    options = replace(options or pipeline.FitOptions(), second=_second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
-    return unless_interrupted(lambda: tests_of_effects(result, start)) or result.without_parts("tests of effects")
+    from diagnosis.calibration.freed_effects import with_effect_tests
+
+    return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
+
+
+def _second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
+    """As ``filter_estimate``, whose modules are read only where one is asked for."""
+    from diagnosis.calibration.filter_estimate import filter_estimate
+
+    return filter_estimate(ship, trials)
 
 
 def score(

@@ -47,7 +47,7 @@ def with_gusts(steps: TransitionModel, data: GriddedTrials) -> GriddedTrials:
         for way in (SHARE, -SHARE):
             air = inputs.copy()
             air[at] += way * np.array(turned)
-            ends.append(steps.rates_alone(z, air, theta)[:, 3:6])
+            ends.append(steps.rates(z, air, theta)[0][:, 3:6])
         pushes.append(np.linalg.solve(J[:, 3:6, steps.S :], ((ends[0] - ends[1]) / (2 * SHARE))[..., None])[..., 0])
     gusts = np.stack(pushes, axis=2).reshape(K, R, 3, 2)
     gusts[~data.inside] = 0.0

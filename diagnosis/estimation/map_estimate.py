@@ -21,8 +21,7 @@ from diagnosis.estimation.linearisation import (
     initial_trajectory,
     linearised_if_finite,
 )
-from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
-from diagnosis.estimation.noise_step import noise_step
+from diagnosis.estimation.noise_sizes import initial_noise, noise_step, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.time_limit import check_time
 from diagnosis.estimation.transition_model import TransitionModel
@@ -123,10 +122,9 @@ class _Iteration:
         return Point(theta, free, p, path, noise)
 
 
-def _iteration(
-    here: Linearisation, at: Point, data: GriddedTrials, active: np.ndarray, typical: NoiseModel | None
-) -> _Iteration:
+def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     """The Gauss-Newton step from a linearisation; typical: sizes of the noise, None where it stays as it is."""
+    at, active = here.at, here.active
     flat = here.white.reshape(-1, len(at.p) + 1)
     gram = flat.T @ flat
     A = gram[:-1, :-1] + np.eye(len(at.p))
@@ -140,7 +138,7 @@ def _iteration(
     if typical is not None and gain < NEAR:
         noise, more = noise_step(here, r, u, typical)
     elif typical is not None:
-        noise, more = updated_noise(at.noise, data, here.adjoint, r, u, count, typical), np.inf
+        noise, more = updated_noise(here, r, u, typical), np.inf
     return _Iteration(at, here.nll, dp, dz, mean[..., count : count + 5], A, gain, noise, more)
 
 
@@ -189,7 +187,7 @@ def estimate(
         assert here is not None
         share, reductions = 1.0, 0
         before = np.inf if best is None else best.nll
-        best = _iteration(here, now, data, active, None if fixed_noise else typical)
+        best = _iteration(here, None if fixed_noise else typical)
         in_vain = 0 if likeliest is None or best.nll < likeliest.nll - tolerance else in_vain + 1
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         left = best.gain + best.noise_gain
@@ -208,22 +206,11 @@ def bounded_step(
 ) -> np.ndarray:
     """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper.
 
-    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Those that would leave
-    are held at their bounds and the others found anew. Where one of the held pulls back after that, the least squares
-    that have the same minimum are solved by an active set that lets go again (Stark and Parker 1995).
+    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Where the free minimum
+    leaves the bounds, the least squares that have the same minimum are solved by an active set (Stark and Parker 1995).
     """
-    d, held = np.zeros(len(p)), np.zeros(len(p), dtype=bool)
-    for _ in range(len(p)):
-        free = ~held
-        d[free] = np.linalg.solve(hessian[np.ix_(free, free)], -slope[free] - hessian[np.ix_(free, held)] @ d[held])
-        leaving = free & ((p + d < lower - 1e-12) | (p + d > upper + 1e-12))
-        if not leaving.any():
-            break
-        d[leaving] = np.clip(p + d, lower, upper)[leaving] - p[leaving]
-        held |= leaving
-    pull = slope + hessian @ d
-    at_lower = p + d - lower < upper - p - d
-    if not (held & np.where(at_lower, pull < 0.0, pull > 0.0)).any():
+    d = np.linalg.solve(hessian, -slope)
+    if not ((p + d < lower - 1e-12) | (p + d > upper + 1e-12)).any():
         return d
     from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
 

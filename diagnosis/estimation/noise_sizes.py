@@ -1,11 +1,23 @@
-"""Initial sizes of the noise, and their update by expectation-maximisation."""
+"""Sizes of the noise: the initial ones, their bounds, and two ways to better ones.
+
+Far from the optimum of the coefficients they go by the fixed point of their likelihood equations (expectation-
+maximisation), near it by their average information. With the residuals e and their covariance V, the sum of a part V_i
+for each variance, half the logarithm of V's determinant and half e' V^-1 e have by the logarithm of a variance the
+slope (tr V^-1 V_i - e' V^-1 V_i V^-1 e) / 2. The mean of the observed and the expected information on two of them is
+e' V^-1 V_i V^-1 V_j V^-1 e / 2, which needs only whitened columns (Gilmour, Thompson & Cullis 1995): each is the
+response to what the smoother makes of one source of noise. Steps with it come to the optimum in a few iterations, where
+those of the fixed point take dozens.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation.filtering import whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import PRIOR_SAMPLES, Adjoint, NoiseModel
+from diagnosis.estimation.kalman import PRIOR_SAMPLES, NoiseModel
+from diagnosis.estimation.linearisation import Linearisation
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
@@ -62,7 +74,8 @@ effects."""
 
 def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
     """Least size (3,) [N, N, N m] of the latent force of trials ``data`` whose gusts have the sizes of ``noise``;
-    typical: as of ``updated_noise``."""
+    typical: sizes by
+    ``initial_noise``."""
     least = LEAST_FORCE * typical.force
     if data.gusts is None:
         return least
@@ -70,39 +83,103 @@ def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> 
     return np.asarray(np.maximum(least, BESIDE_GUSTS * np.sqrt(blown)))
 
 
-def updated_noise(
-    noise: NoiseModel, data: GriddedTrials, found: Adjoint, r: np.ndarray, u: np.ndarray, A: int, typical: NoiseModel
-) -> NoiseModel:
-    """The sizes ``noise`` after one step of the fixed point q <- q sum r^2 / sum N (force, coloured errors) and R <- R
-    sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
+SHORTEST, LONGEST = -3.0, 1.4
+"""Least and largest change of the logarithm of a variance in one step."""
+RIDGE = 1e-3, 1e-6
+"""Share of each information that is added to it, and as much again: sources that look alike are not told apart."""
 
-    data: windows; found: with N and D; r: (K, R, n), u: (K + 1, R, 6) of the smoother; A: number of ship states;
-    typical: sizes of which LEAST and LEAST_FORCE are the smallest and MOST the largest force.
+
+def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The sizes (q,) that drive the system of ``here``, and their bounds: force, gusts where the trials have any,
+    coloured errors, white errors (6). typical: sizes by ``initial_noise``."""
+    noise, coloured, errors = here.at.noise, here.at.noise.coloured > 0, LEAST * typical.white
+    gust = noise.gust if here.data.gusts is not None else np.zeros(0)
+    sizes = np.concatenate([noise.force, gust, noise.coloured[coloured], noise.white])
+    least = least_force(noise, here.data, typical)
+    lower = np.concatenate([least, np.full(len(gust), GUST[0]), errors[coloured], errors])
+    upper = np.full(len(sizes), np.inf)
+    upper[: 3 + len(gust)] = [*MOST * typical.force, *np.full(len(gust), GUST[1])]
+    return sizes, lower, upper
+
+
+def _with_sizes(here: Linearisation, sizes: np.ndarray) -> NoiseModel:
+    """The noise of ``here`` with other ``sizes`` (q,), in the order of ``_sizes_and_bounds``."""
+    noise, gusts = here.at.noise, 0 if here.data.gusts is None else 2
+    force, gust, colours, white = np.split(sizes, [3, 3 + gusts, len(sizes) - 6])
+    coloured = noise.coloured.copy()
+    coloured[noise.coloured > 0] = colours
+    return noise.with_(force=force, white=white, coloured=coloured, gust=gust if gusts else noise.gust)
+
+
+def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums (q,) of the squares of what each source of noise makes of the smoother's r (K, R, n) and u (K + 1, R, 6),
+    and their expected values."""
+    A, masks = len(here.active), (here.system.inside[..., None], here.system.good)
+    made, expected = (r[..., A:] ** 2, u**2), (here.adjoint.N[..., A:], here.adjoint.D)
+    sums = [[np.where(m, x, 0.0).sum(axis=(0, 1)) for m, x in zip(masks, own, strict=True)] for own in (made, expected)]
+    return np.concatenate(sums[0]), np.concatenate(sums[1])
+
+
+def _prior_share(noise: NoiseModel, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places among the ``sizes`` (q,) of those that a prior knows, of force and white errors, and the squares of the
+    known ones over these; empty without a prior."""
+    if noise.prior is None:
+        return np.zeros(0, dtype=int), np.zeros(0)
+    own = np.array([*range(3), *range(len(sizes) - 6, len(sizes))])
+    return own, (np.concatenate([noise.prior.force, noise.prior.white]) / sizes[own]) ** 2
+
+
+def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> NoiseModel:
+    """The sizes of the noise of a linearisation ``here`` after one step of the fixed point q <- q sum r^2 / sum N
+    (force, gusts, coloured errors) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
+
+    r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which say how small and large
+    each may become.
     """
-    prior = noise.prior
-    pull = PRIOR_SAMPLES if prior is not None else 0.0
-    force, white = (noise.force, noise.white) if prior is None else (prior.force, prior.white)
-    rest = len(found.N[0, 0]) - A - 3
-    fresh = 1 - np.exp(-2 * data.h / noise.tau)
-    added = pull / (fresh * np.concatenate([noise.force**2, np.full(rest, np.inf)]))
-    more = np.concatenate([(force / noise.force) ** 2, np.zeros(rest)])
+    noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
+    (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)
+    fresh = np.where(np.arange(len(sizes)) < 3, 1 - np.exp(-2 * here.data.h / noise.tau), 1.0)
+    count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)
+    made[own] += count * known
+    expected[own] += count
+    ratio = np.clip(np.where(expected > 0, made / np.maximum(expected, 1e-300), 1.0), 0.1, 10.0)
+    return _with_sizes(here, np.clip(sizes * np.sqrt(ratio), lower, upper))
 
-    def ratio(
-        top: np.ndarray, bottom: np.ndarray, mask: np.ndarray, known: np.ndarray, count: np.ndarray
-    ) -> np.ndarray:
-        a, b = (np.where(mask, x, 0.0).sum(axis=(0, 1)) for x in (top, bottom))
-        a, b = a + count * known, b + count
-        return np.clip(np.where(b > 0, a / np.maximum(b, 1e-300), 1.0), 0.1, 10.0)
 
-    grown = ratio(r[..., A:] ** 2, found.N[..., A:], data.inside[..., None], more, added)
-    scattered = ratio(u**2, found.D, data.good, (white / noise.white) ** 2, pull / noise.white**2)
-    colours = noise.coloured.copy()
-    gusts = 0 if data.gusts is None else 2
-    gust = np.clip(noise.gust * np.sqrt(grown[3:5]), *GUST) if gusts else noise.gust
-    colours[noise.coloured > 0] *= np.sqrt(grown[3 + gusts :])
-    return noise.with_(
-        force=np.clip(noise.force * np.sqrt(grown[:3]), least_force(noise, data, typical), MOST * typical.force),
-        white=np.maximum(noise.white * np.sqrt(scattered), LEAST * typical.white),
-        coloured=np.where(noise.coloured > 0, np.maximum(colours, LEAST * typical.white), 0.0),
-        gust=gust,
-    )
+def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> tuple[NoiseModel, float]:
+    """As ``updated_noise`` by the average information, and the gain of log likelihood that is expected from it.
+
+    here, typical: as there; r: (K, R, n), u: (K + 1, R, 6) of the smoother.
+    """
+    noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
+    slope, information = slope_and_information(here, r, u)
+    own, known = _prior_share(noise, sizes)
+    slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)
+    information[own, own] += 0.5 * PRIOR_SAMPLES * known
+    free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))
+    own_information = information[np.ix_(free, free)]
+    own_information += np.diag(RIDGE[0] * np.diag(own_information) + RIDGE[1])
+    step = np.zeros(len(sizes))
+    step[free] = np.clip(-np.linalg.solve(own_information, slope[free]), SHORTEST, LONGEST)
+    gain = -float(slope @ step + 0.5 * step @ information @ step)
+    new = _with_sizes(here, np.clip(sizes * np.exp(0.5 * step), lower, upper))
+    return new.with_(force=np.maximum(new.force, least_force(new, here.data, typical))), gain
+
+
+def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope (q,) of the negative log likelihood by the logarithms of the variances that drive the system of ``here``,
+    without those of its first states, and their average information (q, q), in the order of ``_sizes_and_bounds``.
+
+    r: (K, R, n), u: (K + 1, R, 6) of the smoother.
+    """
+    system, A = here.system, len(here.active)
+    (K, R, n), random = system.T.shape[:3], system.T.shape[2] - A
+    made, expected = _squares(here, r, u)
+    slope = 0.5 * np.concatenate([system.Q[A:], system.R]) * (expected - made)
+    forcing, observed = np.zeros((K, R, n, random + 6)), np.zeros((K + 1, R, 6, 6))
+    at, each = np.arange(random), np.arange(6)
+    forcing[:, :, A + at, at] = system.Q[A:] * np.where(system.inside[..., None], r[..., A:], 0.0)
+    observed[:, :, each, each] = system.R * np.where(system.good, u, 0.0)
+    columns = DrivenColumns(forcing, observed, random + each)
+    white = whitened(system, here.filter, columns, rows=here.rows)[0].reshape(-1, random + 6)
+    return slope, 0.5 * white.T @ white

@@ -57,13 +57,6 @@ NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))
 """No free parameters."""
 
 
-def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
-    """Priors of the coefficients ``symbols`` as the file of the ``ship`` states them."""
-    rows = [ship.coefficients[s] for s in symbols]
-    mean, std, lower, upper = (np.array([getattr(c, k) for c in rows]) for k in ("value", "std", "lower", "upper"))
-    return Priors(tuple(Column(s) for s in symbols), mean, std, lower, upper)
-
-
 def priors_of_effects(candidates: Sequence[Candidate], width: float = PRIOR_WIDTH) -> Priors:
     """Priors of the parameters of ``candidates`` about their neutral values; width: std [typical sizes]."""
     join = {

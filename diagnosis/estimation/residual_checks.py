@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtrc
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import active_states
-from diagnosis.estimation.spectrum import periodogram
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
@@ -82,22 +83,30 @@ def _better_correlation_time(
     steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float
 ) -> tuple[Estimate, bool]:
     """One step of ``with_correlation_time``, and whether it was the last."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    logs, values = np.log(found.noise.tau) + np.array([-0.6, 0.0, 0.6]), []
-    for log in logs:
-        tau = float(np.exp(log))
-        size = found.noise.force * (tau / found.noise.tau) ** 0.25  # between equal size and equal change over a second
-        point = replace(found.fixed(), noise=found.noise.with_(tau=tau, force=size))
-        values.append(linearise_and_filter(steps, data, point, active).nll)
-    a, b, _ = np.polyfit(logs - logs[1], values, 2)
+    now = found.noise
+    # between equal size and equal change over a second
+    a, b = _parabola(
+        steps, data, found, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
+    )
     if not a > 0 or b**2 / (4 * a) <= least:
         return found, True
     shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
-    tau = float(np.exp(logs[1] + shift))
+    tau = float(now.tau * np.exp(shift))
     if not 2 * data.h <= tau <= 60 * data.h:
         return found, True
-    better = estimate(steps, data, replace(found, noise=found.noise.with_(tau=tau)), iterations=6)
+    better = estimate(steps, data, replace(found, noise=now.with_(tau=tau)), iterations=6)
     return better, shift > -FURTHEST or not better.nll < found.nll
+
+
+def _parabola(
+    steps: TransitionModel, data: GriddedTrials, found: Estimate, apart: float, changed: Callable[[float], NoiseModel]
+) -> tuple[float, float]:
+    """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``found`` through three points, x being
+    0 and ``apart`` on either side, with the noise that is ``changed`` by x."""
+    active, at = active_states(steps, found.free.symbols, found.theta), (-apart, 0.0, apart)
+    points = (replace(found.fixed(), noise=changed(x)) for x in at)
+    a, b, _ = np.polyfit(at, [linearise_and_filter(steps, data, point, active).nll for point in points], 2)
+    return float(a), float(b)
 
 
 GUST_MEMORY, WORTH = (0.25, 4.0), 1.0
@@ -113,18 +122,17 @@ def with_gust_memory(steps: TransitionModel, data: GriddedTrials, found: Estimat
     """
     if data.gusts is None:
         return found
-    active = active_states(steps, found.free.symbols, found.theta)
-    tau, around, values = found.noise.gust_tau, np.array([-0.7, 0.0, 0.7]), []
-    for shift in around:
-        size = found.noise.gust * np.exp(-0.25 * shift)  # the longer they last, the smaller they are
-        noise = found.noise.with_(gust_tau=float(tau * np.exp(shift)), gust=size)
-        values.append(linearise_and_filter(steps, data, replace(found.fixed(), noise=noise), active).nll)
-    a, b, _ = np.polyfit(around, values, 2)
+    now = found.noise
+    # the longer they last, the smaller they are
+    a, b = _parabola(
+        steps, data, found, 0.7,
+        lambda x: now.with_(gust_tau=float(now.gust_tau * np.exp(x)), gust=now.gust * np.exp(-0.25 * x)),
+    )  # fmt: skip
     if not a > 0 or b**2 / (4 * a) < WORTH:
         return found
     low, high = (factor * time_scale(float(steps.ship.particulars["L"])) for factor in GUST_MEMORY)
-    tau = float(np.clip(tau * np.exp(np.clip(-b / (2 * a), -2 * FURTHEST, 2 * FURTHEST)), low, high))
-    better = estimate(steps, data, replace(found, noise=found.noise.with_(gust_tau=tau)), iterations=6)
+    tau = float(np.clip(now.gust_tau * np.exp(np.clip(-b / (2 * a), -2 * FURTHEST, 2 * FURTHEST)), low, high))
+    better = estimate(steps, data, replace(found, noise=now.with_(gust_tau=tau)), iterations=6)
     return better if better.nll < found.nll else found
 
 
@@ -204,6 +212,14 @@ def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarra
         for part in np.split(rows, 1 + np.flatnonzero(np.diff(rows) != spacing))
     ]
     return spacing, [(r, rows) for r, rows in parts if len(rows) >= LEAST_ROWS]
+
+
+def periodogram(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (F,) [1/s] of x (N, ...), N samples every ``step`` [s], and the mean square (F, ...) of x less its
+    mean at each, as ``scipy.signal.periodogram`` scales a spectrum: that takes half a second to import."""
+    power = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0) / len(x)) ** 2
+    power[1 : (len(x) + 1) // 2] *= 2.0  # the negative frequencies; that of two samples a period has none
+    return np.fft.rfftfreq(len(x), step), power
 
 
 def _band_probabilities(

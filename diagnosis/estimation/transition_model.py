@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import BatchFunction, batch_functions
+from mmg.compile.batch import batch_functions
 from mmg.compile.path_numpy import PortablePaths, advanced, pushed, spread_over
 from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
 from mmg.compile.self_test import differences
@@ -70,7 +70,11 @@ class TransitionModel:
         self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.symbols)
         self.force = np.array([ship.symbols.index(s) for s in FORCE])
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
-        functions = [*self._rate_functions(), *self._logged_functions()]
+        q, c, every = (ca.SX.sym(name, n) for name, n in (("q", self.S), ("c", self.C), ("theta", len(ship.symbols))))
+        rates = self._derivatives("rates", self.model.rates(q, c, every), [q, c, every], self.force)
+        logged = self._derivatives("logged", self.model.columns(q, every), [q, every], [])
+        (functions, (self._rows, self._columns), self._rate_hessian_at) = rates
+        functions, self._logged_at, self._logged_hessian_at = [*functions, *logged[0]], logged[1], logged[2]
         batch, self.interpreted_because = batch_functions(
             functions, compiled, f"the equations of {ship.name} with all effects"
         )
@@ -108,42 +112,24 @@ class TransitionModel:
         """Built again in another process, where the compiled code comes from the cache."""
         return TransitionModel, self._made_of
 
-    def _rate_functions(self) -> list[ca.Function]:
-        """Rates; their Jacobian by states and columns; gradient by columns of a weighted sum of that by the states."""
-        q, c = ca.SX.sym("q", self.S), ca.SX.sym("c", self.C)
-        theta = ca.SX.sym("theta", len(self.ship.symbols))
-        k = self.model.rates(q, c, theta)
+    def _derivatives(
+        self, name: str, value: ca.SX, given: Sequence[ca.SX], by: Sequence[int] | np.ndarray
+    ) -> tuple[list[ca.Function], tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Functions of what is ``given``, states first and all coefficients last: a ``value``; that and its Jacobian by
+        states and columns; the gradient by columns of a weighted sum of its Jacobian by states and the coefficients
+        ``by``. Returns them with the rows and columns of the nonzeros of both Jacobians."""
+        states, theta = given[0], given[-1]
         own = ca.vertcat(*[theta[int(i)] for i in self.at])
-        J = ca.jacobian(k, ca.vertcat(q, own))
-        self._rows, self._columns = _nonzeros_at(J)
-        B = ca.jacobian(k, ca.vertcat(q, *[theta[int(i)] for i in self.force]))
-        self._rate_hessian_at = _nonzeros_at(B)
+        J = ca.jacobian(value, ca.vertcat(states, own))
+        B = ca.jacobian(value, ca.vertcat(states, *[theta[int(i)] for i in by]))
         weight = ca.SX.sym("weight", B.nnz())
-        logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(B)), own))
-        options = {"cse": True}
-        return [
-            ca.Function("d_rates", [q, c, theta], [k], options),
-            ca.Function("d_jacobian", [q, c, theta], [k, J], options),
-            ca.Function("d_rate_hessian", [q, c, theta, weight], [logdet_gradient], options),
+        gradient = ca.densify(ca.gradient(ca.dot(weight, B.nz[:]), own))
+        functions = [
+            ca.Function(f"d_{name}", given, [value], {"cse": True}),
+            ca.Function(f"d_{name}_jacobian", given, [value, J], {"cse": True}),
+            ca.Function(f"d_{name}_hessian", [*given, weight], [gradient], {"cse": True}),
         ]
-
-    def _logged_functions(self) -> list[ca.Function]:
-        """The same of the logged columns."""
-        z, theta = ca.SX.sym("z", self.S), ca.SX.sym("theta", len(self.ship.symbols))
-        y = self.model.columns(z, theta)
-        own = ca.vertcat(*[theta[int(i)] for i in self.at])
-        J = ca.jacobian(y, ca.vertcat(z, own))
-        self._logged_at = _nonzeros_at(J)
-        H = ca.jacobian(y, z)
-        self._logged_hessian_at = _nonzeros_at(H)
-        weight = ca.SX.sym("weight", H.nnz())
-        logdet_gradient = ca.densify(ca.gradient(ca.dot(weight, _nonzeros(H)), own))
-        options = {"cse": True}
-        return [
-            ca.Function("d_logged", [z, theta], [y], options),
-            ca.Function("d_logged_jacobian", [z, theta], [y, J], options),
-            ca.Function("d_logged_rate_hessian", [z, theta, weight], [logdet_gradient], options),
-        ]
+        return functions, _nonzeros_at(J), _nonzeros_at(B)
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
@@ -166,9 +152,8 @@ class TransitionModel:
         """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
         rows, R = z.shape[:2]
         every = spread(theta, rows * R) if theta.ndim > 1 else theta
-        return _at(self._logged_columns, np.ascontiguousarray(z.reshape(rows * R, -1).T), every)[0].T.reshape(
-            rows, R, 6
-        )
+        (y,) = self._logged_columns.at(np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
+        return y.T.reshape(rows, R, 6)
 
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
@@ -238,18 +223,13 @@ class TransitionModel:
     def rates(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (M, S), and their Jacobian (M, S, S + 3) by states and latent force, at z (S, M), inputs c (C, M),
         theta (all, M)."""
-        rate, nonzeros = _at(self._jacobian, z, c, theta)
+        rate, nonzeros = self._jacobian.at(z, c, theta)
         place = np.full(self.S + self.P, -1)
         place[: self.S], place[self.S + self._force_columns] = np.arange(self.S), self.S + np.arange(3)
         own = np.flatnonzero(place[self._columns] >= 0)
         J = np.zeros((z.shape[1], self.S, self.S + 3))
         J[:, self._rows[own], place[self._columns[own]]] = nonzeros[own].T
         return rate.T, J
-
-    def rates_alone(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Rates (M, S) at z (S, M), inputs c (C, M), theta (all, M)."""
-        (rate,) = _at(self._rates, z, c, theta)
-        return rate.T
 
     def logdet_gradient(
         self,
@@ -301,13 +281,3 @@ def _nonzeros_at(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the structural nonzeros."""
     rows, columns = (np.array(a, dtype=int) for a in matrix.sparsity().get_triplet())
     return rows, columns
-
-
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    """The structural nonzeros as a column."""
-    return matrix.nz[:]
-
-
-def _at(function: BatchFunction, *inputs: np.ndarray) -> list[np.ndarray]:
-    """A batch function at m points, inputs (rows, m) or (rows,) for all."""
-    return function.at(*inputs)

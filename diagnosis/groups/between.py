@@ -52,14 +52,8 @@ MOST = 3
 """Differences that the dynamics name at the most."""
 IMITATES = 0.9
 """Share of a difference that another parameter must imitate to be the same by another name."""
-IDLE = 1.645
-"""Standard errors from zero below which a difference is none beside one that was named after it."""
-UNEXPLAINED = 0.25
-"""Log Bayes factor of what is left without a name, as a share of that of the names, above which they are withdrawn."""
 SCATTERED = 1.5
 """Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
-AGREE = 3.0
-"""Standard errors by which dynamics and kinematics may disagree on an instrument."""
 ALIKE_BY = 0.5 * SAME_CLASS
 """Log Bayes factors within this of each other are alike."""
 Z90 = 1.645
@@ -88,7 +82,7 @@ def compare_groups(
     LOGGER.info(
         "testing every effect, instrument and coefficient for a difference between %d groups", len(groups.names)
     )
-    search = _Search.of(problem, groups, trials, measured)
+    search = _Search.of(problem, groups, trials)
     differences, table, reasons = search.run(null, [m.fault for m in instruments if m.fault.exact])
     named = (*(m.row for m in instruments), *differences)
     verdict = "named" if named else "unknown" if reasons else "none"
@@ -189,26 +183,23 @@ class Tested:
 @dataclass(frozen=True)
 class _Search:
     """The forward selection. problem: whose data have the number of the group as that of the run; runs: (R,) run of
-    each window; candidates; kinds: of the trials of each group; measured: what the kinematics say."""
+    each window; candidates; kinds: of the trials of each group."""
 
     problem: SearchProblem
     runs: np.ndarray
     candidates: tuple[Candidate, ...]
     groups: Groups
     kinds: tuple[frozenset[str], ...]
-    measured: Sequence[Measured]
 
     @classmethod
-    def of(
-        cls, problem: SearchProblem, groups: Groups, trials: Sequence[Trial], measured: Sequence[Measured]
-    ) -> _Search:
+    def of(cls, problem: SearchProblem, groups: Groups, trials: Sequence[Trial]) -> _Search:
         """The search in a problem."""
         candidates = group_candidates(problem)
         symbols = dict.fromkeys([*problem.steps.symbols, *(s for c in candidates for s in c.symbols)])
         steps = TransitionModel(problem.steps.ship, tuple(symbols), problem.data.h)
         data: GriddedTrials = replace(problem.data, run=np.array(groups.number)[problem.data.run])
         kinds = tuple(frozenset(t.kind for t in own) for own in groups.members(trials).values())
-        return cls(replace(problem, steps=steps, data=data), problem.data.run, candidates, groups, kinds, measured)
+        return cls(replace(problem, steps=steps, data=data), problem.data.run, candidates, groups, kinds)
 
     def run(
         self, fit: Estimate, faults: Sequence[Quantity]
@@ -220,9 +211,9 @@ class _Search:
         wanted = {f"{q.effect}.{q.parameter}" for q in faults}
         first = [c for c in self.candidates if wanted & set(c.symbols)]
         fit = self._refitted(fit, first, []) if first else fit
-        named, spent, table = list[Tested](), list(first), list[Tested]()
+        named, table = list[Tested](), list[Tested]()
         while True:
-            tests, slopes, scatter = self._tests(fit, [*spent, *(t.candidate for t in named)])
+            tests, slopes, scatter = self._tests(fit, [*first, *(t.candidate for t in named)])
             table = table or tests
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
@@ -234,20 +225,11 @@ class _Search:
                 reason = Message(words, "scattered_surroundings")
             if reason is None and len(named) == MOST:
                 reason = Message(f"beside {MOST} differences the groups differ in {best.candidate.label}", "too_many")
-            if reason is not None and named and best.row.log_bayes > UNEXPLAINED * sum(t.row.log_bayes for t in named):
-                words = " and ".join(t.candidate.label for t in named)
-                words += " would explain a part, but much is left unexplained: the name is withdrawn"
-                return [], table, [Message(words, "name_withdrawn"), reason]
             if reason is not None:
                 return [self._final(fit, t) for t in named], table, [reason]
             named.append(replace(best, row=replace(best.row, equivalence_class=same)))
             fit = self._refitted(fit, first, named)
             LOGGER.info(f"the groups differ in {best.candidate.label}")
-            if idle := [t for t in named if self._is_idle(fit, t)]:
-                LOGGER.info(f"but not in {', '.join(t.candidate.label for t in idle)}")
-                spent += [t.candidate for t in (*idle, named[-1])]
-                named = without_idle(idle, named, [t for t in table if t.row.p_value < LEVEL and t.row.log_bayes > 0])
-                fit = self._refitted(fit, first, named)
 
     def _by_group(self, c: Candidate) -> Candidate:
         """A candidate with values of its own in each group, for a refit: a coefficient keeps its prior, widened."""
@@ -285,11 +267,8 @@ class _Search:
         slopes = run_slopes(self.problem.steps, self.problem.data, self.runs, fit, every)
         scatter = surroundings_scatter(slopes, local)
         still = with_scatter(slopes, scatter)
-        shown = []
-        for c in rest:
-            test = candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)
-            if test is not None:
-                shown.append((c, test))
+        each = [(c, candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)) for c in rest]
+        shown = [(c, test) for c, test in each if test is not None]
         adjusted = holm([t.p_single for _, t in shown])
         return [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)], still, scatter
 
@@ -315,10 +294,6 @@ class _Search:
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
         return replace(t.row, parameters=self._parts(c, values, covariance))
 
-    def _is_idle(self, fit: Estimate, t: Tested) -> bool:
-        """Whether a named difference is none any more, in the fit with one that was named after it."""
-        return all(x.sigmas < IDLE for p in self._final(fit, t).parameters.values() for x in p.groups.values())
-
     def _judged(
         self, best: Tested, tests: Sequence[Tested], slopes: RunSlopes
     ) -> tuple[tuple[str, ...], Message | None]:
@@ -337,12 +312,6 @@ class _Search:
         if other:
             names = ", ".join(dict.fromkeys(t.candidate.label for t in (best, *other)))
             return same, Message(f"several parameters explain a difference equally well: {names}", "several_explain")
-        for m in self.measured:
-            if m.fault.exact and f"{m.fault.effect}.{m.fault.parameter}" in best.candidate.symbols:
-                a, b = (r.parameters[m.fault.parameter].groups[group] for r in (m.row, best.row))
-                if abs(a.difference - b.difference) > AGREE * np.hypot(a.difference_std, b.difference_std):
-                    words = f"the kinematics of the trials do not show the difference in {best.candidate.label}"
-                    return same, Message(f"{words} that the dynamics ask for", "sensors_disagree")
         return same, None
 
 
@@ -358,24 +327,6 @@ def physical(best: Tested, clear: Sequence[Tested]) -> Tested:
         return best
     causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]
     return max(causes, key=lambda t: t.row.log_bayes, default=best)
-
-
-def without_idle(idle: Sequence[Tested], named: Sequence[Tested], clear: Sequence[Tested]) -> list[Tested]:
-    """Returns the ``named`` differences without those that are ``idle``: none any more beside the last one.
-
-    They explained as well what the last one does, if it stays. In its place stands a cause that does so, by the tests
-    that were ``clear`` before anything was named.
-    """
-    gone = [t.candidate for t in idle]
-    kept, last = [t for t in named[:-1] if t.candidate not in gone], named[-1]
-    if last.candidate in gone:
-        return kept
-    at_first = next((t for t in clear if t.candidate == last.candidate), None)
-    best = physical(at_first, clear) if at_first else last
-    best = last if best is at_first else best
-    alike = [*last.row.equivalence_class, last.row.name, *(t.row.name for t in idle)]
-    same = tuple(dict.fromkeys(name for name in alike if name != best.row.name))
-    return [*kept, replace(best, row=replace(best.row, equivalence_class=same))]
 
 
 def too_scattered(scatter: Mapping[Column, float]) -> bool:

@@ -15,7 +15,6 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import LOCAL, Candidate, Column
-from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
@@ -30,7 +29,6 @@ from fitting.uncertainty.group_test import (
     members_of,
     scatter_between,
 )
-from mmg.effects import EFFECTS
 
 COMMON = 3.0
 """Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
@@ -41,8 +39,7 @@ class RunSlopes:
     """The log likelihood of each of n runs about a fit, g r - 1/2 r G r, for values r (C,) of its own.
 
     columns: C parameters in typical sizes, the free ones of the fit first; g: (n, C); G: (n, C, C); pull, precision:
-    (C,) slope and precision of the priors of values that all runs share; group: (n,) number of each run's group;
-    dispersion: of a fault of an instrument, the ratio of its slopes' variance to its information.
+    (C,) slope and precision of the priors of values that all runs share; group: (n,) number of each run's group.
     """
 
     columns: tuple[Column, ...]
@@ -51,7 +48,6 @@ class RunSlopes:
     pull: np.ndarray
     precision: np.ndarray
     group: np.ndarray
-    dispersion: Mapping[Candidate, float]
 
     def at(self, c: Candidate) -> list[int]:
         """Positions of the parameters of a candidate ``c``."""
@@ -86,23 +82,7 @@ def run_slopes(
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
     precision = np.concatenate([unit[: len(found.p)] ** 2, np.full(n, COMMON**-2.0)])
-    s = RunSlopes(free.columns, g, G, -p * unit, precision, group, {})
-    white, lags = here.white * np.append(unit, 1.0), memory_steps(steps.ship.particulars["L"], data.h)
-    measured = [c for c in candidates if c.effect in EFFECTS and EFFECTS[c.effect].measures]
-    return replace(s, dispersion={c: _dispersion(s, white, c, len(found.p), lags) for c in measured})
-
-
-def _dispersion(s: RunSlopes, white: np.ndarray, c: Candidate, free: int, lags: int) -> float:
-    """The ratio of the variance of a candidate's slopes to their information.
-
-    white: whitened columns in typical sizes, the residual last; free: parameters of the fit."""
-    own, slope = np.array(s.at(c)), s.g.sum(axis=0) + s.pull
-    rest = np.setdiff1d(np.arange(free), own)
-    H = s.G.sum(axis=0) + np.diag(s.precision)
-    project = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, own)])
-    S = s.G.sum(axis=0)[np.ix_(own, own)] - H[np.ix_(own, rest)] @ project
-    apart = white[..., own] - white[..., rest] @ project
-    return dispersion(apart, white[..., -1], slope[own] - project.T @ slope[rest], S, lags)
+    return RunSlopes(free.columns, g, G, -p * unit, precision, group)
 
 
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
@@ -134,9 +114,7 @@ def surroundings_scatter(s: RunSlopes, candidates: Sequence[Candidate]) -> dict[
 
 def candidate_test(s: RunSlopes, c: Candidate) -> GroupTest | None:
     """The test of a candidate ``c`` by the slopes ``s``. Returns None where the trials do not show a difference."""
-    g, S = _own(s, s.at(c))
-    ratio = s.dispersion.get(c, 1.0)
-    return group_test(g / ratio, S / ratio, s.group, len(c.columns))
+    return group_test(*_own(s, s.at(c)), s.group, len(c.columns))
 
 
 def _own(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -22,11 +22,6 @@ class GroupValue:
     difference: Real
     difference_std: Real
 
-    @property
-    def sigmas(self) -> float:
-        """Size of the difference in standard errors."""
-        return abs(self.difference) / max(self.difference_std, 1e-300)
-
 
 @dataclass(frozen=True)
 class GroupParameter:
@@ -104,5 +99,6 @@ def group_row(
     name, nature, source: as of the row; parts: its parameters; p: probability corrected for the number of tests.
     """
     groups = [p.groups for p in parts.values()]
-    most = max(list(groups[0])[::-1], key=lambda k: round(max(g[k].sigmas for g in groups), 6))
+    sigmas = {k: max(abs(g[k].difference) / max(g[k].difference_std, 1e-300) for g in groups) for k in groups[0]}
+    most = max(list(sigmas)[::-1], key=lambda k: round(sigmas[k], 6))
     return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)

@@ -16,7 +16,7 @@ from cases.operation.cutting import Cut, cut_log, window_rows
 from cases.operation.parts import OperationLog, read_log
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from diagnosis.groups.over_time import DAY, CandidateChange, Changes, find_changes
+from diagnosis.groups.over_time import DAY, Changes, DatedChange, find_changes
 from fitting.calibrate import FitOptions, calibrate
 from fitting.design.informative_windows import ChosenWindows, choose_windows
 from fitting.prediction.innovations import CHANNELS, UNEXPLAINED, Innovations, Stretches, candidates_of, scatter
@@ -67,12 +67,12 @@ class MonthStudy:
             return f"day {day:.1f}"
         return datetime.fromtimestamp(self.cut.begin + DAY * day, timezone.utc).strftime("%Y-%m-%d %H:%M")
 
-    def words(self, row: CandidateChange) -> str:
+    def words(self, row: DatedChange) -> str:
         """A sentence on the change ``row``."""
-        c, p = row.change, parameter_of(self.ship, row.name)
-        size = f"{c.size:+.3g} {p.unit}".rstrip() + f" (standard error {c.std:.2g})"
-        begin = f"{self.date(c.begin)} (90 %: {self.date(c.begin_90[0])} to {self.date(c.begin_90[1])})"
-        how = f"at once on {begin}" if c.step else f"slowly from {begin} to {self.date(c.end)}"
+        p = parameter_of(self.ship, row.name)
+        size = f"{row.size:+.3g} {p.unit}".rstrip() + f" (standard error {row.std:.2g})"
+        begin = f"{self.date(row.begin)} (90 %: {self.date(row.begin_90[0])} to {self.date(row.begin_90[1])})"
+        how = f"at once on {begin}" if row.step else f"slowly from {begin} to {self.date(row.end)}"
         return f"{row.name} ({p.description}) changed {how} by {size}"
 
     def to_dict(self) -> dict[str, Any]:
@@ -119,22 +119,21 @@ class MonthStudy:
             "log_det_all": self.choice.all,
         }
 
-    def _row(self, row: CandidateChange) -> dict[str, Any]:
-        c = row.change
+    def _row(self, row: DatedChange) -> dict[str, Any]:
         return {
             "name": row.name,
             "unit": parameter_of(self.ship, row.name).unit,
-            "kind": "step" if c.step else "ramp",
-            "begin_day": c.begin,
-            "end_day": c.end,
-            "half_day": 0.5 * (c.begin + c.end),
-            "begin_90": list(c.begin_90),
-            "end_90": list(c.end_90),
-            "begin": self.date(c.begin),
-            "size": c.size,
-            "std": c.std,
-            "gain": c.gain,
-            "p_value": c.p_value,
+            "kind": "step" if row.step else "ramp",
+            "begin_day": row.begin,
+            "end_day": row.end,
+            "half_day": 0.5 * (row.begin + row.end),
+            "begin_90": list(row.begin_90),
+            "end_90": list(row.end_90),
+            "begin": self.date(row.begin),
+            "size": row.size,
+            "std": row.std,
+            "gain": row.gain,
+            "p_value": row.p_value,
         }
 
 

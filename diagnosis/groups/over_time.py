@@ -72,7 +72,7 @@ class Spells:
 
     def change_of(
         self, j: int, score: np.ndarray, last: float, rng: np.random.Generator, name: str
-    ) -> CandidateChange | None:
+    ) -> DatedChange | None:
         """The best change of candidate ``j``, called ``name``, by its ``score`` (B,) in a log that lasts until ``last``
         [days]; ``rng`` draws the bootstrap. Returns None where too few spells tell anything of it."""
         own = self.information[:, j, j]
@@ -80,7 +80,7 @@ class Spells:
         if keep.sum() < FEWEST:
             return None
         day, variance, estimate = self.day[keep], 1 / own[keep], score[keep] / own[keep]
-        return CandidateChange(name, ChangeTest(day, variance, last)(estimate, rng), day, estimate)
+        return ChangeTest(day, variance, last)(estimate, rng, name)
 
 
 def spells(log: Innovations, begin: float, end: float, explained: np.ndarray | None = None) -> Spells:
@@ -100,13 +100,17 @@ def spells(log: Innovations, begin: float, end: float, explained: np.ndarray | N
 
 @dataclass(frozen=True)
 class DatedChange:
-    """A change of a candidate.
+    """The best change of a candidate, given those that were named before.
 
-    begin, end: first and last day of it, with their 90 % intervals; step: whether both are one; size: of the change,
-    std: its standard error; gain: of the log likelihood; p_value: of it, for this candidate alone; profile: share of
-    the change that was reached in each spell (B,).
+    name: of the parameter; day: mean time of each of its spells (B,); estimate: in each (B,); begin, end: first and
+    last day of the change, with their 90 % intervals; step: whether both are one; size: of the change, std: its
+    standard error; gain: of the log likelihood; p_value: of it, for this candidate alone; profile: share of the change
+    that was reached in each spell (B,).
     """
 
+    name: str
+    day: np.ndarray
+    estimate: np.ndarray
     begin: float
     end: float
     begin_90: tuple[float, float]
@@ -118,20 +122,9 @@ class DatedChange:
     p_value: float
     profile: np.ndarray
 
-
-@dataclass(frozen=True)
-class CandidateChange:
-    """A candidate and its best change, given those that were named before. name: of the parameter; day: of its
-    spells (B,); estimate: in each of them (B,)."""
-
-    name: str
-    change: DatedChange
-    day: np.ndarray
-    estimate: np.ndarray
-
     def at(self, day: np.ndarray) -> np.ndarray:
         """How much of the change there is at each ``day``, any shape."""
-        return self.change.size * np.interp(day, self.day, self.change.profile)
+        return self.size * np.interp(day, self.day, self.profile)
 
 
 @dataclass(frozen=True)
@@ -153,7 +146,7 @@ class ChangeTest:
     """
 
     def __init__(self, day: np.ndarray, variance: np.ndarray, last: float) -> None:
-        days = np.linspace(0.0, last, EDGES)
+        self.day, days = day, np.linspace(0.0, last, EDGES)
         edges = 0.5 * (day[1:] + day[:-1])
         ramps = [(a, b) for a, b in combinations(days, 2) if b - a >= 1.5 * days[1]]
         self.begin = np.array([*edges, *(a for a, _ in ramps)])
@@ -186,8 +179,8 @@ class ChangeTest:
             best.append(-0.5 * (B * np.log(np.maximum(rest - most, 1e-12 * rest) / B) + noise.log_det))
         return np.array(none), np.array(best)
 
-    def __call__(self, y: np.ndarray, rng: np.random.Generator) -> DatedChange:
-        """The best change of the series ``y`` (B,); ``rng`` draws the bootstrap."""
+    def __call__(self, y: np.ndarray, rng: np.random.Generator, name: str = "") -> DatedChange:
+        """The best change of the series ``y`` (B,) of the candidate ``name``; ``rng`` draws the bootstrap."""
         none, best = self.likelihoods(y[:, None])
         gain = float(best.max() - none.max())
         chosen = int(best[:, 0].argmax())
@@ -204,6 +197,9 @@ class ChangeTest:
         weight /= weight.sum()
         p_value = max(self._chance(y, gain, k, rng) for k in {chosen, int(none[:, 0].argmax())})
         return DatedChange(
+            name,
+            self.day,
+            y,
             float(self.begin[at]),
             float(self.end[at]),
             _interval(self.begin, weight),
@@ -243,9 +239,9 @@ class Changes:
     """What changed: named, strongest first; company: names of candidates that seem to change along with each of these;
     tested: every candidate before anything was named; spells: of all."""
 
-    named: tuple[CandidateChange, ...]
+    named: tuple[DatedChange, ...]
     company: tuple[tuple[str, ...], ...]
-    tested: tuple[CandidateChange, ...]
+    tested: tuple[DatedChange, ...]
     spells: Spells
 
 
@@ -254,8 +250,8 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
     at, J, last = spells(log, begin, end), len(log.candidates), (end - begin) / DAY
     if len(at.day) < FEWEST:
         return Changes((), (), (), at)
-    score, tested = at.score.copy(), tuple[CandidateChange, ...]()
-    named, company = list[tuple[int, CandidateChange]](), list[set[str]]()
+    score, tested = at.score.copy(), tuple[DatedChange, ...]()
+    named, company = list[tuple[int, DatedChange]](), list[set[str]]()
     while len(named) < MOST:
         draws = [np.random.default_rng([seed, j, len(named)]) for j in range(J)]
         rows = [at.change_of(j, score[:, j], last, draws[j], log.candidates[j]) for j in range(J)]
@@ -263,17 +259,17 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
         sure = {
             j: row
             for j, row in enumerate(rows)
-            if row and row.change.p_value * J <= LEVEL and abs(row.change.size) >= LEAST * log.typical[j]
+            if row and row.p_value * J <= LEVEL and abs(row.size) >= LEAST * log.typical[j]
         }
         alone = dict(sure)
         for (_, other), names in zip(named, company, strict=True):
             for j, row in sure.items():
-                if _together(row.change, other.change, APART * last / MONTH):
+                if _together(row, other, APART * last / MONTH):
                     names |= {row.name} - {other.name}
                     alone.pop(j, None)
         if not alone:
             break
-        j, best = max(alone.items(), key=lambda item: item[1].change.gain)
+        j, best = max(alone.items(), key=lambda item: item[1].gain)
         score -= at.information[:, :, j] * best.at(at.day)[:, None]
         named.append((j, best))
         company.append(set())
@@ -286,10 +282,10 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
 def _sized(
     log: Innovations,
     span: tuple[float, float],
-    one: tuple[int, CandidateChange],
-    others: list[tuple[int, CandidateChange]],
+    one: tuple[int, DatedChange],
+    others: list[tuple[int, DatedChange]],
     rng: np.random.Generator,
-) -> CandidateChange:
+) -> DatedChange:
     """A named change with its number, ``one``, estimated again with weights that do not hold it, and the ``others``,
     against the stretches that show them: where a change is large they looked as if something had moved the ship.
 

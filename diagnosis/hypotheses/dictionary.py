@@ -19,8 +19,7 @@ import numpy as np
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.input_timing import DIFFERENCE
-from diagnosis.estimation.linearisation import Linearisation, Point
+from diagnosis.estimation.linearisation import DIFFERENCE, Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
 from diagnosis.hypotheses.smooth_basis import Forms, evaluated

@@ -20,8 +20,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.input_timing import timing_columns
-from diagnosis.estimation.linearisation import Linearisation, Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Linearisation, Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel

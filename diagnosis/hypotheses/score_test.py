@@ -19,8 +19,7 @@ from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.input_timing import timing_columns
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.projection import projected

@@ -13,7 +13,7 @@ from cases.checks.sampling import VELOCITIES, spikes
 from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES
-from diagnosis.estimation.input_timing import TIMING
+from diagnosis.estimation.linearisation import TIMING
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import NamedEffect

@@ -15,13 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.location.situations import Variable, place_edges
+from diagnosis.location.situations import Variable
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
 MOST, EACH = 30, 3
 """Most regions listed: of all, and of one variable and channel."""
 ENOUGH = 5.0
 """Correlation times tau of the latent force that a region must last to be listed."""
+GRID = 3
+"""Cells of the place along north and along east."""
 SMALL = 0.25
 """Ratio of the rms at which a region with little force still counts in the order."""
 
@@ -77,7 +79,10 @@ def all_bins(variables: Sequence[Variable], z: np.ndarray, inside: np.ndarray) -
         bins += [(one.name, float(low), float(high), one.unit) for low, high in pairs]
         members += [(one.values >= low) & (one.values < high) for low, high in pairs]
     x, y = (0.5 * (z[:-1, :, i] + z[1:, :, i])[inside] for i in (0, 1))
-    for (a, b), (c, d) in itertools.product(*(itertools.pairwise(place_edges(p)) for p in (x, y))):
+    cells = [
+        np.linspace(float(p.min()), float(p.max()) + 1e-9 * max(1.0, abs(float(p.max()))), GRID + 1) for p in (x, y)
+    ]
+    for (a, b), (c, d) in itertools.product(*(itertools.pairwise(edges) for edges in cells)):
         bins.append(("place", [float(a), float(c)], [float(b), float(d)], "m"))
         members.append((x >= a) & (x < b) & (y >= c) & (y < d))
     return bins, np.array(members)
@@ -105,19 +110,9 @@ def regions(bins: list[Bin], member: np.ndarray, s: Samples) -> list[dict[str, A
         if len(gaps) >= EACH or any(math.isclose(abs(mean_z[i, c]), g, rel_tol=1e-9) for g in gaps):
             continue  # the complement of a listed region says the same
         gaps.append(abs(float(mean_z[i, c])))
-        row = {
-            "variable": name,
-            "low": low,
-            "high": high,
-            "unit": unit,
-            "channel": CHANNELS[c],
-            "force_unit": UNITS[c],
-            "ratio": float(ratio[i, c]),
-            "count": int(count[i]),
-            "effective": float(effective[i]),
-            "z": float(z[i, c]),
-            "mean_z": float(mean_z[i, c]),
-        }
+        row = {"variable": name, "low": low, "high": high, "unit": unit, "channel": CHANNELS[c], "force_unit": UNITS[c]}
+        row |= {"ratio": float(ratio[i, c]), "count": int(count[i]), "effective": float(effective[i])}
+        row |= {"z": float(z[i, c]), "mean_z": float(mean_z[i, c])}
         rows.append(row | s.summary(member[i], c))
     return rows
 

@@ -19,8 +19,6 @@ SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
 """Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
 """r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
-GRID = 3
-"""Cells of the place along north and along east."""
 FEW = 12
 """An input with no more different values than this has a bin for each of them."""
 
@@ -136,9 +134,3 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
     start = np.clip(k - reach // 2, 0, np.maximum(steps - reach, 0)[None])
     end = np.minimum(start + reach, steps[None])
     return np.take_along_axis(z, end, axis=0) - np.take_along_axis(z, start, axis=0)
-
-
-def place_edges(values: np.ndarray) -> np.ndarray:
-    """Edges (GRID + 1,) of equal cells between the ends of ``values`` (M,) [m]."""
-    low, high = float(values.min()), float(values.max())
-    return np.linspace(low, high + 1e-9 * max(1.0, abs(high)), GRID + 1)

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.spectrum import periodogram
+from diagnosis.estimation.residual_checks import periodogram
 from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, regions
 from diagnosis.location.situations import PHASES, phases, variables_of
 from mmg.components.rigid_body import Inertia, inertia
@@ -47,13 +47,21 @@ def where(
     variables = variables_of(list(controls), data, z)
     bins, member = all_bins(variables, z, inside)
     phase = phases(list(controls), data, z, float(ship.particulars["L"]))
-    by_phase = phase[None] == np.arange(len(PHASES))[:, None]
+    by_phase = {name: phase == i for i, name in enumerate(PHASES) if (phase == i).any()}
+    by_run = {data.trials[i]: samples.run == i for i in np.unique(samples.run)}
+    overall = np.sqrt((force**2).mean(axis=0))
+    rows_of_phases = [
+        row
+        | {"share_of_time": float(own.mean())}
+        | {"ratio": row["force_rms"] / float(overall[c]) if overall[c] > 0 else 1.0}
+        for row, own, c in _rows("phase", by_phase, samples)
+    ]
     return {
         "channels": _channels(data, z, mass, samples),
-        "phases": _phases(by_phase, samples),
+        "phases": sorted(rows_of_phases, key=lambda row: -row["ratio"]),
         "regions": regions(bins, member, samples),
         "bands": _bands(data, estimate, after, float(ship.particulars["L"])),
-        "runs": _runs(data, samples),
+        "runs": [row | {"seconds": float(own.sum() * data.h)} for row, own, _ in _rows("run", by_run, samples)],
         "earth": _earth(data, estimate, z),
         "variables": by_variable(variables, samples),
     }
@@ -86,18 +94,6 @@ def _net_force(data: GriddedTrials, z: np.ndarray, mass: Inertia) -> np.ndarray:
     Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
     N = mass.I_z * dr + mass.moment * (dv + u * r)
     return np.stack([X, Y, N], axis=-1)[data.inside]
-
-
-def _phases(member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
-    """Rows by phase and channel; phases that do not occur are left out, the strongest first."""
-    rms, overall = s.rms(member), np.sqrt((s.force**2).mean(axis=0))
-    rows: list[dict[str, Any]] = []
-    for i, c in itertools.product(np.flatnonzero(member.any(axis=1)), range(3)):
-        row: dict[str, Any] = {"phase": PHASES[i], "channel": CHANNELS[c], "unit": UNITS[c]}
-        row["share_of_time"] = float(member[i].mean())
-        row["ratio"] = float(rms[i, c] / overall[c]) if overall[c] > 0 else 1.0
-        rows.append(row | s.summary(member[i], c))
-    return sorted(rows, key=lambda row: -float(row["ratio"]))
 
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:
@@ -145,11 +141,7 @@ def _earth(data: GriddedTrials, estimate: Estimate, z: np.ndarray) -> list[dict[
     return rows
 
 
-def _runs(data: GriddedTrials, s: Samples) -> list[dict[str, Any]]:
-    """Rows by trial and channel."""
-    rows: list[dict[str, Any]] = []
-    for i, c in itertools.product(np.unique(s.run), range(3)):
-        member = s.run == i
-        head = {"run": data.trials[i], "channel": CHANNELS[c], "unit": UNITS[c]}
-        rows.append({**head, **s.summary(member, c), "seconds": float(member.sum() * data.h)})
-    return rows
+def _rows(key: str, members: Mapping[str, np.ndarray], s: Samples) -> Iterator[tuple[dict[str, Any], np.ndarray, int]]:
+    """Rows by name, under ``key``, and channel, with the samples (M,) of each name and the place of the channel."""
+    for (name, member), (c, channel) in itertools.product(members.items(), enumerate(CHANNELS)):
+        yield {key: name, "channel": channel, "unit": UNITS[c], **s.summary(member, c)}, member, c

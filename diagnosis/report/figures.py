@@ -146,7 +146,7 @@ def plot_variable(row: Mapping[str, Any], ax: Axes) -> None:
     ax.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
     words = "before" if "mean_after" in row else "missing force"
     style: dict[str, Any] = {"color": BEFORE, "ls": "--", "marker": "o", "ms": 4, "lw": 1.3, "capsize": 2.5}
-    ax.errorbar(at, row["mean"], 2 * np.array(row["std"]), label=words, **style)
+    ax.errorbar(at, row["mean"], 2 * np.array(row["std"]) if "std" in row else None, label=words, **style)
     if "mean_after" in row:
         ax.plot(at, row["mean_after"], color=AFTER, marker="s", ms=4, lw=1.5, label="after")
     share = max(0.0, row["explained"])
@@ -183,11 +183,7 @@ def unexplained_figure(d: Findings) -> Figure:
         if row is None:
             right.axis("off")
             continue
-        factor, shown_as = shown_unit(row["unit"])
-        dress(right, f"{row['variable']} [{shown_as}]", "less its mean", f"explains {100 * row['explained']:.0f} %")
-        right.axhline(0.0, color=MEASURED, lw=0.8)
-        right.plot(factor * np.array(row["at"]), row["mean"], color=AFTER, marker="o", ms=4, lw=1.5)
-        right.xaxis.set_major_locator(MultipleLocator(90) if row["variable"] in TURN_BACK else MaxNLocator(5))
+        plot_variable(row, right)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, fontsize=9, frameon=False)
     return figure
 

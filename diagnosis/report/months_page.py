@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from cases.shipfiles.ship_file import dump_ship
 from diagnosis.groups.months import MonthStudy, parameter_of
-from diagnosis.groups.over_time import CandidateChange
+from diagnosis.groups.over_time import DatedChange
 from fitting.report.page import environment, write_page
 from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figures_of, new_figure
 from fitting.report.run_folder import SHIP, plain, versions, write_json, write_whole
@@ -41,7 +41,6 @@ def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> No
     figures = FigureFolder(folder / "figures")
     if shown(study):
         figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
-    figures.write("days", partial(days_figure, study), "What became of each day", "Hours of windows by day.")
     with figures.making("the page"):
         page = environment("diagnosis.report").get_template("months.html.j2")
         content = {
@@ -54,10 +53,10 @@ def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> No
         write_page(page.render(content), folder / "months.html")
 
 
-def shown(study: MonthStudy) -> list[CandidateChange]:
+def shown(study: MonthStudy) -> list[DatedChange]:
     """Candidates in the figure of ``study``: those that changed, then those with the largest gains."""
     named = {row.name for row in study.changes.named}
-    rest = sorted(study.changes.tested, key=lambda row: -row.change.gain)
+    rest = sorted(study.changes.tested, key=lambda row: -row.gain)
     return [*study.changes.named, *[row for row in rest if row.name not in named]][: max(SHOWN, len(named))]
 
 
@@ -68,11 +67,11 @@ def changes_figure(study: MonthStudy) -> Figure:
     for ax, row in zip(np.atleast_1d(figure.subplots(len(rows), 1, sharex=True)), rows, strict=True):
         changed = id(row) in named
         ax.plot(row.day, row.estimate, ".", color="#8A8A8A", markersize=4)
-        level = float(np.median(row.estimate - row.change.size * row.change.profile))
-        ax.plot(row.day, level + row.change.size * row.change.profile, color=AFTER if changed else BEFORE,
+        level = float(np.median(row.estimate - row.size * row.profile))
+        ax.plot(row.day, level + row.size * row.profile, color=AFTER if changed else BEFORE,
                 linestyle="-" if changed else (0, (4, 1.5)))  # fmt: skip
         if changed:
-            ax.axvspan(*row.change.begin_90, color=AFTER, alpha=0.15, linewidth=0)
+            ax.axvspan(*row.begin_90, color=AFTER, alpha=0.15, linewidth=0)
         low, high = np.quantile(row.estimate, (0.02, 0.98))
         ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
         unit = parameter_of(study.ship, row.name).unit
@@ -81,19 +80,3 @@ def changes_figure(study: MonthStudy) -> Figure:
         dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
     ax.set_xlabel("days since the log began", fontsize=9)
     return figure
-
-
-def days_figure(study: MonthStudy) -> Figure:
-    """Hours of manoeuvring and steady windows of each day of ``study``, and of those the model does not explain."""
-    day = ((study.by_window["begin_s"] - study.cut.begin) // 86400).astype(int)
-    count, hours = int(day.max()) + 1, study.cut.length / 3600
-    moved, strange = study.by_window["manoeuvring"], study.by_window["unexplained"]
-    figure = new_figure(2.4)
-    ax, base = figure.subplots(), np.zeros(count)
-    for name, chosen, colour in (("steady", ~moved & ~strange, "#BBD5E8"), ("manoeuvring", moved & ~strange, AFTER),
-                                 ("not explained by the model", strange, BEFORE)):  # fmt: skip
-        height = hours * np.bincount(day[chosen], minlength=count)
-        ax.bar(np.arange(count) + 0.5, height, 0.85, base, color=colour, label=name)
-        base = base + height
-    ax.legend(fontsize=8, frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    return dress(ax, "days since the log began", "hours under way").figure  # type: ignore[return-value]

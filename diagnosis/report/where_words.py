@@ -4,7 +4,7 @@ without a name acts like."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,21 +47,6 @@ def places(share: float) -> int:
     return next((k for k in range(4) if round(100 * abs(share), k) != 100), 0)
 
 
-def region_words(row: Mapping[str, Any]) -> str:
-    """A ``row`` of where["regions"] in words, with angles in degrees."""
-    factor, unit = shown_unit(row["unit"])
-    name = PLAIN.get(row["variable"], row["variable"])
-    if row["variable"] == "place":
-        (a, c), (b, e) = row["low"], row["high"]
-        words = f"place: north {a:.3g} to {b:.3g} m, east {c:.3g} to {e:.3g} m"
-    else:
-        low, high = factor * row["low"], factor * row["high"]
-        words = f"{name} {low:.2g} to {high:.2g} {unit}"
-        if unit == "deg" and row["variable"] in TURN_BACK:
-            words = f"{name} {round(low) % 360:.0f}° to {round(high) % 360:.0f}°"
-    return words.replace("-", "−")
-
-
 def band_words(band: Mapping[str, Any]) -> str:
     """A row ``band`` of where["bands"] by its periods."""
     if band["words"]:
@@ -82,44 +67,46 @@ def where_words(d: Findings) -> list[str]:
         return []
     first = first_channel(d)
     row = d.where["channels"][first]
-    size = f"{row['force_rms']:.2g} {row['unit']}"
     kind = "moment" if first == "yaw" else "force"
     words = [
-        f"Most of it is in {first}: {percent(row['share'])} of the energy, a missing {kind} of {size} rms, "
-        f"{percent(row['relative'])} of the net {kind} that moves the ship in {first}."
+        f"Most of it is in {first}: {percent(row['share'])} of the energy, {row['force_rms']:.2g} {row['unit']} rms.",
+        f"That is {percent(row['relative'])} of the net {kind} that moves the ship in {first}.",
     ]
     slow = next((b for b in d.where["bands"] if b["channel"] == first), None)
     if slow is not None and slow["share"] > 0.3:
         words.append(f"{percent(slow['share'])} of that {kind}'s energy is constant through each run.")
-    words.append(_follows(d, first))
+    words.append(_follows(d.where.get("variables", []), first) or "It follows none of the variables.")
     if "force_rms_after" in row:
-        words.append(_after(row))
+        after, less = row["force_rms_after"], "" if row["force_rms_after"] < 0.9 * row["force_rms"] else ", hardly less"
+        words.append(f"With what was named, the rms is {after:.2g} {row['unit']}{less}.")
     return words
 
 
-def _after(row: Mapping[str, Any]) -> str:
-    """What became of the rms of a channel with the named effects."""
-    before, after = row["force_rms"], row["force_rms_after"]
-    if after < 0.9 * before:
-        return f"With what was named, the rms falls to {after:.2g} {row['unit']}."
-    return (
-        f"With what was named, the rms is {after:.2g} {row['unit']}, hardly less. In these trials the coefficients had "
-        "taken up most of the gap. It shows in their values and on other trials."
-    )
-
-
-def _follows(d: Findings, first: str) -> str:
-    """What the missing force of the first channel follows, or else that of another one."""
-    rows = [v for v in d.where.get("variables", []) if v["explained"] > FOLLOWED]
-    own = [v for v in rows if v["channel"] == first] or rows[:1]
+def _follows(variables: Sequence[Mapping[str, Any]], channel: str) -> str:
+    """Which of the ``variables`` what is missing in the ``channel`` follows, or else that of another one, as a
+    sentence; "" where it follows none."""
+    rows = [v for v in variables if v["explained"] > FOLLOWED]
+    own = ([v for v in rows if v["channel"] == channel] or rows[:1])[:2]
     if not own:
-        share = percent(FOLLOWED)
-        return f"It follows none of the variables: no speed, angle, wind, heading or place explains over {share} of it."
-    names = [PLAIN.get(v["variable"], v["variable"]) for v in own]
-    words = f"the {names[0]} ({percent(own[0]['explained'])} of it"
-    words += f"; the {names[1]}: {percent(own[1]['explained'])})" if len(own) > 1 else ")"
-    what = "It" if own[0]["channel"] == first else f"What is missing in {own[0]['channel']}"
-    return f"{what} follows {words}, {_extreme(own[0])}."
+        return ""
+    names = [f"the {PLAIN.get(v['variable'], v['variable'])} ({percent(v['explained'])} of it)" for v in own]
+    return f"What is missing in {own[0]['channel']} follows {' and '.join(names)}, {_extreme(own[0])}."
+
+
+def _extreme(v: Mapping[str, Any]) -> str:
+    """Where the mean of a force over its variable is largest."""
+    factor, unit = shown_unit(v["unit"])
+    at = int(np.argmax(np.abs(v["mean"])))
+    place = f"{factor * v['at'][at]:.2g} {unit}".replace("-", "−")
+    if unit == "deg" and v["variable"] in TURN_BACK:
+        place = f"{round(factor * v['at'][at]) % 360}°"
+    size = _on_average(v["mean"][at], v["force_unit"], v["channel"])
+    return f"strongest at {PLAIN.get(v['variable'], v['variable'])} {place}: {size}"
+
+
+def _on_average(mean: float, unit: str, channel: str) -> str:
+    """The ``mean`` of the force of a ``channel`` by its size and direction."""
+    return f"{abs(mean):.2g} {unit} {SIDES[channel][0 if mean > 0 else 1]} on average"
 
 
 def unexplained_only(d: Findings) -> UnexplainedForce | None:
@@ -133,23 +120,11 @@ def where_big(d: Findings) -> str:
     rest = unexplained_only(d)
     if rest is not None:
         name, own = max(rest.channels.items(), key=lambda item: item[1].share)
-        return f"{percent(own.share)} in {name}, {own.force_rms:.2g} {own.unit} rms"
-    if not d.where:
-        return ""
-    first = first_channel(d)
-    row = d.where["channels"][first]
-    return f"{percent(row['share'])} in {first}, {row['force_rms']:.2g} {row['unit']} rms"
-
-
-def _extreme(v: Mapping[str, Any]) -> str:
-    """Where the mean of a force over its variable is largest."""
-    factor, unit = shown_unit(v["unit"])
-    at = int(np.argmax(np.abs(v["mean"])))
-    side = SIDES[v["channel"]][0 if v["mean"][at] > 0 else 1]
-    place = f"{PLAIN.get(v['variable'], v['variable'])} {factor * v['at'][at]:.2g} {unit}".replace("-", "−")
-    if unit == "deg" and v["variable"] in TURN_BACK:
-        place = f"{v['variable']} {round(factor * v['at'][at]) % 360}°"
-    return f"strongest at {place}: {abs(v['mean'][at]):.2g} {v['force_unit']} {side} on average"
+        share, size, unit = own.share, own.force_rms, own.unit
+    else:
+        name = first_channel(d)
+        share, size, unit = (d.where["channels"][name][key] for key in ("share", "force_rms", "unit"))
+    return f"{percent(share)} in {name}, {size:.2g} {unit} rms"
 
 
 def unexplained_words(m: UnexplainedForce) -> list[str]:
@@ -162,20 +137,14 @@ def unexplained_words(m: UnexplainedForce) -> list[str]:
     ]
     if not each:
         return ["It does not act like a force that motion, inputs, wind or place could explain."]
-    words = [f"It acts like a force of {' and '.join(each)}."]
-    name, first = channels[0]
+    words, (name, first) = [f"It acts like a force of {' and '.join(each)}."], channels[0]
     constant = first.mean**2 / max(first.force_rms**2, 1e-300)
     if constant > 0.5:
         words.append(f"{percent(constant)} of it in {name} is constant through the trials.")
-    own = [v for v in m.follows if v["channel"] == name and v["explained"] > FOLLOWED][:2]
-    if own:
-        names = [f"the {PLAIN.get(v['variable'], v['variable'])} ({percent(v['explained'])} of it)" for v in own]
-        words.append(f"In {name} it follows {' and '.join(names)}, {_extreme(own[0])}.")
-    if m.times:
-        t = m.times[0]
-        side = SIDES[t.channel][0 if t.mean > 0 else 1]
-        size = f"{abs(t.mean):.2g} {t.unit} {side} on average"
-        words.append(f"It is largest in {t.trial} from {t.start:.0f} to {t.end:.0f} s ({t.channel}, {size}).")
+    words += filter(None, [_follows([v for v in m.follows if v["channel"] == name], name)])
+    for t in m.times[:1]:
+        size = f"{t.channel}, {_on_average(t.mean, t.unit, t.channel)}"
+        words.append(f"It is largest in {t.trial} from {t.start:.0f} to {t.end:.0f} s ({size}).")
     return words
 
 

@@ -17,7 +17,7 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
-from diagnosis.report.where_words import PLAIN, first_channel, percent, places, shown_unit, unexplained_hint
+from diagnosis.report.where_words import percent, places, shown_unit, unexplained_hint
 from fitting.report.words import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
@@ -39,12 +39,15 @@ def readable(text: str) -> str:
     return re.sub(r"\(mmg [^)]*\)|(?<![\w.:])-(?=\d)", lambda found: found[0] if len(found[0]) > 1 else "−", text)
 
 
+def sentence(text: str, end: str = ".") -> str:
+    """A ``readable`` text with a capital at its beginning and this at its ``end``."""
+    words = readable(text.rstrip("."))
+    return f"{words[:1].upper()}{words[1:]}{end}"
+
+
 def meaning(name: str) -> str:
     """What the effect ``name`` is in one sentence, or "" for an unknown one."""
-    if name not in EFFECTS:
-        return ""
-    words = EFFECTS[name].summary.split(": ", 1)[-1]
-    return words[:1].upper() + words[1:]
+    return sentence(EFFECTS[name].summary.splitlines()[0].split(": ", 1)[-1], "") if name in EFFECTS else ""
 
 
 def probability(p: float) -> str:
@@ -131,16 +134,10 @@ def note_on(c: RankedCandidate, role: str, d: Findings) -> str:
     if not c.excited:
         return "not excited by these trials: neither found nor excluded"
     if role == "named":
-        return "named" if c.name == d.effects[0].name else f"named, beside {plain(d.effects[0].name)}"
+        return "named"
     if role == "class":
         return f"cannot be told from {plain(d.effects[0].name)}" if d.effects else "cannot be told apart"
-    if c.absorbed_share > 0.9:
-        return "calibration imitates it almost fully"
-    if c.delta_bic is not None and c.delta_bic > 0:
-        if d.effects:
-            return "explains less than the named one"
-        return "no more than chance" if d.verdict == "none" or c.p_value > 0.05 else "a part of it at most"
-    return ""
+    return "calibration imitates it almost fully" if c.absorbed_share > 0.9 else ""
 
 
 def next_words(d: Findings) -> str:
@@ -152,23 +149,18 @@ def next_words(d: Findings) -> str:
         return f"No manoeuvre was found that would tell {plain(d.effects[0].name)} from {others}."
     if d.verdict == "named":
         return "No trial is needed to separate the name from others: none of the candidates comes near it."
-    quiet = [plain(c.name) for c in d.candidates if not c.excited]
     if d.verdict == "none":
-        return (
-            f"Nothing is left to separate. These trials do not excite {', '.join(quiet)}: other manoeuvres could."
-            if quiet
-            else "Nothing is left to separate: these trials excite all effects that were screened."
+        quiet = ", ".join(plain(c.name) for c in d.candidates if not c.excited)
+        return "Nothing is left to separate" + (
+            f". These trials do not excite {quiet}: other manoeuvres could." if quiet else ": they excite all effects."
         )
-    energy = {r["run"]: r["force_rms"] for r in d.where.get("runs", []) if r["channel"] == first_channel(d)}
-    runs = sorted(energy, key=lambda name: -energy[name])[:2]
-    follows = [v for v in d.where.get("variables", []) if v["channel"] == first_channel(d)][:1]
-    words, rest = "", d.unexplained_force
-    if rest is not None:
-        runs = [t.trial for t in rest.times[:2]] or runs
-        words = f"{readable(rest.advice)} " if rest.advice else ""
-    words += f"Repeat {' and '.join(runs)}, where most is missing" if runs else "Repeat the trials"
-    if follows:
-        words += f", with another {PLAIN.get(follows[0]['variable'], follows[0]['variable'])}"
+    rest = d.unexplained_force
+    words = f"{readable(rest.advice)} " if rest is not None and rest.advice else ""
+    words += (
+        f"Repeat {rest.times[0].trial}, where most is missing"
+        if rest is not None and rest.times
+        else "Repeat the trials"
+    )
     return words + "; if the same is missing again it belongs to the ship, otherwise to the place or the day."
 
 
@@ -191,48 +183,18 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     return words
 
 
-def learned_words(found: LearnedResidual | None) -> str:
-    """What the learned residual ``found`` closes, in a few sentences; "" for None."""
-    if found is None:
-        return ""
+def learned_words(found: LearnedResidual) -> str:
+    """Numbers behind what the learned residual ``found`` closes."""
     each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
-    decision = found.decision[:1].upper() + found.decision[1:].rstrip(".")
-    return readable(
-        f"The mean squared error goes from {found.mse_before:.3g} to {found.mse_after:.3g}; reductions by training: "
-        f"{each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. The test trials took no "
-        f"part in the training. By parts of the training trials alone, as mmg train decides: {decision}."
-    )
-
-
-def verdict_words(d: Findings) -> str:
-    """What the verdict of ``d`` means and what to do with it."""
-    tried = len([c for c in d.candidates if c.excited])
-    if d.verdict == "named":
-        names = " and ".join(plain(e.name) for e in d.effects)
-        words = f"{names[:1].upper()}{names[1:]} passed all tests among {tried} candidates."
-        if d.equivalence_class:
-            others = " or ".join(plain(n) for n in d.equivalence_class)
-            words += (
-                f" These trials cannot tell {plain(d.effects[0].name)} from {others}: take the name for one of them."
-            )
-        if d.remainder:
-            words += " A part of the gap is left unexplained."
-        return words
-    if d.verdict == "none":
-        best = min((c.p_value for c in d.candidates if c.excited), default=1.0)
-        return (
-            f"None of {tried} effects would improve the model by more than chance does (the smallest p is "
-            f"{probability(best)}); the force that is left looks like a random disturbance."
-        )
     return (
-        f"There is more in the trials than the model and chance, but none of {tried} effects accounts for it. Below: "
-        "where it lies and what it follows." + ("" if d.learned else " A learnt residual (mmg train) may take it up.")
+        f"Reductions by training: {each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. By "
+        f"parts of the training trials alone, as mmg train decides: {sentence(found.decision)}"
     )
 
 
 def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
-    before, after, top = d.unnamed.before.get("all"), d.unnamed.after.get("all"), d.unnamed.strongest
+    before, after = d.unnamed.before.get("all"), d.unnamed.after.get("all")
     if before is None:
         return ""
     words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
@@ -242,12 +204,7 @@ def unnamed_words(d: Findings) -> str:
     if d.chance is not None:
         how = f"in {d.chance.draws} simulated campaigns" if d.chance.by == "simulation" else "by the law of the tests"
         words += f"; chance leaves as much as the former with probability {probability(d.chance.anything_left)} ({how})"
-    words += "."
-    if d.unexplained_force is None:
-        return words
-    if top:
-        words += f" Strongest by itself: {top} ({signed(d.unnamed.before[top], '.1f')})."
-    return words
+    return words + "."
 
 
 def amount(effect: NamedEffect) -> str:

@@ -255,7 +255,7 @@ def one_step_likelihood(
             best, share, start = here, 1.0, path
             mean, r, u = here.smoothed()
             if number + 1 < iterations:
-                noise = updated_noise(noise, data, here.adjoint, r, u, len(active), typical)
+                noise = updated_noise(here, r, u, typical)
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
         path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from cases.trial import Trial
 from diagnosis.estimation.time_limit import OutOfTimeError, check_time
-from diagnosis.findings import LearnedResidual
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
 from mmg.errors import UserError, needs_torch
@@ -34,7 +33,14 @@ def with_learned(
     try:
         check_time()
         LOGGER.info("learning the unexplained remainder from the training trials")
-        rest = _learned(found, trials, tests, options, progress)
+        needs_torch("a learned residual")
+        from diagnosis.validation.learned import SEEDS, measure_learned_residual
+        from residual.settings import TrainSettings
+
+        step, straight = (options.step, False) if found.data is None else (found.data.h, found.data.straight)
+        settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers, step=step)
+        store = options.store.part("learned") if options.store is not None else None
+        rest = measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)
     except UserError as reason:
         why = f"how much of the rest a learned residual closes was not measured: {reason}"
         code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
@@ -44,21 +50,3 @@ def with_learned(
     if "total" in spent:
         spent["total"] = spent.pop("total") + seconds
     return replace(found, learned=rest, timings=spent)
-
-
-def _learned(
-    found: Diagnosis,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> LearnedResidual:
-    """The measurement behind ``with_learned``, which is where torch is imported."""
-    needs_torch("a learned residual")
-    from diagnosis.validation.learned import SEEDS, measure_learned_residual
-    from residual.settings import TrainSettings
-
-    step, straight = (options.step, False) if found.data is None else (found.data.h, found.data.straight)
-    settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers, step=step)
-    store = options.store.part("learned") if options.store is not None else None
-    return measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)

@@ -11,12 +11,12 @@ import numpy as np
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, FullModel, find, ship_with_all_effects
+from diagnosis.estimation.candidates import Candidate, Column, FullModel, find, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Trajectory, initial_trajectory
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import priors_of
+from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
@@ -83,6 +83,15 @@ def full_steps(h: float = 1.0, compiled: bool = True) -> TransitionModel:
 def candidate(effect: str, form: str = "") -> Candidate:
     """One of its candidates."""
     return find(full_model().candidates, effect, form)
+
+
+def priors_of(ship: Ship, symbols: Sequence[str]) -> Priors:
+    """Priors of these coefficients as the file of the ship states them."""
+    rows = [ship.coefficients[s] for s in symbols]
+    return Priors(
+        tuple(Column(s) for s in symbols),
+        *(np.array([getattr(c, k) for c in rows]) for k in ("value", "std", "lower", "upper")),
+    )
 
 
 def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[SearchProblem, Estimate]:

@@ -14,9 +14,8 @@ import pytest
 
 from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
-from diagnosis.estimation.filtering import filtered_by, whitened_by
+from diagnosis.estimation.filtering import filtered_by, source, whitened_by
 from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
-from diagnosis.estimation.kalman_c import source
 from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
 from mmg.compile.path_c import FLAGS

@@ -16,12 +16,11 @@ from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import BESIDE_GUSTS, LEAST_FORCE, initial_noise, least_force
-from diagnosis.estimation.parameters import priors_of
 from diagnosis.estimation.residual_checks import with_correlation_time, with_gust_memory
 from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.simulated_chance import simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, quiet
+from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, priors_of, quiet
 from tests.support.disturbed_trials import disturbed_trial, drawn_ship, process
 
 RUNS = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0), ("random:5", 120.0))

@@ -15,7 +15,7 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import STALLED, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, priors_of
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.prepare import priors_before
@@ -27,6 +27,7 @@ from tests.support.diagnosis_cases import (
     WHITE,
     full_steps,
     path_near,
+    priors_of,
     pushed_trials,
     quiet,
     short_data,

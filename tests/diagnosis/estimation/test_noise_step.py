@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.estimation import map_estimate, noise_step
+from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
@@ -45,7 +45,7 @@ def nll(here: Linearisation, logs: np.ndarray) -> float:
 @pytest.mark.parametrize("coloured", [0.0, 0.004])
 def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> None:
     here = at(one, coloured)
-    slope, information = noise_step.slope_and_information(here, *here.smoothed()[1:])
+    slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     count = 9 + 2 * (coloured > 0)
     assert slope.shape == (count,) and information.shape == (count, count)
     for i, step in enumerate(1e-4 * np.eye(count)):
@@ -57,7 +57,7 @@ def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
     """At the most likely sizes; there observed and expected information are the same but for chance."""
     steps, data, found, _ = one
     here = linearise_and_filter(steps, data, found.fixed())
-    slope, information = noise_step.slope_and_information(here, *here.smoothed()[1:])
+    slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     sure = np.diag(information) > 20.0
     assert sure.sum() >= 6
     for i in np.flatnonzero(sure):
@@ -87,12 +87,12 @@ def test_sizes_stay_within_their_limits(one: tuple) -> None:
     least = least_force(found.noise, data, typical)
     tiny = found.noise.with_(force=least.copy(), white=0.03 * found.noise.white)
     here = linearise_and_filter(steps, data, replace(found.fixed(), noise=tiny))
-    new, gain = noise_step.noise_step(here, *here.smoothed()[1:], typical)
-    assert gain > 0 and (new.force >= least).all() and (new.white >= noise_step.LEAST * typical.white).all()
+    new, gain = noise_sizes.noise_step(here, *here.smoothed()[1:], typical)
+    assert gain > 0 and (new.force >= least).all() and (new.white >= noise_sizes.LEAST * typical.white).all()
     large = found.noise.with_(white=30.0 * found.noise.white)
     here = linearise_and_filter(steps, data, replace(found.fixed(), noise=large))
-    new, _ = noise_step.noise_step(here, *here.smoothed()[1:], typical)
-    assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_step.SHORTEST)
+    new, _ = noise_sizes.noise_step(here, *here.smoothed()[1:], typical)
+    assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_sizes.SHORTEST)
 
 
 def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from diagnosis.estimation.spectrum import periodogram
+from diagnosis.estimation.residual_checks import periodogram
 
 
 @pytest.mark.parametrize("count", [64, 65, 2, 3])

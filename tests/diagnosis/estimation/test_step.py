@@ -9,8 +9,7 @@ import pytest
 
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import can_divide, grid_trials
-from diagnosis.estimation.input_timing import TIMING, timing_columns
-from diagnosis.estimation.linearisation import Point, initial_trajectory
+from diagnosis.estimation.linearisation import TIMING, Point, initial_trajectory, timing_columns
 from diagnosis.estimation.noise_sizes import MOST, initial_noise, swallows
 from diagnosis.estimation.parameters import NO_PRIORS
 from diagnosis.estimation.residual_checks import finer_step

@@ -14,7 +14,7 @@ from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.groups import between
-from diagnosis.groups.between import compare_groups, nature, physical, too_scattered, without_idle
+from diagnosis.groups.between import compare_groups, nature, physical, too_scattered
 from diagnosis.groups.findings import Between, GroupDifference
 from mmg.errors import UserError
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
@@ -83,21 +83,6 @@ def found_of(effect: str, log_bayes: float) -> between.Tested:
     """A difference that was tested, of which nothing but the name and the weight is known."""
     row = GroupDifference(effect, nature(effect), "", "", {}, 0.0, 0, 1.0, log_bayes)
     return between.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
-
-
-def test_a_difference_that_another_takes_over_is_dropped_and_a_cause_stands_for_both() -> None:
-    thrust, drag, fouled, yaw = (
-        found_of("t_P", 17.0),
-        found_of("X_0F", 12.3),
-        found_of("fouling", 12.1),
-        found_of("N_r", 9.0),
-    )
-    clear = [thrust, drag, fouled, yaw]
-    (only,) = without_idle([thrust], [thrust, found_of("X_0F", 21.0)], clear)
-    assert only.candidate is fouled.candidate and only.row.equivalence_class == ("X_0F", "t_P")
-    first, last = without_idle([thrust], [yaw, thrust, found_of("Y_v", 8.0)], clear)
-    assert first is yaw and (last.row.name, last.row.log_bayes, last.row.equivalence_class) == ("Y_v", 8.0, ("t_P",))
-    assert without_idle([fouled], [yaw, fouled], clear) == [yaw]  # the last one itself is none
 
 
 def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:

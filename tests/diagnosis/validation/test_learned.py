@@ -148,7 +148,7 @@ def test_diagnosis_json_and_page_tell_it() -> None:
     assert content == json.loads(json.dumps(asdict(told))) and content["interval_90"] == [0.1, 0.4]
     html = build_report(d, Path("nowhere"), [])
     text = text_of(html)
-    assert text.count("closes 25.0% of the error of 30 s predictions") == 2
+    assert text.count("closes 25.0% of the error of 30 s predictions") == 1
     assert "+20.0 %, +30.0 %" in text
 
 

@@ -59,7 +59,7 @@ def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
     content = json.loads((run / "months.json").read_text())
     assert len(windows) == content["cut"]["windows"] > 200 and windows["u"].median() < 0.05
     page = (run / "months.html").read_text()
-    assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 2
+    assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 1
     assert (run / "ship.toml").exists()
 
 
