@@ -166,13 +166,13 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
     from functools import partial
 
     from cases.simulation.simulate import write_trial
-    from fitting.report.plot_maneuvers import maneuver_figure, save_figure
+    from fitting.report.plot_maneuvers import maneuver_figure
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
     try:
         if plot is not None:
-            save_figure(found.runs, found.heading, plot, clouds)
+            maneuver_figure(found.runs, found.heading, clouds).savefig(plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             write_json(out / "imo.json", found.to_dict())

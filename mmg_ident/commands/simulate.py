@@ -126,7 +126,7 @@ def _scatter(
 ) -> None:
     """Draws (how many and their seed), prints the table, and writes the motions and the figure to ``files``."""
     from fitting.prediction.maneuver_scatter import maneuver_scatter
-    from fitting.report.plot_maneuvers import save_figure
+    from fitting.report.plot_maneuvers import maneuver_figure
     from fitting.report.run_folder import content_on
 
     content = content_on(Path(name))
@@ -136,7 +136,8 @@ def _scatter(
     if plot is not None:
         if run is None or drawn is None:
             raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
-        save_figure((run,), f"{ship.title}: {plan.name}, {draws[0]} draws", plot, {run.name: drawn.shown})
+        title = f"{ship.title}: {plan.name}, {draws[0]} draws"
+        maneuver_figure((run,), title, {run.name: drawn.shown}).savefig(plot)
         say(f"written: {plot}")
     if out is not None:
         tracks = found.tracks()
