@@ -195,7 +195,7 @@ def _choose(
             raise
         found = choice.to_dict()
         result = replace(choice.result, command=command_line()).save(
-            out, replace=there, attach=lambda folder: _beside(choice, folder, report), report=report
+            out, replace=there, attach=lambda folder: _beside(choice, folder), report=report
         )
         choice = replace(choice, result=result)
         kept.done()
@@ -203,25 +203,15 @@ def _choose(
     return 0 if choice.result.converged else 1
 
 
-def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
-    """What belongs to a choice beside the run: all candidates, learning curves, figures."""
-    from fitting.report.plot_structures import learning_plot, structure_plot
-    from fitting.report.plot_style import FigureFolder
+def _beside(choice: StructureChoice, folder: Path) -> None:
+    """What belongs to a choice beside the run: all candidates, learning curves."""
     from fitting.report.run_folder import write_json
     from fitting.selection.learning import write_learning
 
-    found = choice.to_dict()
-    write_json(folder / "selection.json", found)
+    write_json(folder / "selection.json", choice.to_dict())
     runs = [run for some in choice.runs.values() for run in some]
     if runs:
         write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
-    if not report:
-        return
-    figures = FigureFolder(folder / "figures")
-    figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-    if runs:
-        curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
-        figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
