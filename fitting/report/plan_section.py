@@ -75,6 +75,7 @@ def _comparison(content: Mapping[str, Any]) -> str:
         for key, where in places.items()
         if key in pairs
     ]
+    parts = parts[:1] if pairs.get("inside") == pairs.get("library") else parts
     return f"{words}; the best two manoeuvres of the library together, each as long: {', '.join(parts) or 'none'}."
 
 

@@ -15,7 +15,7 @@ from fitting.report.page import environment
 from fitting.report.page import write_page as write_text
 from fitting.report.plot_style import FigureFolder, figures_of
 from fitting.report.run_folder import versions
-from fitting.report.words import plus_minus
+from fitting.report.sections import plus_minus
 from mmg_ident.fleet.figures import moved_figure, moved_symbols, sister_figure
 from mmg_ident.fleet.job import DIAGNOSIS, SHIPS
 from mmg_ident.fleet.run import ALPHA, Fleet, SisterGroup
