@@ -167,8 +167,8 @@ class FitResult(FitRecord):
 
         began, done, written, objects = time.perf_counter(), self, FigureFolder(folder / FIGURES), self.objects
         if objects:
-            models, history = (objects.before, objects.after), objects.calibration.solution.history
-            draw = partial(write_figures, written, self, models, objects.trials, objects.validation, history)
+            models = objects.before, objects.after
+            draw = partial(write_figures, written, self, models, objects.trials, objects.validation)
             with written.making("figures"):
                 if unless_interrupted(lambda: (draw(),)) is None:
                     written.failures.append(left_out_message(["figures"]))

@@ -388,7 +388,7 @@ def write_report(
     full_load: draught [m] of the loaded ship, to which tested figures are corrected; imo: with the form for IMO, whose
     figures are simulated. Raises UserError for a folder of another kind, an unwritable file, and a missing WeasyPrint.
     """
-    from fitting.report.pdf import needs_weasyprint, write_pdf
+    from fitting.report.page import needs_weasyprint, write_pdf
     from fitting.report.run_folder import read_result
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]

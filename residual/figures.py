@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
 from fitting.report.plot_style import ALARM, BEFORE, DASHES, FigureFolder, dress, new_figure
-from fitting.report.plot_tracks import error_growth_plot
+from fitting.report.plots import error_growth_plot
 from mmg.rollout import Simulator
 
 

@@ -9,10 +9,9 @@ from typing import Any
 
 from fitting.prediction.score_words import in_words
 from fitting.report.delivered import Delivered, delivery_sections
-from fitting.report.page import citations_of, environment, score_sets
+from fitting.report.page import citations_of, environment
 from fitting.report.plot_style import figures_of
 from fitting.report.use import shown_quantity
-from fitting.report.words import setting_rows
 from mmg.ship import Ship
 from residual.decide import percent
 
@@ -51,13 +50,12 @@ def _run(
         "warnings": _warnings(result, outside),
         "judged": judged_table(result),
         "seeds": [f"seed {row['seed']}" for row in result["per_seed"]],
-        "scores": score_sets(dict(result)),
         "figures": {f["name"]: f for f in figures_of(folder, result["figures"])},
         "size": result.get("residual_size") or {},
         "envelope": envelope_rows(result),
         "outside": outside,
-        "settings": setting_rows(settings),
-        "citations": citations_of(dict(result)),
+        "settings": settings,
+        "citations": citations_of(result),
         "use": ship is not None,
     }
     if ship is None:

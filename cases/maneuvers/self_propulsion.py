@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
         still = still if name in ("fouling", "draft") else still.without_effect(name)
     model = assemble(still, symbols=())
 
+    @cache  # the same speeds are asked for again and again
     def surge(u: float, n: float) -> float:
         moved = actuator_positions(still, n, 0.0)
         inputs = [float(moved.get(name, 0.0)) for name in still.inputs]

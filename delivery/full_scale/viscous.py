@@ -18,7 +18,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fitting.report.plots import component_of
+from fitting.report.sections import component_of
 from mmg.components import friction
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship

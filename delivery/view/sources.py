@@ -20,8 +20,7 @@ from diagnosis.result import CONTENT, read_diagnosis
 from fitting.prediction.bands import Bands, bands_of
 from fitting.prediction.predict import Forecaster
 from fitting.report.page import label_of
-from fitting.report.run_folder import RESULT, read_result
-from fitting.report.trial_files import trial_rows, trials_again, unique_rows
+from fitting.report.run_folder import RESULT, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing
 from mmg.rollout import Simulator
@@ -94,10 +93,10 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     rows: list[tuple[str, Mapping[str, Any]]] = []
     for folder in [folder for folder, kind in kinds.items() if kind != "diagnosis"]:
         models += _models(folder, kinds[folder])
-        rows += trial_rows(read_result(folder))
+        rows += rows_by_role(read_result(folder))
     diagnosis_folder = diagnoses[0] if diagnoses else None
     if diagnosis_folder is not None:
-        rows += trial_rows(read_result(diagnosis_folder))
+        rows += rows_by_role(read_result(diagnosis_folder))
         models += _named(diagnosis_folder)
     shown, notes = _trials(rows, trials)
     if diagnosis_folder is None:
@@ -172,7 +171,7 @@ def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Pat
     good = [
         p
         for p in around
-        if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in trial_rows(read_result(p))}
+        if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in rows_by_role(read_result(p))}
     ]
     if len(good) > 1:
         names = ", ".join(sorted(p.name for p in good))

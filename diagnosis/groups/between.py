@@ -35,7 +35,7 @@ from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.report.where_words import shown_unit
-from fitting.report.words import plus_minus
+from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import GroupTest, group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import TooFewData

@@ -26,8 +26,7 @@ from diagnosis.estimation.parameters import get_values, mean_over_windows, prior
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
-from fitting.design.candidates import Option, library
-from fitting.design.next_trial import runs
+from fitting.design.next_trial import Option, library, runs
 from mmg.motion.froude import time_scale
 from mmg.ship import AIR, Ship
 

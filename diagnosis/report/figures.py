@@ -17,7 +17,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
 from diagnosis.report.where_words import TURN_BACK, shown_unit
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, dress, new_figure
-from fitting.report.plot_tracks import OUTLINE
+from fitting.report.plots import OUTLINE
 
 ARROWS = 26
 """Arrows along a track."""

@@ -18,7 +18,7 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.report.where_words import percent, places, shown_unit, unexplained_hint
-from fitting.report.words import plus_minus
+from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
 

@@ -7,6 +7,7 @@ manoeuvre that is over sooner is repeated, with way to gain speed again between.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cases.maneuvers.definitions import parse_maneuver
+from cases.maneuvers.self_propulsion import own_speed
+from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting.design.candidates import Option, features, library, missing
 from fitting.identifiability.analysis import DETERMINED, CoefficientFinding, Identifiability, information_discount
-from fitting.identifiability.verdicts import cause, verdict
+from fitting.identifiability.verdicts import cause, listed, verdict
 from fitting.nlp.fisher_information import information
 from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
@@ -29,6 +31,85 @@ from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
+
+WIND_SPEED, WIND_FROM = 1.5, 60.0
+"""True wind [m/s of a 3 m model, Froude scaled] and the direction it comes from [deg]."""
+
+MANEUVERS = (
+    "turning:35", "turning:-35", "turning:15", "zigzag:10/10", "zigzag:20/20", "zigzag:35/20", "spiral:15/5",
+    "pull-out:20", "crash-stop", "acceleration", "random:1", "berthing",
+)  # fmt: skip
+IN_WIND = ("straight", "turning:35", "zigzag:20/20", "random:1", "berthing")
+
+
+@dataclass(frozen=True)
+class Option:
+    """One possible trial: its name in words, the manoeuvre as ``mmg simulate`` takes it, its approach and wind.
+
+    speed [m/s], n [1/s]: None for the defaults.
+    """
+
+    name: str
+    maneuver: str
+    speed: float | None = None
+    n: float | None = None
+    wind: Wind | None = None
+
+    @property
+    def arguments(self) -> str:
+        """What follows ``mmg simulate SHIP`` to see it."""
+        words = [self.maneuver]
+        words += [f"--speed {self.speed:.3g}"] if self.speed is not None else []
+        words += [f"--n {self.n:.3g}"] if self.n is not None else []
+        words += [f"--wind {self.wind.speed:.3g}:{math.degrees(self.wind.direction):.0f}"] if self.wind else []
+        return " ".join(words)
+
+
+def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
+    """The trials to choose from, simple ones first: manoeuvres at full and half speed, some astern, some in wind.
+
+    wind: whether there may be wind where trials are run: not in a towing tank, whose records have no wind. In wind only
+    where the ship has wind forces, astern only where her propeller can be reversed.
+    """
+    full = own_speed(ship)
+    options = [Option(name, name) for name in MANEUVERS]
+    options += [Option(f"{name} at half speed", name, speed=full / 2) for name in MANEUVERS if name != "acceleration"]
+    if "n" in ship.actuators and "pitch" not in ship.actuators:
+        n = parse_maneuver("straight", ship).n
+        going_astern = ("straight", "turning:35", "turning:-35")
+        options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
+    if wind and ship.feels_wind:
+        speed = WIND_SPEED * time_scale(ship.particulars["L"])
+        air = Wind(speed, math.radians(WIND_FROM))
+        options += [Option(f"{name} in wind", name, wind=air) for name in IN_WIND]
+    return tuple(options)
+
+
+def features(segments: Segments, ship: Ship) -> frozenset[str]:
+    """What motion and orders trials of a ship, cut into segments, have: some of six, each of which may be missing."""
+    z, length = segments.nodes, ship.particulars["L"]
+    controls = dict(zip(ship.inputs, segments.node_controls, strict=False))
+    turned = [values for name, values in controls.items() if name in ("n", "n_2", "pitch")]
+    speed, turn = np.hypot(z[:, 3], z[:, 4]).mean(), np.percentile(np.abs(z[:, 5]), 95)
+    found = {
+        "astern revolutions": any((a < -0.05 * np.abs(a).max()).mean() > 0.02 for a in turned),
+        "sternway": np.mean(z[:, 3] < -0.01 * reference_speed(length)) > 0.02,
+        "rudder movement": any(np.ptp(a) > math.radians(3) for k, a in controls.items() if k.startswith("delta")),
+        "turning": turn * length > 0.1 * speed,
+        "wind": any(np.any(a) for k, a in controls.items() if k.startswith("wind_")),
+        "changes of revolutions": any(np.ptp(a) > 0.1 * np.abs(a).max() for a in turned),
+    }
+    return frozenset(name for name, there in found.items() if there)
+
+
+def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozenset[str]) -> str:
+    """What the simplest of the trials that excite a coefficient has and others had not, in words.
+
+    excitation: information on the coefficient in each of K trials (K,); own: their features; had: of the others.
+    """
+    lacks = sorted((s - had for s, e in zip(own, excitation, strict=True) if e > 0.2 * excitation.max()), key=len)
+    return listed(sorted(lacks[0]), " or ") if lacks else ""
+
 
 DURATION = 300.0
 """Time at sea of a trial [s of a 3 m model, Froude scaled]."""
@@ -80,23 +161,23 @@ class NextTrial:
         k = simplest(-np.log(left))
         return self.options[k], float(left[k])
 
+    def best_row(self, i: int | Sequence[int]) -> dict[str, Any] | None:
+        """``best`` of coefficient i, or several of them, as plain values; None for none."""
+        best = self.best(i)
+        return {"name": best[0].name, "variance_left": best[1]} if best else None
+
     def to_dict(self, symbols: Sequence[str]) -> dict[str, Any]:
         """Plain values for result.json, by coefficient of ``symbols`` (P,)."""
-        runs_ = [{"name": o.name, "simulate": o.arguments} for o in self.options]
+        rows = [{"name": o.name, "simulate": o.arguments} for o in self.options]
         return {
             "duration_s": self.duration,
             "worth": self.worth,
             "mean_prior_share": self.mean,
-            "options": [r | {"mean_prior_share": share} for r, share in zip(runs_, self.total.tolist(), strict=True)],
-            "best": {s: best_row(self.best(i)) for i, s in enumerate(symbols)},
-            "plan": [runs_[k] | {"mean_prior_share": share} for k, share in zip(self.plan, self.planned, strict=True)],
+            "options": [r | {"mean_prior_share": share} for r, share in zip(rows, self.total.tolist(), strict=True)],
+            "best": {s: self.best_row(i) for i, s in enumerate(symbols)},
+            "plan": [rows[k] | {"mean_prior_share": share} for k, share in zip(self.plan, self.planned, strict=True)],
             "left_out": list(self.left_out),
         }
-
-
-def best_row(best: tuple[Option, float] | None) -> dict[str, Any] | None:
-    """The ``best`` trial as plain values, None for none."""
-    return {"name": best[0].name, "variance_left": best[1]} if best else None
 
 
 def next_trial(
@@ -108,36 +189,33 @@ def next_trial(
     [s], default 300 s of a 3 m model, Froude scaled. Noise levels, windows and step are those of the calibration.
     Returns what each would add, without options where the covariance is not finite. Takes seconds.
     """
-    ship, prior = calibration.ship, calibration.prior
-    P, C = len(prior.symbols), calibration.covariance
+    ship, C = calibration.ship, calibration.covariance
+    P = len(C)
     seconds = duration or DURATION * time_scale(ship.particulars["L"])
     had = features(calibration.segments, ship)
     chosen, trials, left_out = runs(ship, options or library(ship, "wind" in had), seconds, calibration.segments.h)
-    empty = np.empty((0, P))
-    if not trials or not np.isfinite(C).all():
-        return NextTrial(
-            (), seconds, tuple(left_out), empty, empty, np.empty(0), np.nan, np.diag(C), 1.0, ("",) * P, (), ()
-        )
-    F, own_features = fisher(calibration, trials, seconds)
+    if not np.isfinite(C).all():
+        chosen, trials = [], []
+    F, seen = fisher(calibration, trials, seconds) if trials else (np.empty((0, P, P)), [])
     data = calibration.information.of_data()
-    worth = information_discount(data, C)
+    worth = information_discount(data, C) if trials else 1.0
     A, F = worth * data + np.eye(P), worth * F
     own = np.diag(np.linalg.inv(A))
     left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / own for k in (1, MANY))
-    plan, planned = _plan(A, F)
+    plan = _plan(A, F) if trials else []
     return NextTrial(
-        tuple(chosen),
-        seconds,
-        tuple(left_out),
-        left,
-        by_many,
-        (left * own).mean(axis=1),
-        float(own.mean()),
-        np.diag(C).copy(),
-        worth,
-        tuple(missing(F[:, i, i], own_features, had) for i in range(P)),
-        plan,
-        planned,
+        options=tuple(chosen),
+        duration=seconds,
+        left_out=tuple(left_out),
+        left=left,
+        left_by_many=by_many,
+        total=(left * own).mean(axis=1),
+        mean=float(own.mean()),
+        before=np.diag(C).copy(),
+        worth=worth,
+        missing=tuple(missing(F[:, i, i], seen, had) if trials else "" for i in range(P)),
+        plan=tuple(k for k, _ in plan),
+        planned=tuple(share for _, share in plan),
     )
 
 
@@ -203,7 +281,7 @@ def simplest(gain: np.ndarray) -> int:
     return int(np.argmax(gain >= NEARLY * gain.max()))
 
 
-def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> tuple[tuple[int, ...], tuple[float, ...]]:
+def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> list[tuple[int, float]]:
     """Up to ``most`` trials, each the best addition to those before it by the mean prior's share; and that mean.
 
     A: precision (P, P) before; F: (K, P, P) added by each trial.
@@ -214,28 +292,24 @@ def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> tuple[tuple[int, ...],
         k = simplest(float(np.diag(np.linalg.inv(A)).mean()) - means)
         plan.append((k, float(means[k])))
         A = A + F[k]
-    numbers, shares = zip(*plan, strict=True)
-    return numbers, shares
+    return plan
 
 
 def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
     """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
     if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
         return ""
-    best = trial.best(i)
-    if best:
+    if best := trial.best(i):
         option, left = best
         after = trial.before[i] * left
         outcome = f"would bring its standard error down by {1 - np.sqrt(left):.0%}"
         if after < DETERMINED:
             outcome = f"would determine it (share {after:.0%})"
         return f"best next trial: {option.name}, {trial.duration:.0f} s of it {outcome}"
-    many = trial.best(i, many=True)
-    if many:
-        option, left = many
+    if best := trial.best(i, many=True):
         return (
             f"{trial.duration:.0f} s of no trial of the library would help by much; {MANY} times that of "
-            f"{option.name} would bring its standard error down by {1 - np.sqrt(left):.0%}"
+            f"{best[0].name} would bring its standard error down by {1 - np.sqrt(best[1]):.0%}"
         )
     return "none of the library would help: take it from captive tests, computation or regression"
 
@@ -255,5 +329,5 @@ def identifiability_dict(found: Identifiability, trial: NextTrial | None = None)
         symbols = [f.symbol for f in found.findings]
         content["next_trial"] = trial.to_dict(symbols)
         for cluster in content["clusters"]:
-            cluster["best_trial"] = best_row(trial.best([symbols.index(s) for s in cluster["symbols"]]))
+            cluster["best_trial"] = trial.best_row([symbols.index(s) for s in cluster["symbols"]])
     return content

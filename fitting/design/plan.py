@@ -22,10 +22,8 @@ from cases.maneuvers.self_propulsion import own_speed, revolutions_for
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial
 from fitting.design.area import Area, Placing
-from fitting.design.candidates import Option, library
-from fitting.design.evolution import Evolution
-from fitting.design.next_trial import repetitions, runs
-from fitting.design.sequences import Sequences
+from fitting.design.next_trial import Option, library, repetitions, runs
+from fitting.design.sequences import Evolution, Sequences
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.parallel import Shared, kept_workers, run_all, width
 from mmg.errors import NoSolution
@@ -48,28 +46,51 @@ RUN_UP = 2.0
 """Straight way behind the start that must be inside the area too [ship lengths]."""
 
 
-@dataclass(frozen=True)
-class PlanTask:
-    """What is planned: a trial of ``seconds`` [s] in an ``area``, no faster than ``speed`` [m/s].
+TIME_LIMIT = 150.0
+"""Longest search by the clock [s]."""
 
-    start: x, y [m], psi [rad] if given; ahead: the propeller is not reversed; rudder: largest angle [rad]; seed: of the
-    search; draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside; within: longest
-    time of the search by the clock [s].
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of a planned trial.
+
+    area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
+    ``FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
+    that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
+    propeller is not reversed; seed: of the search; effort: factor on its length; rudder_limit: largest angle [rad];
+    time_limit: longest search by the clock [s]; workers: processes over which the search is spread.
     """
 
+    area: str
     seconds: float
+    coefficients: tuple[str, ...] = ()
+    figures: tuple[str, ...] = ()
+    speed_limit: float | None = None
+    margin: float | None = None
+    start: tuple[float, float, float] | None = None
+    ahead: bool = False
+    seed: int = 0
+    effort: float = 1.0
+    rudder_limit: float = math.radians(RUDDER)
+    time_limit: float = TIME_LIMIT
+    workers: int = 1
+
+
+@dataclass(frozen=True)
+class PlanTask:
+    """What is planned: the trial of a ``wish`` in an ``area``, no faster than ``speed`` [m/s].
+
+    draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside.
+    """
+
+    wish: Wish
     area: Area
     speed: float
-    start: tuple[float, float, float] | None
-    ahead: bool
-    rudder: float
-    seed: int
     draws: np.ndarray
-    within: float = math.inf
 
     def reversible(self, ship: Ship) -> bool:
         """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
-        if self.ahead or "n" not in ship.actuators or "pitch" in ship.actuators:
+        if self.wish.ahead or "n" not in ship.actuators or "pitch" in ship.actuators:
             return False
         own = own_speed(ship)
         return engine_of(ship, own, revolutions_for(ship, own)) is None
@@ -111,7 +132,7 @@ class SequenceFound:
 def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
     """The sequences of orders that a ``task`` allows a ``ship``, in steps of ``dt`` [s]."""
     k = time_scale(ship.particulars["L"])
-    rudders = int(np.clip(round(task.seconds / (STRETCH * k)), FEWEST, MOST))
+    rudders = int(np.clip(round(task.wish.seconds / (STRETCH * k)), FEWEST, MOST))
     speeds = task.speed * np.linspace(0.4, 1.0, 7)
     revolutions = np.array([revolutions_for(ship, u) for u in speeds])
     highest = float(revolutions[-1])
@@ -120,10 +141,12 @@ def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
     if reversible:
         speeds = np.concatenate([task.speed * np.array([-0.5, -0.25]), speeds])
         revolutions = np.concatenate([[lowest, 0.5 * lowest], revolutions])
-    steps = int(np.floor(task.seconds / dt + 1e-9))
+    steps = int(np.floor(task.wish.seconds / dt + 1e-9))
     engines = max(2, rudders // ENGINES)
     limits = Limits.for_ship(ship)
-    return Sequences(steps, dt, rudders, engines, task.rudder, (lowest, highest), speeds, revolutions, limits)
+    return Sequences(
+        steps, dt, rudders, engines, task.wish.rudder_limit, (lowest, highest), speeds, revolutions, limits
+    )
 
 
 class SequenceSearch:
@@ -155,16 +178,16 @@ class SequenceSearch:
         start = np.zeros((6, D * K))
         start[3] = np.tile(speed, D)
         theta = np.repeat(self.theta, K, axis=1)
-        states = self.info.motions(start, np.tile(inputs, (1, 1, D)), theta)
+        states = self.info.simulator.run(start, np.tile(inputs, (1, 1, D)), self.info.dt, theta)
         return states.reshape(len(states), -1, D, K)
 
     def placing(self, states: np.ndarray) -> Placing:
         """Where motions (N + 1, S, D, K) begin."""
         before = np.zeros((1, 3, *states.shape[2:]))
-        if self.task.start is None:  # the run-up lies behind a ship that goes ahead, before one that goes astern
+        if self.task.wish.start is None:  # the run-up lies behind a ship that goes ahead, before one that goes astern
             before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
         tracks = np.concatenate([before, states[::2, :3]])
-        return self.task.area.placing(tracks, self.ship, self.task.start, "current" not in self.ship.effects)
+        return self.task.area.placing(tracks, self.ship, self.task.wish.start, "current" not in self.ship.effects)
 
     def cost(self, x: np.ndarray) -> np.ndarray:
         """Cost (K,) of sequences (K, size): the gain of those that stay inside and are not too fast, else above 0."""
@@ -196,15 +219,15 @@ def _library_row(job: tuple[Shared[SequenceSearch], Option]) -> LibraryRow | Non
     """A manoeuvre for a search, None where the ship cannot run it or the task does not allow it."""
     search, option = job[0].value, job[1]
     ship, task, info = search.ship, search.task, search.info
-    chosen, trials, _ = runs(ship, [option], task.seconds, info.dt)
+    chosen, trials, _ = runs(ship, [option], task.wish.seconds, info.dt)
     if not chosen or not _allowed(trials[0], task, ship):
         return None
     trial = trials[0]
     positions = np.stack([trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1)
     inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
     start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
-    states = info.motions(start, inputs)
-    fisher = info.of(states, inputs)[0] * repetitions(trial, task.seconds, ship)
+    states = info.simulator.run(start, inputs, info.dt)
+    fisher = info.of(states, inputs)[0] * repetitions(trial, task.wish.seconds, ship)
     placing = search.placing(states[:, :, None, :])
     gain = float(search.present.gain(fisher))
     return LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial)
@@ -214,7 +237,7 @@ def _allowed(trial: Trial, task: PlanTask, ship: Ship) -> bool:
     """Whether the rudder angles and revolutions of a manoeuvre, ``trial``, are those that the ``task`` allows."""
     rudder = max((float(np.abs(trial[name]).max()) for name in trial.columns if name.startswith("delta")), default=0.0)
     astern = "n" in trial and float(trial["n"].min()) < 0
-    return rudder <= task.rudder + 1e-6 and (not astern or task.reversible(ship))
+    return rudder <= task.wish.rudder_limit + 1e-6 and (not astern or task.reversible(ship))
 
 
 def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[tuple[str, str], float]]:
@@ -232,65 +255,54 @@ def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[
     return found
 
 
-def search_plan(
-    info: TrialInformation,
-    present: Present,
-    task: PlanTask,
-    effort: float = 1.0,
-    workers: int = 1,
-    progress: OnProgress | None = None,
-) -> SequenceFound:
-    """The trial that gains most for a ``task``.
-
-    info: information of trials; present: what is known now, and what is wanted; effort: factor on the generations of
-    the search; workers: processes over which the sequences of a generation and the manoeuvres of the library are
-    spread; progress: called at each generation. Raises UserError where no sequence found stays inside the area.
-    """
-    search = SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
-    with kept_workers(workers):
-        return _searched(search, effort, progress)
-
-
 def _costs(job: tuple[Shared[SequenceSearch], np.ndarray]) -> np.ndarray:
     """Cost (K,) of some sequences (K, size) of a generation, of a search."""
     return job[0].value.cost(job[1])
 
 
-def _searched(search: SequenceSearch, effort: float, progress: OnProgress | None) -> SequenceFound:
-    """The best sequence of a ``search``, as of ``search_plan``."""
-    task, present, shared = search.task, search.present, Shared(search)
+def search_plan(
+    info: TrialInformation, present: Present, task: PlanTask, progress: OnProgress | None = None
+) -> SequenceFound:
+    """The trial that gains most for a ``task``.
+
+    info: information of trials; present: what is known now, and what is wanted; progress: called at each generation.
+    Raises UserError where no sequence found stays inside the area.
+    """
+    wish, search = task.wish, SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
+    shared = Shared(search)
 
     def cost(x: np.ndarray) -> np.ndarray:
         parts = np.array_split(x, min(width(1), len(x)))
         return np.concatenate(run_all(_costs, [(shared, part) for part in parts]))
 
-    rows = library_rows(shared)
-    rng = np.random.default_rng(task.seed)
-    starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
-    fitting = [row for row in rows if row.fits] or list(rows)
-    if fitting:
-        starts[0] = _started(search, fitting[:1])
-    if len(fitting) > 1:
-        names = best_pairs(fitting, present)["library"][0]
-        starts[1] = _started(search, [row for row in fitting if row.option.name in names])
-    first, then = (max(1, round(effort * count)) for count in (FIRST, THEN))
-    evolutions = [Evolution(start, 0.25, COUNT, rng) for start in starts]
-    total, began, made = first * len(starts) + then, time.monotonic(), 0
-    for k in range(total):
-        if time.monotonic() - began > task.within:
-            break
-        own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
-        own.advance(cost)
-        made += 1
-        if progress:
-            progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
+    with kept_workers(wish.workers):
+        rows = library_rows(shared)
+        rng = np.random.default_rng(wish.seed)
+        starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
+        fitting = [row for row in rows if row.fits] or list(rows)
+        if fitting:
+            starts[0] = _started(search, fitting[:1])
+        if len(fitting) > 1:
+            names = best_pairs(fitting, present)["library"][0]
+            starts[1] = _started(search, [row for row in fitting if row.option.name in names])
+        first, then = (max(1, round(wish.effort * count)) for count in (FIRST, THEN))
+        evolutions = [Evolution(start, 0.25, COUNT, rng) for start in starts]
+        total, began, made = first * len(starts) + then, time.monotonic(), 0
+        for k in range(total):
+            if time.monotonic() - began > wish.time_limit:
+                break
+            own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
+            own.advance(cost)
+            made += 1
+            if progress:
+                progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
     winner = min(evolutions, key=lambda e: e.cost)
     if winner.cost >= 9:
-        area = task.area
+        area, early = task.area, f"; the search was ended after {wish.time_limit:g} s (--time-limit)"
         raise NoSolution(
-            f"no sequence of {task.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
+            f"no sequence of {wish.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
             f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
-            "--start" + ("" if made == total else f"; the search was ended after {task.within:g} s (--time-limit)")
+            "--start" + ("" if made == total else early)
         )
     return _found(search, winner.best, rows, (made * COUNT, made == total))
 

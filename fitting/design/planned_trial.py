@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,21 +11,25 @@ from typing import Any
 import numpy as np
 
 from cases.criteria.figures import figure_unit
+from cases.criteria.standard_runs import figures_of
 from cases.io.files import replaced
+from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
+from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import UNITS
 from fitting.design.area import Area
-from fitting.design.plan import RUDDER, RUN_UP, PlanTask, SequenceFound, search_plan
+from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan
 from fitting.design.sequences import table_of
 from fitting.design.trial_information import Present, TrialInformation
-from fitting.design.wanted import FIGURES, coefficients_wanted, figure_slopes
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import draws_of
-from mmg.errors import Conflict, Missing, NotCalibrated, OutOfRange, Unsupported
+from fitting.prediction.figure_intervals import correlation_in
+from mmg.components.catalogue import ROLES, coefficient_table
+from mmg.errors import Conflict, Missing, NoSolution, NotCalibrated, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS
-from mmg.motion.froude import reference_speed
+from mmg.motion.froude import reference_speed, time_scale
 from mmg.progress import OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -33,36 +37,81 @@ from mmg.states import STATES
 
 DRAWS = 8
 """Draws of the coefficients whose tracks must stay inside the area."""
-TIME_LIMIT = 150.0
-"""Longest search by the clock [s]."""
 STEEPEST = 60.0
 """Largest rudder angle that may be asked for [deg]."""
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What is asked of a planned trial.
+FIGURES = {
+    "advance": ("turning:35", "advance"),
+    "transfer": ("turning:35", "transfer"),
+    "tactical_diameter": ("turning:35", "tactical_diameter"),
+    "first_overshoot_10": ("zigzag:10/10", "overshoot_1"),
+    "second_overshoot_10": ("zigzag:10/10", "overshoot_2"),
+    "first_overshoot_20": ("zigzag:20/20", "overshoot_1"),
+    "track_reach": ("crash-stop", "track_reach"),
+}
+"""Figures that may be asked for: the manoeuvre, and its figure there."""
 
-    area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
-    ``fitting.design.wanted.FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
-    that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
-    propeller is not reversed; seed: of the search; effort: factor on its length; rudder_limit: largest angle [rad];
-    time_limit: longest search by the clock [s]; workers: processes over which the search is spread.
+STEP, SAMPLE = 0.1, 0.25
+"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]."""
+
+
+def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Those of ``free`` coefficients that ``names`` say: symbols, roles of the ``ship`` such as "hull", or "all".
+
+    Raises UserError for a name that is neither, and for coefficients that the run did not fit.
     """
+    chosen: list[str] = []
+    for name in names:
+        if name == "all":
+            own = tuple(free)
+        elif name in ship.components and name in ROLES:
+            bare = {role: model for role, model in ship.components.items() if role == name}
+            own = tuple(s for s in coefficient_table(bare, ship.particulars) if s in ship.coefficients and s in free)
+            inertia = coefficient_table({}, ship.particulars)
+            own = tuple(s for s in own if s not in inertia)
+        elif name in ship.coefficients:
+            own = (name,) if name in free else ()
+        else:
+            roles = ", ".join(ship.components)
+            raise UnknownName(
+                f"--coefficients {name}: {ship.called} has no such coefficient; give symbols (mmg ships RUN "
+                f"lists them), all, or a part of her: {roles}"
+            )
+        if not own:
+            raise Conflict(f"--coefficients {name}: not fitted in this run, so no trial can make it better known")
+        chosen += own
+    return tuple(dict.fromkeys(chosen))
 
-    area: str
-    seconds: float
-    coefficients: tuple[str, ...] = ()
-    figures: tuple[str, ...] = ()
-    speed_limit: float | None = None
-    margin: float | None = None
-    start: tuple[float, float, float] | None = None
-    ahead: bool = False
-    seed: int = 0
-    effort: float = 1.0
-    rudder_limit: float = math.radians(RUDDER)
-    time_limit: float = TIME_LIMIT
-    workers: int = 1
+
+def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> np.ndarray:
+    """Slopes (m, P) of the figures ``names`` on the free coefficients of ``prior``, by central differences.
+
+    simulator: of the calibrated ship. Raises UserError for an unknown figure, and for one that she does not reach.
+    """
+    ship = simulator.ship
+    for name in names:
+        if name not in FIGURES:
+            raise UnknownName(f"--figures {name}: unknown; known: {', '.join(FIGURES)}")
+    at, P = prior.positions(ship), len(prior.symbols)
+    theta = np.repeat(ship.values[:, None], 2 * P, axis=1)
+    for i in range(P):
+        theta[at[i], [i, P + i]] += np.array([STEP, -STEP]) * prior.std[i]
+    slopes: dict[str, np.ndarray] = {}
+    for text in dict.fromkeys(FIGURES[name][0] for name in names):
+        maneuver = parse_maneuver(text, ship)
+        runs = simulate_batch(simulator, maneuver, theta, SAMPLE * time_scale(ship.particulars["L"]))
+        rows = [figures_of(runs.trial(m), maneuver) for m in range(2 * P)]
+        for name in names:
+            if FIGURES[name][0] == text:
+                values = np.array([row.get(FIGURES[name][1], np.nan) for row in rows], dtype=float)
+                slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
+    for name, slope in slopes.items():
+        if not np.isfinite(slope).all() or not slope.any():
+            raise NoSolution(
+                f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another"
+            )
+    return np.array([slopes[name] for name in names])
 
 
 @dataclass(frozen=True)
@@ -91,10 +140,10 @@ class PlannedTrial:
             "ship": self.ship.called,
             "title": self.ship.title,
             "calibration": asdict(self.ship.mark) if self.ship.mark else None,
-            "time_s": task.seconds,
+            "time_s": task.wish.seconds,
             "area_m": {"length": task.area.length, "width": task.area.width, "margin": task.area.margin},
             "speed_limit_m_s": task.speed,
-            "seed": task.seed,
+            "seed": task.wish.seed,
             "start": {"x_m": x, "y_m": y, "heading_deg": math.degrees(psi) % 360, "speed_m_s": float(f.states[0, 3]),
                       "n_rps": float(f.inputs[0, 0])},
             "orders": table_of(f.orders, self.dt),
@@ -119,23 +168,21 @@ class PlannedTrial:
     @property
     def assumed(self) -> tuple[str, ...]:
         """What the plan rests on, in sentences."""
-        task, ship, orders = self.task, self.ship, self.found.orders
+        task, wish, ship = self.task, self.task.wish, self.ship
         water = "with the current of the calibration" if "current" in ship.effects else "in still water"
-        if task.reversible(ship):
-            engine = "the propeller may be reversed at any time"
-        else:
-            diesel = not task.ahead and "n" in ship.actuators and "pitch" not in ship.actuators
+        engine = "the propeller may be reversed at any time"
+        if not task.reversible(ship):
+            diesel = not wish.ahead and "n" in ship.actuators and "pitch" not in ship.actuators
             engine = "the propeller is not reversed" + (": a diesel engine takes its time for it" if diesel else "")
-        side = "before" if self.found.states[0, 3] < 0 else "behind"
-        if task.start is None:
+        run_up = "the run-up to the start that was given is left to you"
+        if wish.start is None:
+            side = "before" if self.found.states[0, 3] < 0 else "behind"
             run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
-        else:
-            run_up = "the run-up to the start that was given is left to you"
-        share = self.present.worth
+        share, highest = self.present.worth, np.abs(self.found.orders[:, 0]).max()
         worth = f", {share:.0%} of that information, as her residuals are correlated" if share < 0.95 else ""
         return (
             f"calm air, {water}; a straight approach, rudder midships",
-            f"orders: rudder up to {math.degrees(task.rudder):.3g} deg, {np.abs(orders[:, 0]).max():.3g} 1/s at most, "
+            f"orders: rudder up to {math.degrees(wish.rudder_limit):.3g} deg, {highest:.3g} 1/s at most, "
             f"no faster than {task.speed:.3g} m/s; {engine}; the actuators follow at the rates of the ship",
             f"the hull keeps {task.area.margin:.3g} m from the edges, also that of {task.draws.shape[1]} ships drawn "
             f"from the covariance, as orders are open loop; {run_up}",
@@ -172,24 +219,21 @@ def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray
 
     content: of result.json of the calibration. Raises UserError for one without a covariance.
     """
-    rows, correlation = content.get("coefficients", {}), content.get("correlation", {"symbols": (), "matrix": ()})
-    symbols = list(correlation["symbols"])
-    std, prior_std = ([rows[s][key] for s in symbols] for key in ("std", "prior_std"))
-    matrix = np.array([[math.nan if v is None else v for v in row] for row in correlation["matrix"]], dtype=float)
-    numbers = np.array([math.nan if v is None else v for v in (*std, *prior_std)], dtype=float)
-    if not len(symbols) or not (np.isfinite(matrix).all() and np.isfinite(numbers).all() and (numbers > 0).all()):
+    symbols, matrix = correlation_in(content) or ([], np.empty((0, 0)))
+    rows = content.get("coefficients", {})
+    std, prior_std = (np.array([rows[s][key] for s in symbols], dtype=float) for key in ("std", "prior_std"))
+    if not symbols or not ((std > 0) & (prior_std > 0)).all():
         raise NotCalibrated(
             f"{ship.called}: the run has no covariance of its coefficients, from which a trial could be planned; fit "
             "until it converges, and train on that run folder"
         )
     own = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))
     order = [symbols.index(s) for s in own.symbols]
-    scale = np.array(prior_std, dtype=float)
-    share = np.array(std, dtype=float) / scale
+    share = std / prior_std
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T  # four digits are stored
     covariance = (share[:, None] * matrix * share)[np.ix_(order, order)]
-    return Prior(own.symbols, own.mean, scale[order], own.lower, own.upper), covariance
+    return Prior(own.symbols, own.mean, prior_std[order], own.lower, own.upper), covariance
 
 
 def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnProgress | None = None) -> PlannedTrial:
@@ -231,11 +275,8 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
         worth = 1.0
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
     present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
-    draws = draws_of(known, ship)[:, :DRAWS]
-    task = PlanTask(
-        wish.seconds, area, speed, wish.start, wish.ahead, wish.rudder_limit, wish.seed, draws, wish.time_limit
-    )
-    found = search_plan(info, present, task, wish.effort, wish.workers, progress)
+    task = PlanTask(wish, area, speed, draws_of(known, ship)[:, :DRAWS])
+    found = search_plan(info, present, task, progress)
     if not found.whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
     return PlannedTrial(ship, task, found, present, dt, tuple(notes))

@@ -1,4 +1,4 @@
-"""What trials that have not been run would tell of the coefficients: many of them at once, by their inputs."""
+"""What trials that have not been run would tell of the coefficients, and which windows of a long log tell most."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
+from fitting.nlp.fisher_information import information
+from fitting.nlp.group_sums import group_sums
 from fitting.nlp.prior import Prior
-from fitting.nlp.sample_cost import SampleCost
-from fitting.nlp.shooting import Kernels, Shooting
+from fitting.nlp.problem import Problem
+from fitting.nlp.shooting import Kernels
+from fitting.nlp.windows import Segments
+from fitting.prediction.innovations import UNEXPLAINED, Innovations, information_of
 from mmg.model import columns
 from mmg.rollout import Simulator
 
@@ -37,67 +41,39 @@ class TrialInformation:
         free = self.prior.positions(self.simulator.ship)
         return Kernels(self.simulator.model, free, self.simulator.compiled)
 
-    def motions(self, start: np.ndarray, inputs: np.ndarray, theta: np.ndarray | None = None) -> np.ndarray:
-        """States (N + 1, S, K) from starts (6, K) under inputs (N, C, K); theta: (all,) or (all, K) coefficients."""
-        return self.simulator.run(start, inputs, self.dt, theta)
-
     def of(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Fisher information (K, P, P) of motions ``states`` (N + 1, S, K) under ``inputs`` (N, C, K), prior excluded.
 
-        The state at the begin of each window is unknown.
+        The state at the begin of each window, which is one shooting interval, is unknown.
         """
-        N, S, K = len(inputs), states.shape[1], states.shape[2]
-        W = max(1, round(N / self.window))
-        m, P = N // W, len(self.prior.symbols)
-        first = m * np.arange(W)
-        begin = np.concatenate([states[k] for k in first], axis=1)
-        held = np.concatenate([inputs[k : k + m] for k in first], axis=2)
-        theta = self.simulator.ship.values
-        each = np.arange(W * K)
-        held = np.ascontiguousarray(held)
-        shooting = Shooting(
-            self.kernels, np.full(W * K, m), held, self.dt, np.zeros(W * K, dtype=int), each, self.kernels.interval
+        (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
+        windows = max(1, round(N / self.window))
+        m, M = N // windows, windows * K
+        first, each, measured = m * np.arange(windows), np.arange(M), np.isfinite(self.sigma).astype(float)
+        controls = np.ascontiguousarray(np.concatenate([inputs[k : k + m] for k in first], axis=2))
+        ends = np.stack([states[first], states[first + m]])  # (2, windows, S, K)
+        segments = Segments(
+            h=self.dt,
+            K=m,
+            steps=np.full(M, m),
+            start=2 * each,
+            end=2 * each + 1,
+            controls=controls,
+            targets=np.zeros((m - 1, 6, M)),
+            mask=np.tile(measured[:, None], (m - 1, 1, M)),
+            nodes=(nodes := ends.transpose(1, 3, 0, 2).reshape(2 * M, S))[:, :6],
+            node_mask=np.tile(measured, (2 * M, 1)),
+            node_controls=controls[[0, -1]].transpose(1, 2, 0).reshape(C, 2 * M),
+            window=each,
+            node_window=np.repeat(each, 2),
+            run=np.tile(np.arange(K), windows),
+            trials=(),
+            duration=N * self.dt,
         )
-        end, interior = shooting.values(begin, theta)
-        found = shooting.quadratics(begin, theta, self._cost(interior, theta))
-        V = np.zeros((W * K, S + P, S + P))
-        V[:, :S], V[:, S:, S:] = found.rows, found.shared
-        V[:, S:, :S] = np.swapaxes(found.rows[:, :, S:], 1, 2)
-        still = np.zeros((W * K, S, S + P))
-        still[:, np.arange(S), np.arange(S)] = 1.0
-        for z, sensitivity in ((begin, still), (end, found.ends)):
-            J = self._columns(z, sensitivity, theta) / self.sigma[:, None]
-            V += np.swapaxes(J, 1, 2) @ J
-        unit = np.append(np.ones(S), self.prior.std)
-        V *= np.outer(unit, unit)
-        V[:, np.arange(S), np.arange(S)] += np.append(np.full(6, 1e-9), 1 / self.simulator.model.sizes**2)
-        across = np.linalg.solve(V[:, :S, :S], V[:, :S, S:])
-        F = V[:, S:, S:] - np.swapaxes(V[:, :S, S:], 1, 2) @ across
-        F = np.nan_to_num(0.5 * (F + np.swapaxes(F, 1, 2)), nan=0.0, posinf=0.0, neginf=0.0)
-        return F.reshape(W, K, P, P).sum(axis=0)
-
-    def _cost(self, interior: np.ndarray, theta: np.ndarray) -> SampleCost:
-        """Information (K - 1, ...) of the logged columns on the interior states (K - 1, S, M)."""
-        h, (steps, S, M) = self.kernels.measurement, interior.shape
-        pull = np.zeros(interior.shape)
-        if h.identity or not steps:
-            weight = np.zeros((steps, S, M))
-            weight[:, :6] = self.sigma[:, None] ** -2.0
-            return SampleCost(pull, weight)
-        J = h.jacobian(np.moveaxis(interior, 1, 0).reshape(S, -1), theta) / self.sigma[:, None]
-        full = (np.swapaxes(J, 1, 2) @ J).reshape(steps, M, S + len(h.own), S + len(h.own))
-        return SampleCost(pull, pull, full, h.own)
-
-    def _columns(self, z: np.ndarray, sensitivity: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Sensitivities (m, 6, S + P) of the logged columns from those of the states (m, S, S + P)."""
-        h = self.kernels.measurement
-        if h.identity:
-            return sensitivity[:, :6]
-        S = sensitivity.shape[1]
-        J = h.jacobian(z, theta)
-        total = J[:, :, :S] @ sensitivity
-        total[:, :, S + h.own] += J[:, :, S:]
-        return total
+        sigma = np.where(measured > 0, self.sigma, 1.0)
+        problem = Problem(self.simulator.ship, self.prior, self.kernels, segments, sigma)
+        fisher = information(problem, problem.join(nodes, np.zeros(P))).fisher
+        return np.nan_to_num(fisher, posinf=0.0, neginf=0.0).reshape(windows, K, P, P).sum(axis=0)
 
     def logged(self, states: np.ndarray) -> np.ndarray:
         """The six columns (N + 1, 6, K) that would be logged of ``states`` (N + 1, S, K)."""
@@ -126,3 +102,49 @@ class Present:
     def gain(self, fisher: np.ndarray) -> np.ndarray:
         """Mean logarithm of the variances with trials of information ``fisher`` (..., P, P) less that of now, (...)."""
         return np.log(self.variances(fisher) / self.variances()).mean(axis=-1)
+
+
+LEAST = 0.02
+"""The choice ends where a further window adds less than this to the mean log information of a coefficient."""
+
+
+@dataclass(frozen=True)
+class ChosenWindows:
+    """Chosen windows. windows: their numbers, the one that tells most first; gains: log determinant of the information
+    that each adds; of: windows that were looked at; all: log determinant that all of them together add."""
+
+    windows: tuple[int, ...]
+    gains: tuple[float, ...]
+    of: int
+    all: float
+
+
+def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the windows (W,) and their information (W, P, P) on the candidates of ``found``, in units of their
+    typical sizes. Windows with a stretch that was moved by something else are left out."""
+    information, _, distance = information_of(found)
+    windows, position = np.unique(found.window, return_inverse=True)
+    information *= np.outer(found.typical, found.typical)
+    total, worst = group_sums(position, information, len(windows)), np.zeros(len(windows))
+    np.maximum.at(worst, position, distance)
+    sound = worst < UNEXPLAINED
+    return windows[sound], total[sound]
+
+
+def choose_windows(found: Innovations, most: int) -> ChosenWindows:
+    """At most so many windows of ``found``, whose candidates are coefficients: each adds most to the log determinant of
+    the information that those before it have, beginning with the prior (typical sizes are its standard deviations)."""
+    numbers, information = window_information(found)
+    P = len(found.typical)
+    known, left, chosen, gains = np.eye(P), np.ones(len(numbers), bool), list[int](), list[float]()
+    whole = float(np.linalg.slogdet(known + information.sum(axis=0))[1]) if len(numbers) else 0.0
+    while left.any() and len(chosen) < most:
+        now = np.linalg.slogdet(known)[1]
+        gain = np.where(left, np.linalg.slogdet(known + information)[1] - now, -np.inf)
+        best = int(gain.argmax())
+        if chosen and gain[best] < LEAST * P:
+            break
+        chosen.append(int(numbers[best]))
+        gains.append(float(gain[best]))
+        known, left[best] = known + information[best], False
+    return ChosenWindows(tuple(chosen), tuple(gains), len(numbers), whole)

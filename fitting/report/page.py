@@ -7,38 +7,34 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
 
-from cases.io.files import replace_text
+from cases.io.files import replace_text, replaced
+from cases.trial import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
 from fitting.report.sections import (
-    campaign_section,
     coefficient_groups,
-    correlated_pairs,
-    per_run_table,
-    score_sets,
-    section,
-    shown_number,
-    structure_section,
-)
-from fitting.report.words import (
     headline,
-    not_in_model,
+    identifiability_section,
+    plus_minus,
     report_warnings,
-    setting_rows,
+    shown_number,
+    shown_setting,
+    structure_section,
 )
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
-from mmg.errors import Missing, NotWritable
+from mmg.errors import Missing, NotInstalled, NotWritable
 from mmg.ship import Ship
 
 DATA_SOURCES = (
@@ -58,20 +54,16 @@ DATA_SOURCES = (
 )
 """Trial names by which a public data set is known, its licence sentence and what to cite."""
 
-PLACES = {
-    "errors": ("error_growth",),
-    "validation": ("scores", "track"),
-    "coefficients": ("coefficients",),
-    "identifiability": ("identifiability",),
-    "scaling": ("scaling",),
-}
-"""Sections of the page and how the names of their figures begin."""
+PLACES = ("error_growth", "track", "identifiability", "scaling")
+"""How the names of figures begin that have their place on the page; the others follow section 4."""
+SETS = {"validation": "Held-out trials", "training": "Training trials"}
+"""Sets of trials that are scored, in words."""
 
 
-def citations_of(result: dict) -> list[tuple[str, tuple[str, ...]]]:
+def citations_of(result: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...]]]:
     """Licence sentence and papers of each public data set of which ``result`` used trials."""
-    names = [row["name"] for row in [*result["data"], *result.get("validation_data", [])]]
-    return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(pattern.match(str(n)) for n in names)]
+    names = [str(row["name"]) for row in [*result["data"], *result.get("validation_data", [])]]
+    return [(licence, papers) for pattern, licence, papers in DATA_SOURCES if any(map(pattern.match, names))]
 
 
 def label_of(folder: Path) -> str:
@@ -80,14 +72,14 @@ def label_of(folder: Path) -> str:
     return name.lstrip(".").rsplit(".", 1)[0] if name.startswith(".") else name
 
 
-def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delivered) -> dict:
+def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delivered) -> dict[str, Any]:
     """All that the template shows of one run."""
     result = record.to_dict()
     groups = coefficient_groups(result, ship)
-    kinds = [row["kind"] for g in groups for row in g["rows"]]
-    figures = figures_of(folder, result["figures"])
-    by_place = {place: [f for f in figures if f["name"].startswith(starts)] for place, starts in PLACES.items()}
-    placed = [f for some in by_place.values() for f in some]
+    kinds = [row["kind"] for group in groups for row in group["rows"]]
+    figures: dict[str, list[dict[str, Any]]] = {place: [] for place in (*PLACES, "other")}
+    for figure in figures_of(folder, result["figures"]):
+        figures[next((place for place in PLACES if figure["name"].startswith(place)), "other")].append(figure)
     return {
         "id": f"run{number}",
         "label": label_of(folder),
@@ -97,13 +89,9 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "ship": ship,
         "headline": headline(result),
         "warnings": report_warnings(result),
-        "scores": score_sets(result),
         "groups": groups,
         "counts": [(KINDS[kind], kinds.count(kind)) for kind in KINDS if kind in kinds],
-        "correlated": correlated_pairs(result),
-        "identifiability": section(result),
-        "per_run": per_run_table(result),
-        "campaigns": campaign_section(result),
+        "identifiability": identifiability_section(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, summary(role, name)) for role, name in ship.components.items()),
@@ -111,9 +99,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         ],
         "choice": structure_section(folder),
         "planned": plan_section(folder),
-        "missing": not_in_model(ship),
-        "figures": by_place | {"other": [f for f in figures if f not in placed]},
-        "settings": setting_rows(result["settings"]),
+        "figures": figures,
         "citations": citations_of(result),
         "first": 11,
         "numbered": True,
@@ -122,27 +108,21 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
     }
 
 
-def comparison_of(runs: list[dict]) -> dict:
+def comparison_of(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Scores and coefficients of several ``runs`` (each as the page shows it) side by side, and whether the scores may
-    be compared; a coefficient that one run alone has is counted, not listed."""
-    sets = [{s["key"]: s for s in run["scores"]} for run in runs]
+    be compared."""
     tables = []
-    for key in dict.fromkeys(key for s in sets for key in s):
-        present = [s[key] for s in sets if key in s]
-        rows = _side_by_side([[*s[key]["rows"], s[key]["pooled"]] if key in s else [] for s in sets], "name")
-        rows.append(rows.pop([name for name, _ in rows].index("all rows pooled")))
-        comparable = len({(tuple(r["name"] for r in s["rows"]), s["sigma"]) for s in present}) == 1
-        started = {tuple(row[k]["before"] for k in ("window", "paper")) for row in rows[-1][1] if row}
-        same_start = comparable and len(started) == 1
-        tables.append({"title": present[0]["name"], "rows": rows, "comparable": comparable, "same_start": same_start})
-    found = _side_by_side([[r for g in run["groups"] for r in g["rows"]] for run in runs], "symbol")
-    shared = [(symbol, cells) for symbol, cells in found if len(cells) - cells.count(None) > 1]
-    alone = [sum(bool(c[i]) and c.count(None) == len(c) - 1 for _, c in found) for i in range(len(runs))]
-    return {
-        "tables": tables,
-        "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in shared],
-        "alone": [(run["label"], count) for run, count in zip(runs, alone, strict=True) if count],
-    }
+    for key in dict.fromkeys(key for run in runs for key in run["result"]["scores"]):
+        scores = [run["result"]["scores"][key]["after"] if key in run["result"]["scores"] else None for run in runs]
+        rows = _side_by_side([score["trials"] if score else [] for score in scores], "name")
+        scored_alike = [([row["name"] for row in score["trials"]], score["sigma"]) for score in scores if score]
+        tables.append({
+            "title": SETS.get(key, key),
+            "rows": [*rows, ("all rows pooled", scores)],
+            "comparable": scored_alike == scored_alike[:1] * len(scored_alike),
+        })  # fmt: skip
+    found = _side_by_side([[row for group in run["groups"] for row in group["rows"]] for run in runs], "symbol")
+    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in found]}
 
 
 def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[dict | None]]]:
@@ -160,13 +140,21 @@ def _differs(first: dict | None, other: dict | None) -> bool:
 
 @cache
 def environment(*packages: str) -> Environment:
-    """The templates of these ``packages`` and of this one, with their filters; what they print is escaped."""
+    """The templates of these ``packages`` and of this one, with their filters; what they print is escaped.
+
+    To compile them takes longer than all else of a page, so that is kept in a folder that only the user can write to.
+    """
+    try:
+        kept = FileSystemBytecodeCache()
+    except (OSError, RuntimeError):  # there is no such folder
+        kept = None
     found = Environment(
         loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "fitting.report")]), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, bytecode_cache=kept,
     )  # fmt: skip
-    found.filters["number"] = shown_number
+    found.filters |= {"number": shown_number, "plus_minus": plus_minus, "setting": shown_setting}
     found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]
+    found.globals |= {"zip": zip, "sets": SETS, "state_units": UNITS}
     return found
 
 
@@ -192,5 +180,32 @@ def write_page(text: str, out: Path) -> None:
     """Write the page ``text`` to ``out``, atomically. Raises UserError when it cannot be written."""
     try:
         replace_text(out, text)
+    except OSError as error:
+        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+
+
+def needs_weasyprint() -> None:
+    """Raises UserError where WeasyPrint, or a library that it needs, is missing."""
+    try:
+        import weasyprint  # noqa: F401
+    except (ImportError, OSError) as error:
+        why = str(error).splitlines()[0]
+        raise NotInstalled(
+            f"a PDF needs WeasyPrint and its library Pango ({why}): pip install 'mmg-ident[pdf]', or print the HTML "
+            "page in a browser"
+        ) from None
+
+
+def write_pdf(text: str, out: Path) -> None:
+    """Write the page ``text`` as PDF to ``out``, whole or not at all. Raises UserError where that cannot be done."""
+    needs_weasyprint()
+    from weasyprint import HTML
+    from weasyprint.urls import URLFetcher
+
+    inside = URLFetcher(allowed_protocols=("data",), allow_redirects=False)  # pictures that the page holds itself
+    content = HTML(string=text, url_fetcher=inside).write_pdf()
+    try:
+        with replaced(out) as scratch:
+            scratch.write_bytes(content)
     except OSError as error:
         raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None

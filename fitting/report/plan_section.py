@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from cases.io.files import read_json, replaced
 from fitting.design.area import corners
-from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, figure_entry, new_figure, png_of
+from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, figure_entry, new_figure
 from fitting.report.run_folder import write_json
 from mmg.errors import UserError
 
@@ -30,15 +29,13 @@ MOST = 5
 def plan_section(folder: Path) -> dict[str, Any] | None:
     """The planned trial that the ``folder`` of a run keeps, as the template shows it: what ``_words`` gives and image,
     the map as the macro ``figure`` takes it. None where there is none or it cannot be read."""
-    path, drawn = folder / FOLDER / PLAN, folder / FOLDER / MAP
-    if not path.is_file():
-        return None
+    drawn = folder / FOLDER / MAP
     caption = (
         "Hull at equal times, the first one filled; shaded: two standard deviations of its place by draws of the "
         "coefficients; dashed: the margin."
     )
     try:
-        words = _words(read_json(path))
+        words = _words(read_json(folder / FOLDER / PLAN))
         content = drawn.read_bytes() if drawn.is_file() else b""
     except (UserError, OSError, LookupError, TypeError, ValueError, AttributeError):
         return None
@@ -72,12 +69,13 @@ def _comparison(content: Mapping[str, Any]) -> str:
     """The gain of a plan's ``content`` beside that of the best two of the library, in a sentence."""
     gain, pairs = content["mean_log_variance"], content["best_two_of_the_library"]
     words = f"It is expected to leave {_left(gain)} of the standard deviations, by their mean logarithm"
-    parts = []
-    for key, where in (("inside", "that stay inside"), ("library", "wherever there is room")):
-        if key in pairs:
-            parts.append(f"{_left(pairs[key]['mean_log_variance'])} ({' and '.join(pairs[key]['names'])}, {where})")
-    if len(parts) == 2 and pairs["inside"] == pairs["library"]:
-        parts = parts[:1]
+    places = {"inside": "that stay inside", "library": "wherever there is room"}
+    parts = [
+        f"{_left(pairs[key]['mean_log_variance'])} ({' and '.join(pairs[key]['names'])}, {where})"
+        for key, where in places.items()
+        if key in pairs
+    ]
+    parts = parts[:1] if pairs.get("inside") == pairs.get("library") else parts
     return f"{words}; the best two manoeuvres of the library together, each as long: {', '.join(parts) or 'none'}."
 
 
@@ -111,49 +109,41 @@ def in_words(content: Mapping[str, Any], file: str) -> list[str]:
 def keep_plan(planned: PlannedTrial, folder: Path, out: Path) -> None:
     """Keep a ``planned`` trial in the ``folder`` of its run, in the place of an earlier one, for the report.
 
-    out: the file for the autopilot, of which the report says the name. Raises OSError where it cannot be written.
+    out: the file for the autopilot, of which the report says the name, with the map beside it. Raises OSError where it
+    cannot be written.
     """
     own = folder / FOLDER
     own.mkdir(exist_ok=True)
     with replaced(own / MAP) as scratch:
-        scratch.write_bytes(png_of(partial(plan_map, planned)))
+        scratch.write_bytes(out.with_suffix(".png").read_bytes())
     write_json(own / PLAN, planned.to_dict() | {"file": out.name})
 
 
 def plan_map(planned: PlannedTrial) -> Figure:
     """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
-    from matplotlib.patches import Polygon, Rectangle  # late: slow to import
+    from matplotlib.patches import Ellipse, Polygon, Rectangle  # late: slow to import
 
-    f, area, ship = planned.found, planned.task.area, planned.ship
+    f, area, ship, m = planned.found, planned.task.area, planned.ship, planned.task.area.margin
     figure = new_figure(8.0)
-    figure.suptitle(f"Planned trial of {planned.task.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left")
-    grid = figure.add_gridspec(3, 1, height_ratios=(3.6, 1, 1))
-    ax = dress(figure.add_subplot(grid[0]), "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
+    figure.suptitle(
+        f"Planned trial of {planned.task.wish.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left"
+    )
+    ax, *others = figure.subplots(3, 1, height_ratios=(3.6, 1, 1))
+    dress(ax, "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
     ax.add_patch(Rectangle((0, 0), area.length, area.width, fill=False, ec="black", lw=1.5))
-    m = area.margin
     ax.add_patch(Rectangle((m, m), area.length - 2 * m, area.width - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
     x, y = f.states[:, 0], f.states[:, 1]
-    every = max(1, len(x) // 12)
-    for k in range(0, len(x), every):
-        cx, cy = corners(f.states[k : k + 1, :3, None], ship)
-        outline = [(cx[i, 0, 0], cy[i, 0, 0]) for i in (0, 1, 3, 2)]
+    for k in range(0, len(x), max(1, len(x) // 12)):
+        outline = np.array(corners(f.states[k : k + 1, :3, None], ship))[:, (0, 1, 3, 2), 0, 0].T
         ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
-        ax.add_patch(_ellipse(x[k], y[k], f.std[k]))
+        size = 4 * np.minimum(f.std[k, :2], 1e3)
+        ax.add_patch(Ellipse((x[k], y[k]), *size, fc=AFTER, ec="none", alpha=0.15))
     ax.plot(x, y, color=AFTER, lw=1.6)
     ax.set_aspect("equal")
     ax.invert_yaxis()  # north to the right, east down: starboard is to the right of the track
-    t = planned.dt * np.arange(len(x))
-    for row, (values, words) in enumerate(
-        ((np.degrees(f.orders[:, 1]), "rudder [deg]"), (f.orders[:, 0], "revolutions [1/s]")), 1
-    ):
-        ax = dress(figure.add_subplot(grid[row]), "t [s]" if row == 2 else "", words)
-        ax.step(t, values, where="post", color=AFTER, lw=1.4)
+    orders = {"rudder [deg]": np.degrees(f.orders[:, 1]), "revolutions [1/s]": f.orders[:, 0]}
+    for ax, (words, values) in zip(others, orders.items(), strict=True):
+        dress(ax, "t [s]" if ax is others[-1] else "", words)
+        ax.step(planned.dt * np.arange(len(x)), values, where="post", color=AFTER, lw=1.4)
         ax.axhline(0, color=GREY, lw=0.6)
     return figure
-
-
-def _ellipse(x: float, y: float, std: np.ndarray) -> Any:
-    """Two standard deviations about a place x, y [m]; std: (6,)."""
-    from matplotlib.patches import Ellipse
-
-    return Ellipse((x, y), 4 * min(std[0], 1e3), 4 * min(std[1], 1e3), fc=AFTER, ec="none", alpha=0.15)

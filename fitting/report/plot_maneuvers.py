@@ -1,15 +1,13 @@
 """Figures of standard manoeuvres: turning circles with their dimensions, zigzags with their overshoots, stops.
 
-One function per kind of figure, each takes runs (cases/criteria/standard_runs.py) of one ship and draws them on axes.
+One function per kind of panel, each draws runs (cases/criteria/standard_runs.py) of one ship on axes.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import cycle
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,48 +35,39 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
     """
     if not runs:
         raise ValueError("no runs to draw")
-    single = {"zigzag": zigzag_plot, "spiral": spiral_plot, "pull-out": pull_out_plot}
-    clouds = clouds or {}
-    joint = [(draw, [run for run in runs if run.kind == kind])
-             for kind, draw in (("turning", turning_plot), ("crash-stop", stopping_plot))]  # fmt: skip
-    top = [partial(draw, runs=some) for draw, some in joint if some]
-    others = [partial(single[run.kind], run=run) for run in runs if run.kind in single]
+    joint, single = {"turning": _turning, "crash-stop": _stopping}, {"zigzag": _zigzag, "spiral": _spiral}
+    single |= {"pull-out": _pull_out}
+    top = [(draw, some) for kind, draw in joint.items() if (some := [run for run in runs if run.kind == kind])]
+    others = [(single[run.kind], [run]) for run in runs if run.kind in single]
     heights = [TRACKS] * bool(top) + [ROW] * math.ceil(len(others) / 2)
     figure = new_figure(sum(heights) + 0.4)
     figure.suptitle(literal(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     for first, panels in ((0, top), (int(bool(top)), others)):
-        for k, draw in enumerate(panels):
+        for k, (draw, some) in enumerate(panels):
             alone = len(panels) % 2 == 1 and k == len(panels) - 1
-            ax = draw(figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2]))
-            given = draw.keywords
-            for run in given.get("runs") or [given["run"]]:
-                _cloud(ax, run, clouds.get(run.name, ()))
+            ax = figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2])
+            draw(ax, some)
+            for run in some:
+                _cloud(ax, run, (clouds or {}).get(run.name, ()))
     return figure
 
 
 def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
     """Other runs of the same manoeuvre, thin and behind all else."""
     L = run.length
-    look: dict[str, Any] = {"color": GREY, "linewidth": 0.4, "alpha": 0.45, "zorder": 0.5}
-    for motion in others:
-        if run.kind == "turning":
-            ax.plot(motion.transfer / L, motion.advance / L, **look)
-        elif run.kind == "crash-stop":
-            ax.plot(motion.path / L, motion.u / run.speed, **look)
-        elif run.kind == "zigzag":
-            ax.plot(motion.t, np.degrees(motion.change), **look)
-    if others and run.kind == "crash-stop":
+    shown = {
+        "turning": lambda m: (m.transfer / L, m.advance / L),
+        "crash-stop": lambda m: (m.path / L, m.u / run.speed),
+        "zigzag": lambda m: (m.t, np.degrees(m.change)),
+    }
+    if not others or run.kind not in shown:
+        return
+    parts = [part for motion in others for part in (shown[run.kind](motion), ([np.nan], [np.nan]))]
+    ax.plot(*np.hstack(parts), color=GREY, linewidth=0.4, alpha=0.45, zorder=0.5)
+    if run.kind == "crash-stop":
         ax.autoscale(axis="x")
         ax.set_xlim(left=0)
-
-
-def save_figure(
-    runs: Sequence[Run], title: str, path: Path, clouds: Mapping[str, Sequence[Since]] | None = None
-) -> None:
-    """``maneuver_figure`` of ``runs`` with its ``title`` and ``clouds``, written to ``path``. Raises OSError when it
-    cannot be."""
-    maneuver_figure(runs, title, clouds).savefig(path)
 
 
 def _cut(run: Run) -> Since:
@@ -88,54 +77,21 @@ def _cut(run: Run) -> Since:
     return Since(**{name: values[rows] for name, values in vars(motion).items()})
 
 
-def turning_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Tracks of ``runs`` from the order on, drawn on ``ax`` in ship lengths, the ship heading up at the origin;
-    dimension lines for the figures.
-
-    Dashed: the course before the order.
-    """
+def _turning(ax: Axes, runs: Sequence[Run]) -> None:
+    """Tracks from the order on in ship lengths, the ship heading up at the origin. Dashed: the course before it."""
     dress(ax, "to starboard / L", "ahead / L", "Turning circles")
     for run, colour, dashes in zip(runs, cycle(COLOURS), cycle(DASHES), strict=False):
-        motion, L, side = _cut(run), run.length, math.copysign(1.0, run.rudder)
+        motion, L = _cut(run), run.length
         label = literal(run.name) if not run.measured else f"{literal(run.name)} ({math.degrees(run.rudder):+.0f} deg)"
         ax.plot(motion.transfer / L, motion.advance / L, color=colour, linestyle=dashes, linewidth=1.3, label=label)
-        if len(runs) <= 2:
-            _turning_dimensions(ax, run, side, colour)
     ax.plot([0, 0], [-2, 0], color=GREY, linewidth=1.0, linestyle=(0, (4, 2)))
     ax.plot(0, 0, marker="^", color=MEASURED, markersize=6)
     ax.set_aspect("equal", adjustable="datalim")
     ax.legend(fontsize=7.5, loc="lower right", frameon=True, framealpha=0.9, edgecolor="none")
-    return ax
 
 
-def _turning_dimensions(ax: Axes, run: Run, side: float, colour: str) -> None:
-    """Dimension lines of advance and tactical diameter, with their values in L."""
-    advance, diameter = run.figures.get("advance"), run.figures.get("tactical_diameter")
-    transfer = run.figures.get("transfer")
-    if advance is not None and transfer is not None:
-        a, b = advance / run.length, side * transfer / run.length
-        x = 0.33 * side
-        ax.plot([0, b], [a, a], color=colour, linewidth=0.6, linestyle=":")
-        _arrow(ax, (x, 0.0), (x, a), colour)
-        align = "left" if side > 0 else "right"
-        ax.text(x + 0.1 * side, 0.1 * a, f"advance\n{a:.2f} L", fontsize=7.5, color=colour, ha=align, va="center")
-    if diameter is not None:
-        d, y, motion = side * diameter / run.length, -0.75, _cut(run)
-        half = float(np.interp(math.pi, np.abs(motion.change), motion.advance)) / run.length
-        ax.plot([d, d], [y, half], color=colour, linewidth=0.6, linestyle=":")
-        _arrow(ax, (0.0, y), (d, y), colour)
-        words = f"tactical diameter {abs(d):.2f} L"
-        ax.text(0.5 * d, y - 0.12, words, fontsize=7.5, color=colour, ha="center", va="top")
-
-
-def _arrow(ax: Axes, begin: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    style = {"arrowstyle": "<->", "color": colour, "linewidth": 0.9, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", xy=end, xytext=begin, arrowprops=style)
-
-
-def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
-    """Speed of ``runs`` over that of the approach against the track in ship lengths, drawn on ``ax``, with the
-    reach."""
+def _stopping(ax: Axes, runs: Sequence[Run]) -> None:
+    """Speed over that of the approach against the track in ship lengths, with the reach."""
     dress(ax, "track / L", "u / V", "Stop: headway along the track")
     for run, colour, dashes in zip(runs, cycle(COLOURS), cycle(DASHES), strict=False):
         motion = _cut(run)
@@ -150,14 +106,12 @@ def stopping_plot(ax: Axes, runs: Sequence[Run]) -> Axes:
     ax.set_xlim(left=0)
     if len(runs) > 1:
         ax.legend(fontsize=7.5, frameon=False)
-    return ax
 
 
-def zigzag_plot(ax: Axes, run: Run) -> Axes:
-    """Heading change and rudder of ``run`` against time since the first order [s], drawn on ``ax``.
-
-    Headings of the switches are dotted, overshoots marked.
-    """
+def _zigzag(ax: Axes, runs: Sequence[Run]) -> None:
+    """Heading change and rudder against time since the first order [s], headings of the switches dotted, overshoots
+    marked."""
+    run = runs[0]
     name = run.name
     if run.measured:
         rudder, heading = run.steps
@@ -176,7 +130,6 @@ def zigzag_plot(ax: Axes, run: Run) -> Axes:
         words, below = f"{value:.1f}°" if k else f"overshoot {value:.1f}°", "bottom" if sign > 0 else "top"
         _note(ax, words, (motion.t[row], top), (0, 5 * sign), ALARM, ha="center", va=below)
     ax.margins(y=0.16)
-    return ax
 
 
 def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
@@ -196,24 +149,24 @@ def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
     return found
 
 
-def spiral_plot(ax: Axes, run: Run) -> Axes:
-    """Steady turn rate r L / V of ``run`` against rudder angle, both ways, drawn on ``ax``."""
+def _spiral(ax: Axes, runs: Sequence[Run]) -> None:
+    """Steady turn rate r L / V against rudder angle, both ways."""
+    run = runs[0]
     dress(ax, "rudder / deg", "r L / V", run.name)
     curve = spiral_curve(run.trial, run.order_time)
     if curve is not None:
         unit = run.length / run.speed
-        there: dict[str, Any] = {"label": "there", "color": AFTER, "marker": "o", "markersize": 4}
-        back: dict[str, Any] = {"label": "back", "color": BEFORE, "marker": "s", "markersize": 2.5}
-        for rows, look in ((slice(None, curve.turn + 1), there), (slice(curve.turn, None), back)):
-            ax.plot(np.degrees(curve.rudder[rows]), curve.rate[rows] * unit, linewidth=1.2, **look)
+        rudder, rate, turn = np.degrees(curve.rudder), curve.rate * unit, curve.turn
+        ax.plot(rudder[: turn + 1], rate[: turn + 1], "o-", color=AFTER, ms=4, lw=1.2, label="there")
+        ax.plot(rudder[turn:], rate[turn:], "s-", color=BEFORE, ms=2.5, lw=1.2, label="back")
         ax.legend(fontsize=7.5, frameon=False)
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.axvline(0, color=GREY, linewidth=0.6)
-    return ax
 
 
-def pull_out_plot(ax: Axes, run: Run) -> Axes:
-    """Turn rate r L / V of ``run`` against time since the order [s], and its residual. Returns ``ax``, drawn on."""
+def _pull_out(ax: Axes, runs: Sequence[Run]) -> None:
+    """Turn rate r L / V against time since the order [s], and its residual."""
+    run = runs[0]
     dress(ax, "time since the order / s", "r L / V", run.name)
     motion, unit = _cut(run), run.length / run.speed
     ax.plot(motion.t, motion.r * unit, color=AFTER, linewidth=1.3)
@@ -223,7 +176,6 @@ def pull_out_plot(ax: Axes, run: Run) -> Axes:
         at = (motion.t[-1], residual * unit)
         _note(ax, f"residual {residual * unit:+.3f}", at, (0, 4), ALARM, ha="right", va="bottom")
     ax.axhline(0, color=GREY, linewidth=0.6)
-    return ax
 
 
 def _note(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +18,6 @@ from mmg.messages import Message
 from mmg.progress import LOGGER
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -47,42 +46,6 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
 
 
-def placed_axes(
-    height: float,
-    shape: tuple[int, int],
-    margins: tuple[float, float, float, float],
-    between: tuple[float, float] = (0.0, 0.0),
-    sharex: bool = False,
-    sharey: bool = False,
-) -> tuple[Figure, np.ndarray]:
-    """A figure ``height`` inches high with axes (rows, columns) of this ``shape``, without the slow layout of what
-    needs no measuring.
-
-    margins: room [inches] left, right, below and above them; between: room beside and over each other;
-    sharex, sharey: as of ``Figure.subplots``.
-    """
-    figure, (rows, columns), (left, right, bottom, top) = new_figure(height, layout=None), shape, margins
-    wide = max((WIDTH - left - right - between[0] * (columns - 1)) / columns, 0.1)
-    high = max((height - bottom - top - between[1] * (rows - 1)) / rows, 0.1)
-    grid = {
-        "left": left / WIDTH, "right": 1 - right / WIDTH, "bottom": bottom / height, "top": 1 - top / height,
-        "wspace": between[0] / wide, "hspace": between[1] / high,
-    }  # fmt: skip
-    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, sharex=sharex, sharey=sharey)
-
-
-def room_for_labels(labels: Iterable[str], size: float, bold: bool = False) -> float:
-    """Width [inches] of the longest of ``labels`` in letters of ``size`` [points], ``bold`` or not, with the gap to
-    the axes; no more than half of a figure."""
-    from matplotlib.backends.backend_agg import RendererAgg  # late: slow to import
-    from matplotlib.font_manager import FontProperties
-
-    font = FontProperties(size=size, weight="bold" if bold else "normal")
-    pen = RendererAgg(8, 8, DPI)
-    widths = [pen.get_text_width_height_descent(text, font, False)[0] / DPI for text in labels]
-    return min(max(widths, default=0.0) + 0.12, 0.5 * WIDTH)
-
-
 class FigureFolder:
     """Figures and pages of a run whose numbers are written already: what fails is a warning, never a loss.
 
@@ -108,13 +71,10 @@ class FigureFolder:
     def write(self, name: str, draw: Callable[[], Figure], title: str, caption: str) -> None:
         """Write the figure that ``draw`` gives as ``name``.png, with its ``title`` and ``caption``."""
         with self.making(f"figure {name}"):
-            self.put(name, png_of(draw), title, caption)
-
-    def put(self, name: str, png: bytes, title: str, caption: str) -> None:
-        """Write the content ``png`` of a figure as ``name``.png, with its ``title`` and ``caption``."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        (self.folder / f"{name}.png").write_bytes(png)
-        self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
+            png = png_of(draw)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / f"{name}.png").write_bytes(png)
+            self.rows.append({"file": f"{name}.png", "title": title, "caption": caption})
 
 
 def png_of(draw: Callable[[], Figure]) -> bytes:
@@ -161,11 +121,10 @@ def figure_entry(content: bytes, name: str, title: str, caption: str, file: str 
 
     name: by which it finds its section; title, caption: in words; file: its name in the run folder.
     """
-    good = content.startswith(PNG)
-    uri = "data:image/png;base64," + base64.b64encode(content).decode() if good else None
-    size = (int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")) if good else (0, 0)
-    return {"title": title, "caption": caption, "image": uri, "name": name, "file": file,
-            "width": size[0], "height": size[1]}  # fmt: skip
+    image = None
+    if content.startswith(PNG):
+        image = "data:image/png;base64," + base64.b64encode(content).decode()
+    return {"title": title, "caption": caption, "image": image, "name": name, "file": file}
 
 
 def literal(text: str) -> str:

@@ -1,175 +1,247 @@
-"""Figures of a calibration: one function per plot, each takes a part of a result and returns a matplotlib Figure.
+"""Figures of a calibration: how errors grow, the track of a trial with its histories, profiles; a function per plot.
 
-``write_figures`` writes those of a run folder. The look is in ``plot_style``; tracks are in ``plot_tracks``.
+``write_figures`` writes those of a run folder. The look is in ``plot_style``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cases.trial import Trial
-from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
-from fitting.prediction.predict import predict_all
+from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
-from fitting.record import CoefficientRow, FitRecord
+from fitting.record import FitRecord
 from fitting.report.plot_style import (
     AFTER,
     ALARM,
-    BEFORE,
     GREY,
+    GRID,
+    MEASURED,
+    STYLES,
     FigureFolder,
     dress,
     new_figure,
-    placed_axes,
-    room_for_labels,
 )
-from fitting.report.plot_tracks import error_growth_plot, trajectory_plot
-from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.rollout import Simulator
-from mmg.ship import Ship
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TRACKS = 4
 """Trials whose track is drawn: one of each kind of manoeuvre in the usual campaign."""
-GROUPS = ("mass", *ROLES, "effects", "other")
+DEGREES = 180 / np.pi
+HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES))
+"""State number, label and factor of each time history; the heading is seen on the track."""
+
+OUTLINE = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, -0.08], [0.5, 0]])
+"""Outline of a ship of unit length: forward, starboard."""
+
+HEIGHT = 3.6
+"""Of a figure of a track [inch]: the track is a square of it, the histories stand beside it."""
+INPUTS = (("#555555", "-"), ("#555555", "--"), ("#A0A0A0", "-"), ("#A0A0A0", "--"))
+"""Colour and line of each input of one kind."""
 
 
-def component_of(ship: Ship) -> dict[str, str]:
-    """Component each coefficient of ``ship`` belongs to: "mass", the role of its force model, or "effects"."""
-    found = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
-    for role, name in ship.components.items():
-        for symbol in coefficient_table({role: name}, ship.particulars):
-            found.setdefault(symbol, role)
-    found |= dict.fromkeys(ship.monomials, "expansion")
-    own = tuple(f"{name}." for name in ship.effects)
-    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(own)), "effects")
-
-
-def grouped(rows: Mapping[str, Any], components: Mapping[str, str]) -> list[tuple[str, list[str]]]:
-    """(component, symbols in their order) for each component that has any of ``rows``; components: by symbol."""
-    groups: dict[str, list[str]] = {g: [] for g in GROUPS}
-    for symbol in rows:
-        groups.setdefault(components.get(symbol, "other"), []).append(symbol)
-    return [(group, symbols) for group, symbols in groups.items() if symbols]
-
-
-def determination(share: float | None) -> str:
-    """ "determined", "partly", "prior" or "unknown": what decided a coefficient, from the prior's ``share``."""
-    if share is None or not np.isfinite(share):
-        return "unknown"
-    return "determined" if share < DETERMINED else "partly" if share < PARTLY else "prior"
-
-
-def kinds_of(result: Mapping[str, Any]) -> dict[str, str]:
-    """Kind of finding (``fitting.identifiability.analysis.KINDS``) by symbol in ``result``, content of result.json."""
-    found = result.get("identifiability") or {}
-    return {symbol: str(row.get("kind", "")) for symbol, row in found.get("coefficients", {}).items()}
-
-
-MARKS = {
-    "determined": {"marker": "o", "color": AFTER, "mfc": AFTER, "label": KINDS["determined"]},
-    "partly": {"marker": "o", "color": AFTER, "mfc": "white", "label": KINDS["partly"]},
-    "shared": {"marker": "D", "color": BEFORE, "mfc": "white", "label": KINDS["shared"]},
-    "prior": {"marker": "s", "color": GREY, "mfc": "white", "label": KINDS["prior"]},
-    "silent": {"marker": "^", "color": GREY, "mfc": "white", "label": KINDS["silent"]},
-    "strained": {"marker": "v", "color": ALARM, "mfc": ALARM, "label": KINDS["strained"]},
-    "bound": {"marker": "o", "color": GREY, "mfc": "white", "label": ""},
-    "unknown": {"marker": "x", "color": GREY, "mfc": GREY, "label": "uncertainty not available"},
-}
-"""Marker of a coefficient by the kind of finding; one at a bound gets another one around it."""
-
-
-def _columns(lines: list[tuple[str, str | None]]) -> list[list[tuple[str, str | None]]]:
-    """One or two columns of rows; a component that the break divides gets its heading again."""
-    if len(lines) <= 24:
-        return [lines]
-    half = -(-len(lines) // 2)
-    heads = [i for i, line in enumerate(lines) if line[1] is None and abs(i - half) <= 4]
-    if heads:
-        half = min(heads, key=lambda i: abs(i - half))
-        return [lines[:half], lines[half:]]
-    return [lines[:half], [(f"{lines[half][0]} (continued)", None), *lines[half:]]]
-
-
-def coefficient_plot(
-    rows: Mapping[str, CoefficientRow], components: Mapping[str, str], kinds: Mapping[str, str] | None = None
+def trajectory_plot(
+    trial: Trial, before: Sequence[Window], after: Sequence[Window], length: float | None = None
 ) -> Figure:
-    """Shift of every free coefficient from its prior in prior standard deviations, with its standard error.
+    """Track of one trial, measured against open-loop windows, north up; beside it states and inputs over time: measured
+    in black, before in orange and dashed, after in blue. A bar is the scale of the track; axes would cost a fifth more.
 
-    rows: by symbol, as of ``FitResult.coefficients``; components: symbol -> component, see ``component_of``; kinds:
-    symbol -> kind of finding, see ``kinds_of``; default by the prior's share alone.
+    before, after: windows of ``predict``; length: of the ship [m], to draw its outline where windows start.
     """
-    known = kinds or {}
-    lines: list[tuple[str, str | None]] = []
-    for group, symbols in grouped(rows, components):
-        lines += [(group, None), *((group, symbol) for symbol in symbols)]
-    parts = _columns(lines)
-    longest = max(len(part) for part in parts)
-    across = 0.12 + room_for_labels((s for _, s in lines if s), 8)
-    figure, grid = placed_axes(
-        1.1 + 0.185 * longest, (1, len(parts)), (across, 0.12, 0.5, 0.4), (across, 0.0), sharex=True
-    )
-    used: dict[str, Any] = {}
-    extent = 2.2
-    axes = grid[0]
-    for ax, part in zip(axes, parts, strict=True):
-        dress(ax, "(estimate - prior) / prior standard deviation [-]")
-        ax.axvspan(-1, 1, color="#EFF3F6", zorder=0)
-        ax.axvline(0, color=GREY, linewidth=0.8, zorder=1)
-        points: dict[str, list[tuple[float, int, float]]] = {}
-        for height, (group, symbol) in enumerate(part):
-            if symbol is None:
-                where = ax.get_yaxis_transform()
-                ax.text(0.01, height, group, transform=where, fontsize=9, fontweight="bold", va="center")
-                continue
-            ax.text(-0.02, height, symbol, transform=ax.get_yaxis_transform(), fontsize=8, va="center", ha="right")
-            row = rows[symbol]
-            prior_std = row.prior_std or np.nan
-            shift = (row.value - (row.prior_value or 0.0)) / prior_std
-            std = row.std / prior_std if row.std is not None else np.nan
-            kind = known.get(symbol) or determination(row.prior_share)
-            points.setdefault(kind, []).append((shift, height, std if np.isfinite(std) else np.nan))
-            if np.isfinite(shift):
-                extent = max(extent, abs(shift) + (std if np.isfinite(std) else 0) + 0.2)
-            if row.at_bound:
-                sign = "<" if row.at_bound == "lower" else ">"
-                (used["limit"],) = ax.plot(shift, height, sign, color=ALARM, ms=9, mfc="none", mew=1.4, zorder=4)
-        for kind, some in points.items():
-            look, (x, y, width) = MARKS[kind], np.transpose(some)
-            used[kind] = ax.errorbar(
-                x, y, xerr=width, fmt=look["marker"], ls="none", color=look["color"], mfc=look["mfc"], ms=4.2, lw=1.2,
-                zorder=3,
-            )  # fmt: skip
-        ax.set_ylim(longest - 0.4, -0.8)
-        ax.yaxis.set_visible(False)  # a tick is five artists, a text one
-    axes[0].set_xlim(-extent, extent)
-    names = {kind: str(look["label"]) for kind, look in MARKS.items() if kind in used} | {"limit": "at a bound"}
-    shown = {name: used[kind] for kind, name in names.items() if kind in used and name}
-    figure.legend(shown.values(), shown, loc="upper center", ncols=5, fontsize=8, frameon=False)
+    t, states, first = trial.t - trial.t[0], trial.states, [w.first for w in after]
+    runs = [(*_joined(trial, some), style) for some, style in zip((before, after), STYLES, strict=False)]
+    strips: dict[str, list[tuple]] = {}
+    for i, label, factor in HISTORIES:
+        strips[label] = [(t, states[:, i] * factor, {"color": MEASURED, "lw": 1.0})]
+        strips[label] += [(clock, z[:, i] * factor, {"lw": 1.2, **style}) for clock, z, style in runs]
+    for label, rows in _inputs(trial).items():
+        looks = [{"color": color, "ls": dashes, "lw": 1.0} for (color, dashes), _ in zip(cycle(INPUTS), rows)]
+        words = label if len(rows) == 1 else f"{label}: {', '.join(rows)}"
+        strips[words] = [(t, values, look) for values, look in zip(rows.values(), looks, strict=True)]
+    figure, left = new_figure(HEIGHT, layout=None), 0.07
+    if trial.has_position:
+        track = figure.add_axes((0.0, 0.02, 0.42, 0.96))
+        _track(track, states, [(z, style) for _, z, style in runs], first, length)
+        left = 0.49
+    ax = dress(figure.add_axes((left, 0.12, 0.985 - left, 0.86)), "time from the first sample [s]")
+    ax.set_xlim(0, max(t[-1], 1e-9))
+    _draw_strips(ax, strips, t[first])
     return figure
 
 
-def convergence_plot(history: Sequence[tuple[float, float]]) -> Figure:
-    """Objective and constraint violation over the iterations of a solve, of which ``history`` has both."""
-    figure, grid = placed_axes(3.2, (1, 2), (0.75, 0.12, 0.5, 0.35), (0.85, 0.0))
-    left, right = grid[0]
-    values = np.array(history, dtype=float).reshape(-1, 2)
-    steps = np.arange(len(values))
-    dress(left, "iteration [-]", "objective [-]", "objective")
-    left.plot(steps, values[:, 0], "o-", color=AFTER, ms=3)
-    dress(right, "iteration [-]", "largest defect, scaled [-]", "gaps between shooting intervals")
-    right.plot(steps, np.maximum(values[:, 1], 1e-16), "o-", color=AFTER, ms=3)
-    right.set_yscale("log")
-    right.yaxis.set_major_formatter(lambda value, _: f"{value:.0e}")  # as a formula it takes long to set
-    right.minorticks_off()
-    if len(values) and values[:, 0].min() > 0 and values[:, 0].max() > 20 * values[:, 0].min():
-        left.set_yscale("log")
+def _draw_strips(ax: Axes, strips: Mapping[str, list[tuple]], starts: np.ndarray) -> None:
+    """Draw the lines (times, values, look) of each quantity, by label, below one another on ``ax``, each over the
+    height 1: axes of their own cost five times as much. The first and last line of a strip lead its scale, which a
+    run-away prediction between them must not. starts: times of the windows, dotted."""
+    from matplotlib.ticker import MaxNLocator  # late: slow to import
+
+    across, marks = ax.get_yaxis_transform(), []
+    for row, (label, lines) in zip(reversed(range(len(strips))), strips.items(), strict=True):
+        values = np.concatenate([y for _, y, _ in lines])
+        low, high = _near(values, np.concatenate([lines[0][1], lines[-1][1]]), 0.6)
+        scale = 0.76 / max(high - low, 1e-9)
+        zero = row + 0.06 - scale * low  # the label stands above
+        for x, y, look in lines:
+            ax.plot(x, np.clip(zero + scale * y, row, row + 1), **look)
+        for tick in MaxNLocator(3).tick_values(low, high):
+            if row + 0.04 < (height := zero + scale * tick) < row + 0.9:
+                marks.append(height)
+                words = f"{tick:.6g}".replace("-", "−")
+                ax.text(-0.01, height, words, transform=across, fontsize=8, ha="right", va="center")
+        ax.text(0.006, row + 0.98, label, transform=across, fontsize=8, va="top", color="#333333")
+    ax.set_ylim(0, len(strips))
+    ax.yaxis.set_visible(False)
+    ax.hlines(marks, 0, 1, transform=across, color=GRID, linewidth=0.6, zorder=0)
+    ax.hlines(range(len(strips)), 0, 1, transform=across, color=GREY, linewidth=0.8, zorder=0)
+    ax.vlines(starts, 0, len(strips), color="#C8C8C8", linewidth=0.7, linestyle=":", zorder=0)
+
+
+def _inputs(trial: Trial) -> dict[str, dict[str, np.ndarray]]:
+    """What moves the ship, by the label of its axis: angles, then revolutions, by column; none that rests."""
+    angles = {c: np.degrees(trial[c]) for c in trial.columns if c.startswith(("delta", "azimuth"))}
+    turns = {c: trial[c] for c in trial.columns if c == "n" or c.startswith("n_")}
+    labels = ("delta [deg]" if list(angles) == ["delta"] else "angles [deg]", "n [1/s]")
+    moved = [{c: x for c, x in rows.items() if np.any(x)} for rows in (angles, turns)]
+    shown = moved if any(moved) else [angles, turns]
+    return {label: rows for label, rows in zip(labels, shown, strict=True) if rows}
+
+
+def _joined(trial: Trial, windows: Sequence[Window]) -> tuple[np.ndarray, np.ndarray]:
+    """Time from the first sample (rows,) and states (rows, 6) of all windows, a row of NaN between them."""
+    if not windows:
+        return np.empty(0), np.empty((0, 6))
+    gap = np.full((1, 6), np.nan)
+    t = [np.append(trial.t[w.first : w.last + 1] - trial.t[0], np.nan) for w in windows]
+    return np.concatenate(t), np.vstack([part for w in windows for part in (w.states, gap)])
+
+
+def _near(drawn: np.ndarray, values: np.ndarray, room: float) -> tuple[float, float]:
+    """Limits of what is ``drawn`` (m,) no further than ``room`` spans from the ``values`` (n,): a run-away prediction
+    must not flatten the rest; 0 and 1 for no numbers."""
+    values, drawn = values[np.isfinite(values)], drawn[np.isfinite(drawn)]
+    if not len(values):
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    span = room * max(high - low, 1e-9)
+    return max(float(drawn.min()), low - span), min(float(drawn.max()), high + span)
+
+
+def _track(
+    ax: Axes, states: np.ndarray, runs: list[tuple[np.ndarray, dict]], first: list[int], length: float | None
+) -> None:
+    ax.plot(states[:, 1], states[:, 0], color=MEASURED, lw=1.3, zorder=2)
+    for z, style in runs:
+        ax.plot(z[:, 1], z[:, 0], lw=1.3, zorder=3, **style)
+    ax.plot(states[first, 1], states[first, 0], ".", color=MEASURED, ms=6, zorder=4)
+    if length:
+        for x, y, psi in states[first, :3]:
+            ahead, side = (length * OUTLINE).T
+            ax.fill(y + ahead * np.sin(psi) + side * np.cos(psi), x + ahead * np.cos(psi) - side * np.sin(psi),
+                    fc="none", ec=MEASURED, lw=0.8, zorder=4)  # fmt: skip
+    drawn, near = np.vstack([states, *(z for z, _ in runs)]), np.vstack([states, runs[-1][0]])
+    limits = np.array([_near(drawn[:, i], near[:, i], 0.3) for i in (1, 0)])  # (east and north, low and high)
+    half = 0.55 * np.ptp(limits, axis=1).max() + 0.5 * (length or 0.0)
+    (east, north), bar = limits.mean(axis=1), 10.0 ** np.floor(np.log10(half))
+    ax.set(xlim=(east - half, east + half), ylim=(north - half, north + half), aspect="equal")
+    ax.plot([east - 0.95 * half, east - 0.95 * half + bar], [north - 0.9 * half] * 2, color=GREY, lw=2.5)
+    ax.text(east - 0.95 * half, north - 0.88 * half, f"{bar:g} m", fontsize=8, color="#333333", va="bottom")
+    ax.set_axis_off()
+
+
+def window_errors(
+    simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns open-loop errors (W, times, 6) at ``times`` [s] after the start of W windows ``stride`` [s] apart, and
+    the number of the trial of each window, (W,).
+
+    simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
+    ones, with NaN after their end.
+    """
+    rows: list[np.ndarray] = []
+    numbers: list[int] = []
+    for short in (False, True):
+        predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
+        for number, (trial, (windows, _)) in enumerate(zip(trials, predicted, strict=True)):
+            for w in windows:
+                clock, right = trial.t[w.first : w.last + 1] - trial.t[w.first], np.nan if short else None
+                rows.append(np.transpose([np.interp(times, clock, e, right=right) for e in w.error(trial.states).T]))
+                numbers.append(number)
+        if rows:
+            break
+    return np.array(rows).reshape(-1, len(times), 6), np.array(numbers, dtype=int)
+
+
+def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Root of the mean of ``squares`` (W, T) over windows, NaN left out, and its standard error, both (T,).
+
+    run: the trial of each window, (W,). The error is that of leaving out one trial after the other (jackknife, Efron
+    1982), NaN with a single one: windows of a trial share its gusts.
+    """
+    known = np.isfinite(squares)
+    groups = [run == number for number in np.unique(run)]
+    total = np.array([np.where(known[g], squares[g], 0.0).sum(axis=0) for g in groups])  # (trials, T)
+    count = np.array([known[g].sum(axis=0) for g in groups])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rms = np.sqrt(total.sum(axis=0) / count.sum(axis=0))
+        without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))
+    if len(groups) < 2:
+        return rms, np.full_like(rms, np.nan)
+    return rms, np.sqrt((len(groups) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
+
+
+PANELS = (("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES))
+"""Title, state numbers and factor of each panel of the growth of errors."""
+
+
+def error_growth_plot(
+    simulators: Mapping[str, Simulator | Forecaster],
+    trials: Sequence[Trial],
+    horizon: float = PAPER_WINDOW,
+    stride: float | None = None,
+) -> Figure:
+    """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
+
+    Shaded: one standard error, by leaving out trials, of a single one windows. simulators: by name; trials: measured,
+    those with positions are used where there are any; horizon: longest prediction [s]; stride: between the starts of
+    windows [s], default half of it. The legend gives position errors in lengths of the first simulator that is a ship.
+    """
+    length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
+    times = np.linspace(0, horizon, 51)
+    used = [t for t in trials if t.has_position] or list(trials)
+    figure = new_figure(2.4, layout=None)
+    places = {"left": 0.055, "right": 0.98, "bottom": 0.19, "top": 0.77, "wspace": 0.17}
+    axes = figure.subplots(1, len(PANELS), gridspec_kw=places)
+    count = 0
+    for (name, simulator), style in zip(simulators.items(), STYLES, strict=False):
+        errors, run = window_errors(simulator, used, times, stride or horizon / 2)
+        count, words = len(errors), name
+        for ax, (_, states, factor) in zip(axes, PANELS, strict=True):
+            squares = (errors[:, :, states] ** 2).sum(axis=2)
+            parts = run if len(np.unique(run)) > 1 else np.arange(len(run))  # of a single trial its windows
+            rms, std = (factor * part for part in rms_with_error(squares, parts))
+            rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan
+            if states == (0, 1) and length and np.isfinite(rms[-1]):
+                words += f" ({rms[-1] / length:.2g} ship lengths after {horizon:g} s)"
+            good = np.isfinite(rms + std)
+            ends = np.concatenate([rms + std, (rms - std)[::-1]])[np.concatenate([good, good[::-1]])]
+            ax.fill(np.concatenate([times[good], times[good][::-1]]), ends, color=style["color"], alpha=0.18, lw=0)
+            ax.plot(times, rms, lw=1.8, label=words if ax is axes[0] else None, **style)
+    for ax, (label, *_) in zip(axes, PANELS, strict=True):
+        dress(ax, "time [s]", title=label)
+        ax.set_ylim(bottom=0)
+        ax.set_xlim(0, horizon)
+        ax.locator_params(nbins=5)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper left", ncols=3, fontsize=8.5, frameon=False)
+    words = f"{count} windows of {horizon:g} s, {len(used)} trial{'s' * (len(used) != 1)}"
+    figure.text(0.985, 0.945, words, fontsize=8, ha="right", va="center", color="#555555")
     return figure
 
 
@@ -198,21 +270,13 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
-def _shown(trials: Sequence[Trial], validation: Sequence[Trial], most: int) -> list[tuple[Trial, bool]]:
-    """Up to ``most`` (trial, held out) to draw: the longest of each kind, held-out ones first."""
+def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[Trial, bool]]:
+    """(trial, held out) of those whose track is drawn: the longest of each kind, held-out ones first."""
     chosen: dict[str, tuple[Trial, bool]] = {}
     for held_out, pool in ((True, validation), (False, trials)):
         for trial in sorted(pool, key=lambda t: -t.duration):
             chosen.setdefault(trial.kind or trial.name, (trial, held_out))
-    return list(chosen.values())[:most]
-
-
-def _position_rms(trial: Trial, windows: Sequence) -> float:
-    """Rms distance [m] between predicted and measured positions over all windows, NaN when there are none."""
-    if not windows or not trial.has_position:
-        return float("nan")
-    errors = [w.error(trial.states)[:, :2] for w in windows]
-    return float(np.sqrt(np.nanmean((np.vstack(errors) ** 2).sum(axis=1))))
+    return list(chosen.values())[:TRACKS]
 
 
 def write_figures(
@@ -221,12 +285,11 @@ def write_figures(
     models: tuple[Simulator, Simulator],
     trials: Sequence[Trial],
     validation: Sequence[Trial] = (),
-    history: Sequence[tuple[float, float]] = (),
 ) -> None:
     """Write the figures of a calibration, in the order of a report.
 
     written: where to; record: what it found; models: the ship before and after; trials, validation: calibrated on, and
-    held out; history: objective and largest gap at each iteration, drawn where the solver did not converge.
+    held out.
     """
     before, after = models
     if judged := validation or trials:
@@ -238,30 +301,20 @@ def write_figures(
             "wind alone. Shaded: one standard error, by leaving out one trial (of a single one, one window) after the "
             "other.",
         )  # fmt: skip
-    shown = _shown(trials, validation, TRACKS)
+    shown = _shown(trials, validation)
     windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):
         earlier, later = (side[number][0] for side in windows)
-        rms = [_position_rms(trial, some) for some in (earlier, later)]
-        words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after." if np.isfinite(rms).all() else ""
+        words = ""
+        if earlier and later and trial.has_position:
+            errors = (np.vstack([w.error(trial.states)[:, :2] for w in some]) for some in (earlier, later))
+            rms = [np.sqrt(2 * np.nanmean(error**2)) for error in errors]
+            words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after."
         written.write(
             f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
-            f"Predictions restart from the measured state every {PAPER_WINDOW:g} s (dots and ship outlines on the "
-            f"track; dotted lines below). {words}",
-        )  # fmt: skip
-    kinds = kinds_of(vars(record))
-    written.write(
-        "coefficients", partial(coefficient_plot, record.coefficients, component_of(after.ship), kinds),
-        "Coefficients: shift from the prior",
-        "Point: estimate; bar: its standard error; both in prior standard deviations. Shaded: one prior "
-        "standard deviation. A short bar means that the trials decided, a bar as wide as the shading that the "
-        "prior did.",
-    )  # fmt: skip
-    if history and not record.converged:
-        written.write(
-            "convergence", partial(convergence_plot, history), "Iterations of the last solve",
-            "Objective and largest gap between shooting intervals at each iteration.",
+            "Black: measured; orange and dashed: before; blue: after the calibration. Predictions restart from the "
+            f"measured state every {PAPER_WINDOW:g} s (dots and ship outlines; dotted lines). North is up. {words}",
         )  # fmt: skip
     for row in record.profiles or ():
         known = record.coefficients[row["symbol"]]

@@ -21,7 +21,6 @@ from mmg.ship import Ship
 FULFILLED, FAILED, UNKNOWN = "fulfilled", "not fulfilled", "unknown"
 DEEP, STRONGEST_WIND, DRAUGHT = 4.0, 5, 0.05
 """Depth over draught, Beaufort number, and deviation from the full-load draught that the circular allows."""
-CURRENTS = ("current",)
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,7 @@ def condition_rows(ship: Ship, trials: Sequence[Trial], full_load: float | None 
     trials: those whose files are there, for wind, speed and the site file beside them; full_load: draught of the fully
     loaded ship [m], at the length of the ship file, None where it is not known.
     """
-    return [
-        _depth(ship, trials), _wind(ship, trials), _sea(), _current(ship), _loading(ship, full_load),
-        Condition("trim", "the ship file holds one draught", "even keel", UNKNOWN), _speed(ship, trials),
-    ]  # fmt: skip
+    return [_depth(ship, trials), _wind(ship, trials), _loading(ship, full_load)]
 
 
 def _depth(ship: Ship, trials: Sequence[Trial]) -> Condition:
@@ -80,17 +76,6 @@ def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
     return Condition("wind", words, asked, verdict)
 
 
-def _sea() -> Condition:
-    return Condition("waves", "not stated: trial files hold no sea state", "not above sea state 4", UNKNOWN)
-
-
-def _current(ship: Ship) -> Condition:
-    values = [f"{c.symbol} = {c.value:.2g} {c.unit}" for c in ship.coefficients.values()
-              if c.symbol.split(".")[0] in CURRENTS]  # fmt: skip
-    found = f"fitted with the coefficients: {', '.join(values)}" if values else "not measured and not fitted"
-    return Condition("current", found, "uniform only", UNKNOWN)
-
-
 def _loading(ship: Ship, full_load: float | None) -> Condition:
     draught, asked = ship.particulars["d"], f"full-load draught within {DRAUGHT:.0%}"
     if full_load is None:
@@ -98,15 +83,6 @@ def _loading(ship: Ship, full_load: float | None) -> Condition:
         return Condition("loading", words, asked, UNKNOWN)
     verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
     return Condition("loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", asked, verdict)
-
-
-def _speed(ship: Ship, trials: Sequence[Trial]) -> Condition:
-    asked = "at least 90 % of the speed at 85 % of the engine's output"
-    speeds = [float(np.nanmedian(t["u"][t.t <= t.t[0] + 5.0])) for t in trials if np.isfinite(t["u"][:3]).any()]
-    words = f"runs begin at u = {min(speeds):.3g} to {max(speeds):.3g} m/s; " if speeds else ""
-    own = ship.particulars.get("U_0")
-    words += f"U_0 of the ship file {own:g} m/s; " if own else ""
-    return Condition("speed", f"{words}the speed at 85 % output is not stated", asked, UNKNOWN)
 
 
 MODEL = 20.0
@@ -128,19 +104,16 @@ def limit_rows(envelope: Mapping[str, Sequence[float]], length: float) -> list[d
 
     length: of the ship [m].
     """
-    rows = []
-    speed = max(map(abs, envelope.get("u", [0.0])))
+    rows, speed = [], max(map(abs, envelope.get("u", [0.0])))
+    more = {"u": f"Froude number up to {speed / np.sqrt(9.80665 * length):.2g}"}
+    if speed > 0 and "r" in envelope:
+        slow, fast = (value * length / speed for value in envelope["r"])
+        more["r"] = f"r L / U at the highest speed {slow:.2g} to {fast:.2g}".replace("-", "−")
     for name in sorted(envelope, key=lambda name: list(WORDS).index(name) if name in WORDS else 2.5):
         words, unit, factor = shown_quantity(name)
         low, high = (factor * value for value in envelope[name])
-        more = ""
-        if name == "r" and speed > 0:
-            slow, fast = (value * length / speed for value in envelope[name])
-            more = f"r L / U at the highest speed {slow:.2g} to {fast:.2g}"
-        elif name == "u":
-            more = f"Froude number up to {speed / np.sqrt(9.80665 * length):.2g}"
-        row = {"name": name, "words": words, "unit": unit, "low": low, "high": high}
-        rows.append(row | {"more": more.replace("-", "−")})
+        row = {"name": name, "words": words, "unit": unit, "low": low, "high": high, "more": more.get(name, "")}
+        rows.append(row)
     return rows
 
 
@@ -158,20 +131,16 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
     ship: the calibrated one; windy: whether any of the trials logs wind. Both follow from the ranges,
     the force models and the effects alone.
     """
-    good = ["manoeuvres within the limits of use above, in deep and open water"]
-    if "u" in envelope:
-        low, high = envelope["u"]
-        words = f"manoeuvres at u from {low:.3g} to {high:.3g} m/s within the limits of use above"
-        good = [f"{words}, in deep, open water"]
+    speeds = "at u from {:.3g} to {:.3g} m/s ".format(*envelope["u"]) if "u" in envelope else ""
+    good = [f"manoeuvres {speeds}within the limits of use above, in deep, open water"]
     if ship.particulars["L"] < MODEL:
-        words = "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
-        good.append(words)
-    bad = [*_unseen(envelope), *_not_modelled(ship, windy)]
-    bad.append(
+        good.append(
+            "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
+        )
+    single = (
         "reading a single coefficient as physics where the calibration's report says shared, prior or not excited: "
-        "only the whole is calibrated"
     )
-    return good, bad
+    return good, [*_unseen(envelope), *_not_modelled(ship, windy), f"{single}only the whole is calibrated"]
 
 
 def _unseen(envelope: Mapping[str, Sequence[float]]) -> list[str]:
@@ -208,4 +177,7 @@ def _not_modelled(ship: Ship, windy: bool) -> list[str]:
         bad.append(f"{words}: they belong to the trials, set them to 0")
     if ship.network is not None:
         bad.append("states outside the network's training range: the residual is bounded there, not supported")
+    bad.append("heel, trim and squat: three degrees of freedom (surge, sway, yaw)")
+    if "actuators" not in ship.components:
+        bad.append("lags of rudder and propeller: they act as logged")
     return bad

@@ -135,13 +135,13 @@ def _with_intervals(
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
     from cases.simulation.simulate import write_trial
-    from fitting.report.plot_maneuvers import maneuver_figure, save_figure
+    from fitting.report.plot_maneuvers import maneuver_figure
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
     with cli.writing(out or plot or ""):
         if plot is not None:
-            save_figure(found.runs, found.heading, plot, clouds)
+            maneuver_figure(found.runs, found.heading, clouds).savefig(plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             write_json(out / "imo.json", found.to_dict())

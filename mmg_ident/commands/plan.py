@@ -41,7 +41,8 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.design.planned_trial import Wish, plan_trial
+    from fitting.design.plan import Wish
+    from fitting.design.planned_trial import plan_trial
     from fitting.report.plan_section import in_words, keep_plan, plan_map
     from fitting.report.run_folder import read_result
     from mmg_ident.api import load_run

@@ -151,13 +151,10 @@ def _choose(
     """Chooses, writes the run folder, says what came out."""
     from dataclasses import asdict, replace
 
-    from fitting.report.plot_structures import learning_plot, structure_plot
-    from fitting.report.plot_style import FigureFolder
-    from fitting.report.run_folder import PENDING, check_target, reserved, write_json
+    from fitting.report.run_folder import PENDING, check_target, reserved
     from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.kept import fingerprint, kept_beside
-    from fitting.selection.learning import write_learning
     from fitting.selection.structure_choice import choose_structure
 
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
@@ -183,25 +180,24 @@ def _choose(
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
                 cli.say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
             raise
-        found, runs = choice.to_dict(), [run for some in choice.runs.values() for run in some]
-
-        def attach(folder: Path) -> None:
-            """All candidates, learning curves and figures, beside the run."""
-            write_json(folder / "selection.json", found)
-            if runs:
-                write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
-            figures = FigureFolder(folder / "figures")
-            if report:
-                figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-            if report and runs:
-                curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
-                figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
-
-        result = replace(choice.result, command=cli.command_line())
-        result.save(out, replace=there, attach=attach, report=report)
+        result = replace(choice.result, command=cli.command_line()).save(
+            out, replace=there, attach=lambda folder: _beside(choice, folder), report=report
+        )
+        choice = replace(choice, result=result)
         kept.done()
-    cli.print_json(found | {"out": str(out)}) if json else _tell(choice, out)
+    cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
+
+
+def _beside(choice: StructureChoice, folder: Path) -> None:
+    """What belongs to a choice beside the run: all candidates, learning curves."""
+    from fitting.report.run_folder import write_json
+    from fitting.selection.learning import write_learning
+
+    write_json(folder / "selection.json", choice.to_dict())
+    runs = [run for some in choice.runs.values() for run in some]
+    if runs:
+        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:

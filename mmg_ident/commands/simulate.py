@@ -85,7 +85,7 @@ def simulate(
         )
     if scatter is not None:
         from fitting.prediction.maneuver_scatter import maneuver_scatter
-        from fitting.report.plot_maneuvers import save_figure
+        from fitting.report.plot_maneuvers import maneuver_figure
         from fitting.report.run_folder import content_on
 
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
@@ -97,7 +97,8 @@ def simulate(
         if plot is not None:
             if run is None or drawn is None:
                 raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
-            save_figure((run,), f"{model.title}: {plan.name}, {scatter} draws", plot, {run.name: drawn.shown})
+            title = f"{model.title}: {plan.name}, {scatter} draws"
+            maneuver_figure((run,), title, {run.name: drawn.shown}).savefig(plot)
         if out is not None:
             tracks = found.tracks()
             if out.suffix.lower() == ".parquet":

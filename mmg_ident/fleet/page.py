@@ -14,7 +14,7 @@ from fitting.report.page import environment
 from fitting.report.page import write_page as write_text
 from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import versions
-from fitting.report.words import plus_minus
+from fitting.report.sections import plus_minus
 from mmg_ident.fleet.rows import Fleet, SisterGroup
 from mmg_ident.fleet.run import DIAGNOSIS, SHIPS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.design.informative_windows import choose_windows, window_information
+from fitting.design.trial_information import choose_windows, window_information
 from fitting.prediction.innovations import Innovations
 
 

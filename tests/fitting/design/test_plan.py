@@ -12,11 +12,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from fitting.design.area import Area, corners
-from fitting.design.candidates import library
-from fitting.design.evolution import Evolution
-from fitting.design.next_trial import repetitions
-from fitting.design.plan import RUN_UP, PlanTask, SequenceSearch
-from fitting.design.sequences import Sequences, table_of
+from fitting.design.next_trial import library, repetitions
+from fitting.design.plan import RUN_UP, PlanTask, SequenceSearch, Wish
+from fitting.design.sequences import Evolution, Sequences, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import Prior
@@ -54,7 +52,9 @@ def test_the_run_up_lies_where_the_ship_comes_from(ship: Ship, side: float) -> N
     area = Area.parse("60x25", ship, 0.5)
     states = np.zeros((3, 6, 1, 1))
     states[:, 0, 0, 0], states[:, 3] = side * np.array([0.0, 22.5, 45.0]), side * 0.5
-    place = SequenceSearch.placing(SimpleNamespace(ship=ship, task=SimpleNamespace(start=None, area=area)), states)
+    place = SequenceSearch.placing(
+        SimpleNamespace(ship=ship, task=SimpleNamespace(wish=Wish("60x25", 60.0), area=area)), states
+    )
     at = place.x[0] - side * RUN_UP * 3.0 * np.cos(place.psi[0])
     assert place.excess[0] == 0 and 0.5 + 1.5 <= at <= 59.5 - 1.5  # the hull, with the margin, half a length each way
 
@@ -90,7 +90,7 @@ def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
     info = TrialInformation(simulator, prior, sigma, h, 30)
     held = np.zeros((len(run.inputs) - 1, len(ship.inputs), 1))
     held[:, :2] = run.inputs[:-1]
-    states = info.motions(run.states[0], held)
+    states = info.simulator.run(run.states[0], held, h)
     assert states[:, :6] == pytest.approx(run.states, abs=1e-9)
     assert info.of(states, held)[0] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
 
@@ -127,7 +127,7 @@ def test_a_short_manoeuvre_is_repeated_with_way_between(ship: Ship) -> None:
 
 def test_a_ship_with_a_diesel_engine_does_not_reverse(ship: Ship) -> None:
     def task(model: Ship) -> PlanTask:
-        return PlanTask(600.0, Area.parse("9000x9000", model), 0.4, None, False, 0.6, 0, np.zeros((1, 1)))
+        return PlanTask(Wish("9000x9000", 600.0), Area.parse("9000x9000", model), 0.4, np.zeros((1, 1)))
 
     assert task(ship).reversible(ship)
     full = load_ship("kvlcc2_full")

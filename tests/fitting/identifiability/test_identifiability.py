@@ -19,13 +19,12 @@ from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.design.candidates import Option, library
-from fitting.design.next_trial import NextTrial, fisher, identifiability_dict, next_trial
+from fitting.design.next_trial import NextTrial, Option, fisher, identifiability_dict, library, next_trial
 from fitting.identifiability.analysis import DETERMINED, KINDS, CoefficientFinding, Identifiability, analyse
 from fitting.identifiability.verdicts import cause, estimate_warnings, implausible, verdict
 from fitting.nlp.problem import Prior
-from fitting.report.page import section
 from fitting.report.plots import profile_plot
+from fitting.report.sections import identifiability_section
 from fitting.settings import Settings
 from tests.fitting.report.test_report import EVIL, report, run_folder
 from tests.support.calibrated import small_result
@@ -243,22 +242,25 @@ def test_no_verdict_asks_for_a_narrower_prior() -> None:
 def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     _, found, scored = nearly_straight()
     content = identifiability_dict(found, scored)
-    content["coefficients"]["a_H"]["advice"] = content["next_trial"]["plan"][0]["name"] = EVIL
+    content["coefficients"]["Y_v"]["cause"] = content["next_trial"]["plan"][0]["name"] = EVIL
     folder = run_folder(tmp_path / "run", identifiability=content)
     page = report(folder)
     assert "<script" not in page and page.count("&lt;script") == 2
-    for words in ("not excited by these trials, which have no", "Next trials.", "Trials of the library", "Condition"):
+    for words in ("not excited by these trials, which have no", "Next trials.", "best first", "Condition"):
         assert words in page
     bare: dict = {"coefficients": {"a_H": {}}, "counts": {}}
-    assert "a_H" in report(run_folder(tmp_path / "bare", identifiability=bare))
+    assert "Condition" in report(run_folder(tmp_path / "bare", identifiability=bare))
 
 
-def test_the_report_section_puts_what_is_open_first_and_bears_missing_keys() -> None:
+def test_the_section_names_what_each_trial_would_help_and_bears_missing_keys() -> None:
     _, found, scored = nearly_straight()
-    shown = section({"identifiability": identifiability_dict(found, scored)})
-    assert shown is not None and shown["rows"][0]["kind"] == "silent" and shown["plan"]
-    assert {row["symbol"] for row in shown["rows"]} == set(FREE)
-    assert section({}) is None and section({"identifiability": {"coefficients": {"a": {}}}}) is not None
+    shown = identifiability_section({"identifiability": identifiability_dict(found, scored)})
+    assert shown is not None and shown["trial"]["plan"]
+    helped = {name.partition(" ")[0] for names in shown["helped"].values() for name in names}
+    assert helped == {f.symbol for i, f in enumerate(found.findings) if scored.best(i)}
+    assert set(shown["helped"]) <= {row["name"] for row in shown["options"]}
+    assert identifiability_section({}) is None
+    assert identifiability_section({"identifiability": {"coefficients": {"a": {}}}}) is not None
 
 
 def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:

@@ -8,7 +8,7 @@ import pickle
 import signal
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import calibrate
 from fitting.calibration import estimate_coefficients
 from fitting.design.area import Area
-from fitting.design.plan import PlanTask, SequenceFound, search_plan
+from fitting.design.plan import PlanTask, SequenceFound, Wish, search_plan
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
 from fitting.parallel import Shared, executors, kept_workers, listening, run_all, width, with_one_thread
@@ -175,8 +175,9 @@ def test_a_planned_trial_is_the_same_on_processes() -> None:
     prior, draws = Prior.of(ship), np.zeros((len(ship.values), 2))
     info = TrialInformation(Simulator(ship), prior, np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006]), 0.5, 60)
     present = Present(3 * np.eye(3), 0.5, np.eye(3), ("X_0F", "Y_v", "N_r"))
-    task = PlanTask(60.0, Area.parse("60x25", ship), 0.4, None, False, 0.6, 0, draws)
-    one, two = (search_plan(info, present, task, 0.05, workers) for workers in (1, 2))
+    wish, area = Wish("60x25", 60.0, rudder_limit=0.6, effort=0.05), Area.parse("60x25", ship)
+    tasks = (PlanTask(replace(wish, workers=workers), area, 0.4, draws) for workers in (1, 2))
+    one, two = (search_plan(info, present, task) for task in tasks)
     for name in SequenceFound.__annotations__:
         a, b = getattr(one, name), getattr(two, name)
         assert np.array_equal(a, b) if isinstance(a, np.ndarray) else name == "rows" or a == b, name

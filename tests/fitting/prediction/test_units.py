@@ -21,7 +21,6 @@ from fitting.prediction.predict import predict
 from fitting.prediction.score import Score, pooled_sigma, score
 from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.units import UnitErrors, errors_in_units, ship_time, window_for
-from fitting.report.sections import unit_section
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import app
@@ -108,10 +107,6 @@ def test_runs_that_became_worse_are_listed_with_their_errors(ship: Ship, trials:
     (message,) = pair.worse_by_run("validation")
     assert "turning_35" in message
     assert ScorePair(bad, good).worse_by_run("validation") == []
-    section = unit_section({"before": good.to_dict(), "after": bad.to_dict()})
-    assert section is not None and section["worse"] == [t.name for t in trials]
-    assert {row["figure"] for row in section["figures"]} >= {"advance", "overshoot 1"}
-    assert unit_section({"before": good.to_dict() | {"units": None}, "after": bad.to_dict()}) is None
 
 
 def test_scores_with_and_without_units_are_read_back(ship: Ship, trials: list[Trial]) -> None:

@@ -4,17 +4,9 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from fitting.identifiability.analysis import KINDS
 from fitting.report.plot_maneuvers import COLOURS as LINES
 from fitting.report.plot_style import DASHES
-from fitting.report.plots import MARKS
 from tests.support.colours import apart, told_by_colour_alone
-
-
-def test_every_verdict_has_a_marker_of_its_own() -> None:
-    assert set(KINDS) <= set(MARKS)
-    looks = [(MARKS[kind]["marker"], MARKS[kind]["mfc"] == "white") for kind in KINDS if kind != "bound"]
-    assert len(set(looks)) == len(looks)
 
 
 def test_lines_of_manoeuvres_differ_in_their_dashes() -> None:

@@ -27,7 +27,7 @@ def test_the_best_comes_first_and_what_was_not_tried_last(tmp_path: Path) -> Non
     (tmp_path / "selection.json").write_text(json.dumps(GOOD))
     found = structure_section(tmp_path)
     assert found is not None and [row["name"] for row in found["rows"]] == ["b", "a", "c"]
-    assert found["test"] == [("the ship as given", 0.4), ("the chosen model", None)] and found["figures"] == []
+    assert found["test"] == [("as given", 0.4), ("chosen", None)]
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"chosen": 3}', json.dumps(GOOD | {"stability": None}), "\x00"])

@@ -19,10 +19,8 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.report import delivered as delivered_module
-from fitting.report import imo_form as module
-from fitting.report.delivered import Delivered, delivery_sections, figure_section, standard_figures
-from fitting.report.imo_form import imo_form
-from fitting.report.pdf import needs_weasyprint, write_pdf
+from fitting.report.delivered import Delivered, drawn_maneuvers, imo_form, standard_figures
+from fitting.report.page import build_page, needs_weasyprint, write_pdf
 from fitting.report.use import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
@@ -90,14 +88,13 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
 def known() -> Delivered:
     """The form of a ship whose trials are her own standard manoeuvres."""
     with pytest.MonkeyPatch.context() as patched:
-        for where in (module, delivered_module):
-            patched.setattr(where, "DRAWS", 40)
-            patched.setattr(where, "imo_figures", turns_of)
+        patched.setattr(delivered_module, "DRAWS", 40)
+        patched.setattr(delivered_module, "imo_figures", turns_of)
         fit = small_result()
         trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
         model = standard_figures(fit.to_dict(), fit.ship)
         form = imo_form(fit.ship, trials, model, fit.to_dict(), 1.1 * fit.ship.particulars["d"])
-        drawn = figure_section(model)
+        drawn = drawn_maneuvers(model)
         return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
 
 
@@ -113,12 +110,7 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert form is not None and form.tested and form.corrected and form.intervals
     rows = {(row.group.split(",")[0], row.name): row for row in form.rows}
     assert len(form.rows) == 7 and [len(row.sides) for row in form.rows] == [2] * 6 + [1]
-    assert known.figures is not None and known.figures.count > 0
-    shown = {(row["run"], row["figure"]): row["interval"] for row in known.figures.rows}
-    for run, side in zip(("turning:-35", "turning:35"), rows["Turning circle", "Advance"].sides, strict=True):
-        low, high = side.model.interval if side.model and side.model.interval else (np.nan, np.nan)
-        upper = f"{high:.2f}" if high < np.inf else "never"
-        assert shown[run, "advance [L]"] == f"{low:.2f} to {upper}"  # one interval of a figure on the whole page
+    assert known.figure is not None
     for side in rows["Turning circle", "Advance"].sides:
         assert side.tested is not None and side.model is not None and side.corrected is not None
         low, high = side.model.interval or (np.nan, np.nan)
@@ -155,7 +147,7 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     fit = small_result()
     model = standard_figures({**fit.to_dict(), "correlation": None}, fit.ship)
-    assert not model.scatter and figure_section(model) is None
+    assert not model.scatter and drawn_maneuvers(model) is None
     form = imo_form(fit.ship, (), model)
     assert next(row for row in form.rows if row.group.startswith("Zig-zag 20")).limit == 25.0
     assert not form.tested and not form.corrected and not form.intervals
@@ -167,10 +159,11 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
 
 def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
     fit = small_result()
-    sections = delivery_sections(fit.to_dict(), fit.ship, known)
-    assert [words.split(" [")[0] for words in sections["form_columns"]] == [
-        "tested", "model, calm and deep", "corrected to full load",
-    ]  # fmt: skip
+    form = build_page([(fit, fit.ship, tmp_path)], [known])
+    for words in ("tested", "model, calm and deep [90 %]", "corrected to full load [90 %]", "Stopping"):
+        assert words in form
+    side = known.form.rows[0].sides[0].model if known.form else None
+    assert side is not None and side.interval is not None and f"{side.value:.2f} [{side.interval[0]:.2f}, " in form
     assert fit.envelope is not None and set(fit.envelope) >= {"u", "v", "r", "n", "delta", "beta"}
     fit = replace(fit, objects=None).save(tmp_path / "run")
     text = (tmp_path / "run" / "report.html").read_text()
@@ -182,11 +175,11 @@ def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_p
 def test_the_counts_of_the_page_are_those_of_the_console(tmp_path: Path) -> None:
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = (tmp_path / "run" / "report.html").read_text()
-    own = " ".join(text[text.index("free coefficients: ") : text.index("(section 9 says why)")].split())
+    own = " ".join(text[text.index("free coefficients: ") : text.index("Shift: estimate")].split())
     from fitting.identifiability.analysis import KINDS
 
     counts = small_result().identifiability["counts"]
-    assert own == "free coefficients: " + ", ".join(f"{n} {KINDS[kind]}" for kind, n in counts.items() if n)
+    assert own == "free coefficients: " + ", ".join(f"{n} {KINDS[kind]}" for kind, n in counts.items() if n) + "."
 
 
 def test_no_column_of_the_page_is_empty(tmp_path: Path) -> None:

@@ -9,10 +9,8 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
-from fitting.report.plot_structures import learning_plot
 from fitting.selection import learning
 from fitting.selection.candidates import candidate
-from fitting.selection.learning import Lesson
 from mmg_ident.commands.main import main
 from tests.fitting.selection.paper_problems import ESSO, harbour
 
@@ -41,7 +39,7 @@ def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     assert {(row["name"], row["seed"]) for row in rows} == {("sm1-order1", 0), ("sm1-order1", 1)}
     lines = (out / "learning.csv").read_text().splitlines()
     assert len(lines) > 5 and lines[0].startswith("candidate,seed,evaluations,seconds,objective")
-    assert (out / "figures" / "learning.png").stat().st_size > 5000
+    assert (out / "learning.csv").stat().st_size > 100
     chosen = load_ship(out)
     assert content["chosen"] == "sm1-order1"
     best = min(rows, key=lambda row: row["validation"])
@@ -74,10 +72,3 @@ def test_a_candidate_that_needs_more_samples_or_astern_motion_is_refused_with_co
     assert main(["select", "esso_osaka_3m", files[0], "--validate", files[2], *wanted]) == 2
     error = capsys.readouterr().err
     assert "unknowns" in error and "221 samples" in error
-
-
-def test_learning_curves_are_drawn_for_training_and_validation() -> None:
-    lessons = [Lesson(10 * k, 0.5 * k, 1 / (k + 1), 1 / (k + 1), 2 / (k + 1)) for k in range(5)]
-    ax = learning_plot({"sm1-order1, seed 0": lessons}).axes[0]
-    training, validation = (line.get_ydata() for line in ax.lines)
-    assert list(validation) == [2 * y for y in training]
