@@ -12,8 +12,7 @@ from math import factorial
 import numpy as np
 
 from delivery.c.header import TEMPLATES, inserted
-from mmg.compile.portable_c import literal
-from mmg.compile.portable_lanes import LANES
+from mmg.compile.portable_c import LANES, literal
 from mmg.network import Layers, Network
 
 BLOCK = 8

@@ -15,11 +15,11 @@ import numpy as np
 
 from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
-from fitting.nlp.portable_intervals import Blocks, Functions
+from fitting.nlp.portable_intervals import PortableIntervals
 from fitting.nlp.sample_cost import Curved, SampleCost
+from mmg.compile.batch import MORE, NO_VALUE, BatchFunction, differences, finite_at
 from mmg.compile.cache import Untested
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.compile.self_test import MORE, NO_VALUE, differences, finite_at
 from mmg.model import Model
 
 CLOSE = 1e-9
@@ -51,11 +51,6 @@ class Kernels:
             )
         self.measurement = Measurement(model, self.free, compiled)
 
-    @cached_property
-    def functions(self) -> Functions:
-        """The same, interpreted."""
-        return Functions(self.whole)
-
     @property
     def elimination(self) -> Elimination | None:
         """Compiled functions that eliminate nodes, where intervals are compiled."""
@@ -72,9 +67,8 @@ class Kernels:
         controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
         start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
         pull, curved = rng.standard_normal((2, K - 1, self.S, M)) * (steps > np.arange(1, K)[:, None])[:, None, :]
-        f, at = self.functions, (start[self.first :], controls[0])
-        rates = [a for each in both for a in (*f.jacobian.at(*at, each), *f.hessian.at(*at, each, weight))]
-        finite = np.flatnonzero(finite_at(rates))
+        derivatives, q = BatchFunction(self.whole, None), start[self.first :]
+        finite = np.flatnonzero(finite_at([a for each in both for a in derivatives.at(q, controls[0], each, weight)]))
         if not len(finite):
             raise Untested(NO_VALUE)
         chosen = np.resize(finite, M)
@@ -108,61 +102,37 @@ class Shooting:
         window: np.ndarray,
         kernel: IntervalKernel | None,
     ) -> None:
-        self.group, self.window, self.windows, self.kernel = group, window, int(window.max()) + 1, kernel
+        self.group, self.window, self.kernel = group, window, kernel
         if self.kernel:
             self.lanes = Lanes.of(steps, controls, h, group, window)
         else:
-            self.blocks = Blocks(kernels_.functions, steps, controls, h, group)
+            self.portable = PortableIntervals(kernels_.whole, steps, controls, h, group)
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients."""
         if self.kernel:
             return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
-        return self.blocks.values(start, np.atleast_2d(theta))
+        return self.portable.values(start, np.atleast_2d(theta))
 
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
         if self.kernel:
             return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
-        return self.blocks.linearise(start, np.atleast_2d(theta), pull)
+        return self.portable.linearise(start, np.atleast_2d(theta), pull)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.
 
         by_window: whether the Hessian of the coefficients is by window, else by group."""
-        theta = np.atleast_2d(theta)
-        if not self.kernel:
-            return self.blocks.curve(
-                start, theta, cost, None, *((self.window, self.windows) if by_window else (self.group, len(theta)))
-            )
-        if by_window:
-            return self._curved(start, theta, cost, None, self.lanes.slot)
-        slot, group = self._by_group
-        return self._curved(start, theta, cost, None, slot).of_groups(group, len(theta))
+        return self._curved(start, theta, cost, None, by_window, False)
 
     def hessian(
         self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
     ) -> Curved:
         """The same, and the whole Hessian of ``weight`` (S, M) . ends + ``cost``; that of the coefficients by group;
         start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle."""
-        theta = np.atleast_2d(theta)
-        if not self.kernel:
-            return self.blocks.curve(start, theta, cost, weight, self.group, len(theta), middle)
-        slot, group = self._by_group
-        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(theta))
-
-    @cached_property
-    def _group(self) -> np.ndarray:
-        """Of each window, (W,)."""
-        group = np.zeros(self.windows, dtype=int)
-        group[self.window] = self.group
-        return group
-
-    @cached_property
-    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slots for the sums of each group, and the groups of these."""
-        return self.lanes.parts(self._group)
+        return self._curved(start, theta, cost, weight, False, middle)
 
     def _curved(
         self,
@@ -170,9 +140,21 @@ class Shooting:
         theta: np.ndarray,
         cost: SampleCost,
         weight: np.ndarray | None,
-        slot: np.ndarray,
-        middle: bool = False,
+        by_window: bool,
+        middle: bool,
     ) -> Curved:
-        assert self.kernel
-        both = cost.triangles(), cost.own
-        return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))
+        theta = np.atleast_2d(theta)
+        if self.kernel:
+            slot, group = (self.lanes.slot, None) if by_window else self._by_group
+            both = cost.triangles(), cost.own
+            found = Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))
+            return found if group is None else found.of_groups(group, len(theta))
+        owner, owners = (self.window, int(self.window.max()) + 1) if by_window else (self.group, len(theta))
+        return self.portable.curve(start, theta, cost, weight, owner, owners, middle)
+
+    @cached_property
+    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slots for the sums of each group, and the groups of these."""
+        group = np.zeros(int(self.window.max()) + 1, dtype=int)
+        group[self.window] = self.group
+        return self.lanes.parts(group)

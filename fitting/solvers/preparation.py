@@ -15,7 +15,7 @@ from fitting.nlp.captive import Captive
 from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import ByCampaign, Own, neutral_values, prior_with, symbols_of
+from fitting.nlp.run_constants import Own, neutral_values, prior_with, symbols_of
 from fitting.nlp.windows import Segments, cut
 from fitting.settings import Settings
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData
@@ -56,8 +56,6 @@ def prepared(
     refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     own = symbols_of(per_run)
-    campaign = per_run.number if isinstance(per_run, ByCampaign) else ()
-    segments = segments.by_run(campaign) if own else segments
     prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]

@@ -14,7 +14,6 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.sample_cost import SampleCost
 from fitting.nlp.shooting import Kernels, Shooting
-from mmg.compile import intervals
 from mmg.compile.batch import batch_functions
 from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes
@@ -105,24 +104,6 @@ def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages()
             away.append(np.linalg.norm(rough - whole) / np.linalg.norm(whole))
     assert max(away) < 0.01
     np.testing.assert_allclose(np.divide(away[:4], away[2:]), 4, rtol=0.2)
-
-
-def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(intervals, "SHARE", 1)
-    kernels, (steps, controls, h, group, window), (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
-    assert kernels.interval is not None
-    lanes = Lanes.of(steps, controls, h, group, window)
-    assert len(lanes.shares) > 2
-    found = []
-    for threads in ("1", "2", "256"):
-        monkeypatch.setenv("MMG_THREADS", threads)
-        arguments = (lanes, start, theta, cost.pull, (cost.triangles(), cost.own))
-        curve = kernels.interval.curve
-        by_group = lanes.parts(np.array([0, 0, 0, 1, 1]))[0]
-        found.append((*curve(*arguments, weight, by_group), *curve(*arguments, None, lanes.slot)))
-    for one, two, many in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, two)
-        np.testing.assert_array_equal(one, many)
 
 
 def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:
