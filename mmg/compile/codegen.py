@@ -13,14 +13,14 @@ import casadi as ca
 LANES = 8
 """Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
-_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
-_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
-_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
+OF_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
+OF_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+OF_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
 """Functions of the C library that CasADi has an operation for, of one and of two arguments."""
 
 EXPRESSIONS: dict[int, str] = {
-    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}})" for name in _ONE},
-    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}}, {{1}})" for name in _TWO},
+    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}})" for name in OF_ONE},
+    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}}, {{1}})" for name in OF_TWO},
     ca.OP_CONSTPOW: "v_pow({0}, {1})",
     ca.OP_ASSIGN: "{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -134,18 +134,18 @@ def _horner(coefficients: list[float]) -> str:
     return text
 
 
-def _factorials(first: int, step: int, count: int, alternate: bool) -> list[float]:
+def inverse_factorials(first: int, step: int, count: int, alternate: bool) -> list[float]:
     """1 / k! for k = first, first + step, ..., with alternating signs."""
     return [(-1.0) ** (i if alternate else 0) / math.factorial(first + step * i) for i in range(count)]
 
 
-_EXPM1 = _horner(_factorials(2, 1, 12, False))
-_SIN = _horner([-c for c in _factorials(3, 2, 8, True)])
-_COS = _horner(_factorials(4, 2, 7, True))
-_ATAN = _horner(
-    [-0.3333333333333333, 0.19999999999999804, -0.14285714285659779, 0.11111111105150588, -0.09090908753259112,
+_EXPM1 = _horner(inverse_factorials(2, 1, 12, False))
+_SIN = _horner([-c for c in inverse_factorials(3, 2, 8, True)])
+_COS = _horner(inverse_factorials(4, 2, 7, True))
+ARC = (
+    -0.3333333333333333, 0.19999999999999804, -0.14285714285659779, 0.11111111105150588, -0.09090908753259112,
      0.07692296368042296, -0.0666642476020052, 0.05878927554473807, -0.05230443640686948, 0.045515447340221615,
-     -0.03456931506332609, 0.016284375050043393]
+     -0.03456931506332609, 0.016284375050043393
 )  # fmt: skip
 """(atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), interpolated at the Chebyshev nodes."""
 
@@ -196,7 +196,7 @@ MATH v_atan2(V y, V x) {{
   const M wide = smaller > 0.41421356237309503 * larger;
   const V over = choose(wide, smaller - larger, smaller), under = choose(wide, smaller + larger, larger);
   const V t = over / choose(under == 0.0, fill(1.0), under), z = t * t;
-  const V arc = more(t * z, {_ATAN}, t);
+  const V arc = more(t * z, {_horner(list(ARC))}, t);
   const V e = choose(wide, 0x1.921fb54442d18p-1 + (0x1.1a62633145c07p-55 + arc), arc);
   const V first = choose(steep, 0x1.921fb54442d18p+0 - (e - 0x1.1a62633145c07p-54), e);
   const V all = choose((bits(x) >> 63) != 0, 0x1.921fb54442d18p+1 - (first - 0x1.1a62633145c07p-53), first);
@@ -258,7 +258,7 @@ read and written in whole vectors, which are transposed between."""
 
 def prelude(lanes: int = LANES) -> str:
     """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
-    one, two = (sorted(set(names) - set(_OWN)) for names in (_ONE, _TWO))
+    one, two = (sorted(set(names) - set(_OWN)) for names in (OF_ONE, OF_TWO))
     if lanes == 1:
         calls = [f"#define v_{f} {f}" for f in (*one, *two)]
     else:

@@ -1,7 +1,7 @@
 """Paths of many windows of a ship: steps with sensitivities, logged columns, weighted second derivatives, rollouts.
 
-What the ship is comes from its batch kernels (``mmg.compile.batch``). Steps with sensitivities and rollouts are in C, which
-calls such a kernel through a pointer, so that it is compiled once for all ships; its points are LANES neighbouring
+What the ship is comes from its batch kernels (``mmg.compile.batch``). Steps with sensitivities and rollouts are in C,
+which calls such a kernel through a pointer, so that it is compiled once for all ships; its points are LANES neighbouring
 steps of a window, in a rollout LANES windows. Without a compiler they are in numpy.
 """
 

@@ -9,19 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from math import factorial
 
 import casadi as ca
 
+from mmg.compile.codegen import ARC, LANES, OF_ONE, OF_TWO, inverse_factorials
 from mmg.compile.stages import CONSTANT, Program
 
-_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
-_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
-_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
-
 EXPRESSIONS: dict[int, str] = {
-    **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}})" for name in _ONE},
-    **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}}, {{1}})" for name in _TWO},
+    **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}})" for name in OF_ONE},
+    **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}}, {{1}})" for name in OF_TWO},
     ca.OP_CONSTPOW: "m_pow({0}, {1})",
     ca.OP_ASSIGN: "{0}",
     ca.OP_ADD: "{0} + {1}",
@@ -51,7 +47,7 @@ def functions_used(program: Program, outputs: Iterable[int]) -> list[str]:
     """Names of the C library's functions that lead to ``outputs`` of a ``program``, in alphabetical order."""
     used = {program.values[i].operation for i in program.needed(outputs)}
     texts = " ".join(EXPRESSIONS.get(operation, "") for operation in used) + " m_sqrt("
-    return sorted(name for name in (*_ONE, *_TWO) if f"m_{name}(" in texts)
+    return sorted(name for name in (*OF_ONE, *OF_TWO) if f"m_{name}(" in texts)
 
 
 def literal(number: float) -> str:
@@ -127,16 +123,12 @@ def prelude(functions: Sequence[str], single: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-LANES = 8
 OWN = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TANH: "tanh", ca.OP_ATAN2: "atan2"}
 """Operations that are not left to the C library."""
 
 
 class LaneEmitter(Emitter):
     """Writes statements for LANES points: arguments and kept values that differ between points end in ``[l]``."""
-
-    def __init__(self, program: Program, arguments: Mapping[int, str], kept: Mapping[int, str]) -> None:
-        super().__init__(program, arguments, kept)
 
     def name(self, place: int | None) -> str:
         """C text of the value at a ``place``, that of lane l."""
@@ -159,20 +151,15 @@ class LaneEmitter(Emitter):
         return f"{head}for (l = 0; l < {LANES}; l++) {{ {copies} }} odd |= lanes_{OWN[operation]}({arrays}, {left});"
 
 
-def _horner(coefficients: list[float], variable: str) -> str:
+def _horner(coefficients: Sequence[float], variable: str) -> str:
     text = f"R({coefficients[-1]!r})"
     for c in reversed(coefficients[:-1]):
         text = f"({text} * {variable} + R({c!r}))"
     return text
 
 
-_SINE = _horner([(-1.0) ** k / factorial(2 * k + 1) for k in range(1, 9)], "z")
-_COSINE = _horner([(-1.0) ** k / factorial(2 * k) for k in range(2, 9)], "z")
-_ARC = _horner(
-    [-0.3333333333333333, 0.19999999999999804, -0.14285714285659779, 0.11111111105150588, -0.09090908753259112,
-     0.07692296368042296, -0.0666642476020052, 0.05878927554473807, -0.05230443640686948, 0.045515447340221615,
-     -0.03456931506332609, 0.016284375050043393], "z")  # fmt: skip
-"""(atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), as in mmg/compile/codegen.py."""
+_SINE = _horner([-c for c in inverse_factorials(3, 2, 8, True)], "z")
+_COSINE = _horner(inverse_factorials(4, 2, 7, True), "z")
 
 _ODD = f"""/* whether an argument is beyond what the functions below serve */
 static int lanes_odd(const real *x, real most) {{
@@ -224,7 +211,7 @@ _FUNCTIONS = {
     const real steep = b > a ? R(1.0) : R(0.0), wide = smaller > R(0.41421356237309503) * larger ? R(1.0) : R(0.0);
     const real over = smaller - wide * larger, under = larger + wide * smaller + R(1e-30);
     const real t = over / under, z = t * t;
-    const real e = wide * R(0.7853981633974483) + (t + t * z * {_ARC});
+    const real e = wide * R(0.7853981633974483) + (t + t * z * {_horner(ARC, "z")});
     const real first = steep * R(1.5707963267948966) + (R(1.0) - R(2.0) * steep) * e;
     const real behind = x[l] < R(0.0) ? R(1.0) : R(0.0);
     const real all = behind * R(3.141592653589793) + (R(1.0) - R(2.0) * behind) * first;

@@ -9,7 +9,7 @@ from fitting.nlp.elimination_c import Chains, elimination
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Kernels
-from fitting.solvers.condensing.quadratic import carried, gauss_newton
+from fitting.solvers.condensing import carried, gauss_newton
 from mmg.compile.cache import compiler
 from tests.fitting.nlp.test_run_constants import small
 from tests.support.synthetic_runs import problem

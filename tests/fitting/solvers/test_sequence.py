@@ -13,9 +13,8 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Problem
 from fitting.solvers import leading
-from fitting.solvers.condensing.sequence import Lead, lead, polished
+from fitting.solvers.condensing import Lead, lead, polished, solve_led
 from fitting.solvers.ipopt import ROUGH, solve
-from fitting.solvers.leading import solve_led
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix
