@@ -78,7 +78,7 @@ class PortableIntervals:
             self._made[kind] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
         by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[self.group].T)
         given = [start, *self._held, by_interval, *(a.reshape(-1, self.M) for a in more)]
-        return [a for a in self._made[kind](*given) if a is not None]
+        return self._made[kind](*given)
 
     def _arguments(self) -> list[ca.MX]:
         """Start (S, 1), inputs (C, K), which steps exist (K, 1), and coefficients (all, 1) of one interval."""

@@ -84,7 +84,9 @@ def run_all(
     there, finished, outcomes = _WORKERS.get(), _counted(name, len(tasks)), []
     alone = there is None and min(workers, len(tasks)) <= 1
     with nullcontext(there) if there or alone else _processes(min(workers, len(tasks))) as crew:
-        for outcome in _handed_over(crew, function, tasks, finished) if crew else _here(function, tasks, finished):
+        for outcome in _handed_over(crew, function, tasks, finished) if crew else map(function, tasks):
+            if not crew:
+                finished()
             each(outcome)
             outcomes.append(outcome)
     return outcomes
@@ -140,14 +142,6 @@ def _counted(name: str, count: int) -> Callable[[], None]:
         listener(Progress(name, done, count))
 
     return finished
-
-
-def _here(function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None]) -> Iterator[Any]:
-    """Outcomes of the ``tasks`` in this process."""
-    for task in tasks:
-        outcome = function(task)
-        finished()
-        yield outcome
 
 
 def _handed_over(

@@ -54,14 +54,13 @@ class Subproblem:
 class Step:
     """nodes: (B, S) and p: (P,), steps of the scaled variables; multipliers: (M S,) of the defects there; bound: (P,)
     multipliers of the bounds, positive at upper ones; decrease: what the quadratic model of the objective changes by,
-    along the slope alone; changed: whether a block had to be made positive."""
+    along the slope alone."""
 
     nodes: np.ndarray
     p: np.ndarray
     multipliers: np.ndarray
     bound: np.ndarray
     decrease: float
-    changed: bool
 
 
 def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
@@ -101,7 +100,7 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     left = Eliminated.of(seg, parts, problem.kernels.elimination)
     if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
         return None
-    first, changed = _positive(left.rows[:, :, :S])
+    first = _positive(left.rows[:, :, :S])
     border = left.rows[:, :, S:]
     gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
     whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
@@ -109,9 +108,9 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     whole += columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
     slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
     whole_slope += columns.vector(columns.total(slopes, columns.window), P)
-    dense, more = _positive(0.5 * (whole + whole.T)[None])
+    (dense,) = _positive(0.5 * (whole + whole.T)[None])
     lower, upper = problem.p_bounds()
-    dp = within_bounds(dense[0], whole_slope, lower - p, upper - p)
+    dp = within_bounds(dense, whole_slope, lower - p, upper - p)
     local_dp = dp[at]
     if len(local_dp) != W:
         local_dp = np.broadcast_to(local_dp, (W, L))
@@ -120,9 +119,9 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
     multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
-    bound = -(dense[0] @ dp + whole_slope)
+    bound = -(dense @ dp + whole_slope)
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0
-    return Step(nodes, dp, multipliers.reshape(-1), bound, decrease, changed or more)
+    return Step(nodes, dp, multipliers.reshape(-1), bound, decrease)
 
 
 def _by_group(columns: Columns, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -151,14 +150,14 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
     return nodes
 
 
-def _positive(blocks: np.ndarray) -> tuple[np.ndarray, bool]:
-    """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round, and whether there were any."""
+def _positive(blocks: np.ndarray) -> np.ndarray:
+    """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
     values, vectors = np.linalg.eigh(blocks)
     least = LEAST * np.abs(values).max(axis=1, keepdims=True)
     if (values > least).all():
-        return blocks, False
+        return blocks
     values = np.maximum(np.abs(values), least)
-    return (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2), True
+    return (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
 def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray, most: int = 60) -> np.ndarray:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import casadi as ca
 
 from mmg.compile.cache import LONG, UNIT
-from mmg.compile.codegen import HIDDEN, TRANSPOSED, prelude
+from mmg.compile.codegen import HIDDEN, prelude
 from mmg.compile.stages import Program, divided_code, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
@@ -118,16 +118,10 @@ EXPORT int values(const Run* r, long long begin, long long end) {
 static V* room(V** at, long long size) { V* here = *at; *at += size; return here; }
 /* A row of N vectors of the lanes from i on, to the row at of each of their intervals, which has ``all`` rows. */
 static void give_rows(const Run* r, long long i, const V* from, double* to, int at, int all) {
-  for (int j = 0; j < N; j += LANES) {
-    V x[LANES];
-    for (int e = 0; e < LANES; e++) x[e] = from[j + e < N ? j + e : j];
-    turned(x);
-    for (int l = 0; l < LANES; l++) {
-      if (r->slot[i + l] < 0) continue;
-      double* row = to + (r->interval[i + l] * all + at) * N + j;
-      if (j + LANES <= N) store(row, x[l]);
-      else for (int e = 0; e < N - j; e++) row[e] = x[l][e];
-    }
+  for (int l = 0; l < LANES; l++) {
+    if (r->slot[i + l] < 0) continue;
+    double* row = to + (r->interval[i + l] * all + at) * N;
+    for (int j = 0; j < N; j++) row[j] = from[j][l];
   }
 }
 
@@ -274,21 +268,8 @@ static void clear_sums(Work* w) {
   memset(w->product, 0, sizeof(V) * W * W);
 }
 
-/* The sums of the coefficients, LANES columns of a row at a time. */
 static void add_coefficients(const Run* r, const Work* w, long long i) {
-  for (int a = S; a < N; a++) {
-    int b = a;
-    for (; b + LANES <= N; b += LANES) {
-      V x[LANES];
-      for (int e = 0; e < LANES; e++) x[e] = twice(w, a, b + e);
-      turned(x);
-      for (int l = 0; l < LANES; l++) {
-        double* to = r->shared + (r->slot[i + l] * P + a - S) * P + b - S;
-        if (r->slot[i + l] >= 0) store(to, load(to) + x[l]);
-      }
-    }
-    for (; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
-  }
+  for (int a = S; a < N; a++) for (int b = a; b < N; b++) add_shared(r, i, a - S, b - S, twice(w, a, b));
   for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
 }
 
@@ -370,7 +351,7 @@ def interval_source(whole: ca.Function) -> str:
         known += [*(f"{line};\n" for line in early), code.declared]
         known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
-    first = "".join([*text, TRANSPOSED, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS])
+    first = "".join([*text, TYPES, _through(J, S, Q), _bent(H, Q, S), _multiply(), LOOPS])
     return UNIT.join([first, *units])
 
 

@@ -1,8 +1,8 @@
 """Paths of many windows of a ship: steps with sensitivities, logged columns, weighted second derivatives, rollouts.
 
 What the ship is comes from its batch kernels (``mmg.compile.batch``). Steps with sensitivities and rollouts are in C,
-which calls such a kernel through a pointer, so that it is compiled once for all ships; its points are LANES neighbouring
-steps of a window, in a rollout LANES windows. Without a compiler they are in numpy.
+which calls such a kernel through a pointer, so that it is compiled once for all ships; its points are LANES steps of a
+window, in a rollout LANES windows. Without a compiler they are in numpy.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from mmg.compile.batch import BatchFunction
 from mmg.compile.cache import load_library
-from mmg.compile.codegen import TRANSPOSED, prelude
+from mmg.compile.codegen import prelude
 from mmg.runge_kutta import NODES, WEIGHTS, rk4_step
 
 FLAGS = (
@@ -48,6 +48,17 @@ static V* room(void** whole, long long vectors) {
   V* at = (V*)(p + (sizeof(V) - (unsigned long long)p % sizeof(V)));
   memset(at, 0, vectors * sizeof(V));
   return at;
+}
+/* count numbers of each of own rows, apart from those of the next, into lanes, of which the others have the last row */
+static void taken(long long count, long long apart, int own, const double* from, V* to) {
+  for (int l = 0; l < LANES; l++) {
+    const double* p = from + (l < own ? l : own - 1) * apart;
+    for (long long j = 0; j < count; j++) to[j][l] = p[j];
+  }
+}
+/* the same back */
+static void given(long long count, long long apart, int own, const V* from, double* to) {
+  for (int l = 0; l < own; l++) for (long long j = 0; j < count; j++) to[l * apart + j] = from[j][l];
 }
 static inline long long least(long long a, long long b) { return a < b ? a : b; }
 /* Steps of window r that are wanted. */
@@ -96,7 +107,7 @@ static void chained(const Steps* q, const V* J, double far, const V* before, dou
     long long w = 0;
     if (before) {
       for (long long e = 0; e < count; e++) x[e] = far * J[q->entry[begin + e]];
-      for (; w + 4 <= W; w += 4) {
+      for (; w + 4 <= W; w += 4) {  /* four columns in registers: a quarter faster than one */
         V s0 = to[w], s1 = to[w + 1], s2 = to[w + 2], s3 = to[w + 3];
         for (long long e = 0; e < count; e++) {
           const V* from = before + column[e] * W + w;
@@ -313,7 +324,7 @@ def _code() -> ctypes.CDLL | None:
     """The compiled functions, None where they do not compile."""
     tables = [", ".join(repr(float(x)) for x in values) for values in (NODES, WEIGHTS)]
     text = _STEPS.replace("@nodes@", tables[0]).replace("@weights@", tables[1])
-    return load_library(prelude() + TRANSPOSED + _BEGIN + text + _FOLLOW, FLAGS)[0]
+    return load_library(prelude() + _BEGIN + text + _FOLLOW, FLAGS)[0]
 
 
 def logged(

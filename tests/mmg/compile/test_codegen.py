@@ -161,9 +161,6 @@ def test_derivatives_and_sparse_results_come_out_as_nonzeros_in_order() -> None:
         expected, value = jacobian(points[:, k], shared)
         np.testing.assert_allclose(nonzeros[:, k], expected.nonzeros(), rtol=1e-14)
         np.testing.assert_allclose(values[:, k], np.array(value).ravel(), rtol=1e-14)
-    unwanted, wanted = batch(points, shared, outputs=[False, True])
-    assert unwanted is None
-    np.testing.assert_array_equal(wanted, values)
 
 
 @needs_compiler
