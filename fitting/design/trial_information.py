@@ -55,9 +55,8 @@ class TrialInformation:
         theta = self.simulator.ship.values
         each = np.arange(W * K)
         held = np.ascontiguousarray(held)
-        shooting = Shooting(
-            self.kernels, np.full(W * K, m), held, self.dt, np.zeros(W * K, dtype=int), each, self.kernels.interval
-        )
+        kernel = self.kernels.interval or self.kernels.portable
+        shooting = Shooting(kernel, np.full(W * K, m), held, self.dt, np.zeros(W * K, dtype=int), each)
         end, interior = shooting.values(begin, theta)
         found = shooting.quadratics(begin, theta, self._cost(interior, theta))
         V = np.zeros((W * K, S + P, S + P))

@@ -10,79 +10,76 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.sample_cost import Curved, SampleCost
+from fitting.nlp.group_sums import group_sums
 from mmg.compile.batch import BatchFunction
+from mmg.compile.intervals import Lanes
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 
 
 class PortableIntervals:
-    """M intervals of a ship with S states and P free coefficients, N = S + P.
+    """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return, N = S + P.
 
-    whole: as of ``mmg.compile.interval_source.interval_source``; steps: (M,) of each interval; controls: (K, C, M) held
-    over steps of h [s]; group: (M,) of each interval among those of the coefficients theta (G, all).
+    whole: as of ``mmg.compile.interval_source.interval_source``.
     """
 
-    def __init__(
-        self, whole: ca.Function, steps: np.ndarray, controls: np.ndarray, h: float, group: np.ndarray
-    ) -> None:
+    def __init__(self, whole: ca.Function) -> None:
         self.S, self.Q, self.P = whole.size1_out(0), whole.size1_in(0), whole.size2_out(1) - whole.size1_in(0)
-        self.K, self.C, self.M = controls.shape
-        self.h, self.group = h, group
-        self._held = controls.reshape(-1, self.M), (np.arange(self.K)[:, None] < steps).astype(float)
+        self._sizes = whole.numel_in(1), whole.numel_in(2)
         given = whole.sx_in()
         k, J, H = whole(*given)
-        self._all = whole.numel_in(2)
         self._rates = ca.Function("rates", given[:3], [k], {"cse": True})
         self._jacobian = ca.Function("jacobian", given[:3], [k, J], {"cse": True})
         self._hessian = ca.Function("hessian", given, [ca.triu2symm(H)], {"cse": True})
         self._made: dict[tuple, BatchFunction] = {}
 
-    def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
-        end, interior = self._run(("values",), start, theta)
-        return end, interior.reshape(self.K - 1, self.S, self.M)
+    def values(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As of ``IntervalKernel``."""
+        end, interior = self._run(lanes, ("values",), start, theta)
+        return end, interior.reshape(-1, self.S, lanes.M)
 
-    def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Sensitivities of the ends (M, S, N), and gradient (M, N) of what has ``pull`` (K - 1, S, M) to the interior
-        states; start, theta: as of ``values``."""
-        ends, slope = self._run(("slopes",), start, theta, pull)
-        return self._matrices(ends, self.S), slope.T
+    def linearise(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As of ``IntervalKernel``."""
+        ends, slope = self._run(lanes, ("slopes",), start, theta, pull)
+        return _matrices(ends, self.S), slope.T
 
     def curve(
         self,
+        lanes: Lanes,
         start: np.ndarray,
         theta: np.ndarray,
-        cost: SampleCost,
+        pull: np.ndarray,
+        cost: tuple[np.ndarray, np.ndarray],
         weight: np.ndarray | None,
-        owner: np.ndarray,
-        owners: int,
+        slot: np.ndarray,
         middle: bool = False,
-    ) -> Curved:
-        """The same with the Hessian of ``weight`` (S, M) . ends + ``cost`` (weight None: of the cost alone to first
-        order in the states), that of the coefficients summed by ``owner`` (M,), of ``owners``; start, theta: as of
-        ``values``; middle: as of ``mmg.compile.intervals.IntervalKernel.curve``."""
-        kind = ("curvature", tuple(cost.own.tolist()), weight is not None, middle)
-        given = (cost.pull, cost.triangles(), *([] if weight is None else [weight]))
-        ends, slope, rows, shared = self._run(kind, start, theta, *given)
-        found = [self._matrices(a, size) for a, size in ((ends, self.S), (rows, self.S), (shared, self.P))]
-        return Curved(found[0], slope.T, found[1], found[2]).of_groups(owner, owners)
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As of ``IntervalKernel``."""
+        kind = ("curvature", tuple(cost[1].tolist()), weight is not None, middle)
+        given = (pull, cost[0], *([] if weight is None else [weight]))
+        ends, slope, rows, shared = self._run(lanes, kind, start, theta, *given)
+        total = group_sums(slot[lanes.position], _matrices(shared, self.P), int(slot.max()) + 1)
+        return _matrices(ends, self.S), slope.T, _matrices(rows, self.S), total
 
-    def _matrices(self, values: np.ndarray, rows: int) -> np.ndarray:
-        """Matrices (M, rows, columns) from their elements by columns (rows columns, M)."""
-        return np.ascontiguousarray(values.reshape(-1, rows, self.M).transpose(2, 1, 0))
-
-    def _run(self, kind: tuple, start: np.ndarray, theta: np.ndarray, *more: np.ndarray) -> list[np.ndarray]:
+    def _run(
+        self, lanes: Lanes, kind: tuple, start: np.ndarray, theta: np.ndarray, *more: np.ndarray
+    ) -> list[np.ndarray]:
         """Outputs (elements, M) of the function of this ``kind``, which is made when it is first asked for."""
-        if kind not in self._made:
+        (K, C, _), at, M = lanes.controls.shape, lanes.position, lanes.M
+        if (kind, K, lanes.h) not in self._made:
+            self.K, self.h = K, lanes.h
             name, *rest = kind
-            self._made[kind] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
-        by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[self.group].T)
-        given = [start, *self._held, by_interval, *(a.reshape(-1, self.M) for a in more)]
-        return self._made[kind](*given)
+            self._made[kind, K, lanes.h] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
+        by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[lanes.group[at]].T)
+        exist = (np.arange(K)[:, None] < lanes.steps[at]).astype(float)
+        held = lanes.controls[..., at].reshape(K * C, M)
+        return self._made[kind, K, lanes.h](start, held, exist, by_interval, *(a.reshape(-1, M) for a in more))
 
     def _arguments(self) -> list[ca.MX]:
         """Start (S, 1), inputs (C, K), which steps exist (K, 1), and coefficients (all, 1) of one interval."""
-        shapes = {"start": (self.S, 1), "inputs": (self.C, self.K), "exists": (self.K, 1), "theta": (self._all, 1)}
+        C, every = self._sizes
+        shapes = {"start": (self.S, 1), "inputs": (C, self.K), "exists": (self.K, 1), "theta": (every, 1)}
         return [ca.MX.sym(name, *shape) for name, shape in shapes.items()]
 
     def _values(self) -> ca.Function:
@@ -93,7 +90,7 @@ class PortableIntervals:
             end = rk4_step(lambda at, _, k=k: self._rates(at[-self.Q :], c[:, k], theta), z, self.h)  # type: ignore[misc]
             z = z + exists[k] * (end - z)
             found.append(exists[k] * z)
-        return ca.Function("values", arguments, [z, ca.horzcat(*found[:-1])])
+        return ca.Function("values", arguments, [z, ca.horzcat(ca.MX(self.S, 0), *found[:-1])])
 
     def _sweep(self, z: ca.MX, c: ca.MX, exists: ca.MX, theta: ca.MX) -> tuple[list[ca.MX], list[list]]:
         """Sensitivities (S, N) after each step; and by step and stage the arguments (Q,) of the rates, their
@@ -167,3 +164,8 @@ class PortableIntervals:
             GU = G.T @ U
             total += GU + GU.T + ca.diagcat(ca.MX(S, S), H[Q:, Q:])
         return total, back
+
+
+def _matrices(values: np.ndarray, rows: int) -> np.ndarray:
+    """Matrices (M, rows, columns) from their elements by columns (rows columns, M)."""
+    return np.ascontiguousarray(values.reshape(-1, rows, values.shape[1]).transpose(2, 1, 0))

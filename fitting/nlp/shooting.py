@@ -3,7 +3,8 @@
 An interval integrates K Runge-Kutta steps from its start node with inputs held over each step. For all intervals
 together this gives the end state and the interior states, their sensitivities with respect to the start node and the
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
-Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py); elsewhere numpy.
+Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py), elsewhere CasADi's
+virtual machine.
 """
 
 from __future__ import annotations
@@ -50,6 +51,11 @@ class Kernels:
             )
         self.measurement = Measurement(model, self.free, compiled)
 
+    @cached_property
+    def portable(self) -> PortableIntervals:
+        """The same as the compiled kernel, interpreted."""
+        return PortableIntervals(self.whole)
+
     @property
     def elimination(self) -> Elimination | None:
         """Compiled functions that eliminate nodes, where intervals are compiled."""
@@ -65,11 +71,13 @@ class Kernels:
         pull, curved = rng.standard_normal((2, K - 1, self.S, M)) * (steps > np.arange(1, K)[:, None])[:, None, :]
         derivatives, q = BatchFunction(self.whole, None), start[self.first :]
         finite = np.flatnonzero(finite_at([a for each in both for a in derivatives.at(q, controls[0], each, weight)]))
-        chosen = np.resize(finite, M) if len(finite) else np.arange(M)
+        if not len(finite):
+            return ""  # there is nothing to compare
+        chosen = np.resize(finite, M)
         start, weight, controls = start[:, chosen], weight[:, chosen], controls[..., chosen]
         cost, found = SampleCost(pull, curved), []
-        for way in (kernel, None):
-            shooting = Shooting(self, steps, controls, 0.1, window % 2, window, way)
+        for way in (kernel, self.portable):
+            shooting = Shooting(way, steps, controls, 0.1, window % 2, window)
             both_ways = [shooting.quadratics(start, both, cost, by_window) for by_window in (False, True)]
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
@@ -81,52 +89,54 @@ class Kernels:
 class Shooting:
     """All intervals of a problem.
 
-    kernels_: of the ship; steps: (M,) of each interval; controls: (K, C, M) held over steps of h [s]; group: (M,) which
-    of the coefficients (G, all) each interval has; window: (M,) to which it belongs; kernel: compiled code to use, None
-    for numpy. theta: all coefficients, (all,) or by group (G, all).
+    kernel: compiled or portable, of the ship; steps: (M,) of each interval; controls: (K, C, M) held over steps of h
+    [s]; group: (M,) which of the coefficients (G, all) each interval has; window: (M,) to which it belongs. theta: all
+    coefficients, (all,) or by group (G, all).
     """
 
     def __init__(
         self,
-        kernels_: Kernels,
+        kernel: IntervalKernel | PortableIntervals,
         steps: np.ndarray,
         controls: np.ndarray,
         h: float,
         group: np.ndarray,
         window: np.ndarray,
-        kernel: IntervalKernel | None,
     ) -> None:
-        self.group, self.window, self.kernel = group, window, kernel
-        if self.kernel:
-            self.lanes = Lanes.of(steps, controls, h, group, window)
-        else:
-            self.portable = PortableIntervals(kernels_.whole, steps, controls, h, group)
+        self.kernel, self.lanes = kernel, Lanes.of(steps, controls, h, group, window)
+        self._group = np.zeros(int(window.max()) + 1, dtype=int)
+        self._group[window] = group
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients."""
-        if self.kernel:
-            return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
-        return self.portable.values(start, np.atleast_2d(theta))
+        return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
 
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
-        if self.kernel:
-            return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
-        return self.portable.linearise(start, np.atleast_2d(theta), pull)
+        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.
 
         by_window: whether the Hessian of the coefficients is by window, else by group."""
-        return self._curved(start, theta, cost, None, by_window, False)
+        return (
+            self._curved(start, theta, cost, None, self.lanes.slot) if by_window else self.hessian(start, theta, cost)
+        )
 
     def hessian(
-        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
+        self,
+        start: np.ndarray,
+        theta: np.ndarray,
+        cost: SampleCost,
+        weight: np.ndarray | None = None,
+        middle: bool = False,
     ) -> Curved:
         """The same, and the whole Hessian of ``weight`` (S, M) . ends + ``cost``; that of the coefficients by group;
-        start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle."""
-        return self._curved(start, theta, cost, weight, False, middle)
+        start, theta: as of ``values``; weight None: as of ``quadratics``; middle: with second derivatives of the rates
+        once a step, in its middle."""
+        slot, group = self._by_group
+        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(np.atleast_2d(theta)))
 
     def _curved(
         self,
@@ -134,21 +144,13 @@ class Shooting:
         theta: np.ndarray,
         cost: SampleCost,
         weight: np.ndarray | None,
-        by_window: bool,
-        middle: bool,
+        slot: np.ndarray,
+        middle: bool = False,
     ) -> Curved:
-        theta = np.atleast_2d(theta)
-        if self.kernel:
-            slot, group = (self.lanes.slot, None) if by_window else self._by_group
-            both = cost.triangles(), cost.own
-            found = Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))
-            return found if group is None else found.of_groups(group, len(theta))
-        owner, owners = (self.window, int(self.window.max()) + 1) if by_window else (self.group, len(theta))
-        return self.portable.curve(start, theta, cost, weight, owner, owners, middle)
+        both, every = (cost.triangles(), cost.own), np.atleast_2d(theta)
+        return Curved(*self.kernel.curve(self.lanes, start, every, cost.pull, both, weight, slot, middle))
 
     @cached_property
     def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
         """Slots for the sums of each group, and the groups of these."""
-        group = np.zeros(int(self.window.max()) + 1, dtype=int)
-        group[self.window] = self.group
-        return self.lanes.parts(group)
+        return self.lanes.parts(self._group)

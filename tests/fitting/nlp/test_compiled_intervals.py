@@ -63,7 +63,7 @@ SLOW = "twin rudders"
 def test_kernel_and_portable_path_agree(ship: str) -> None:
     kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
     assert kernels.interval is not None
-    compiled, portable = (Shooting(kernels, *held, way) for way in (kernels.interval, None))
+    compiled, portable = (Shooting(way, *held) for way in (kernels.interval, kernels.portable))
     every = start, theta, cost, weight
     pairs = [
         *zip(compiled.values(start, theta), portable.values(start, theta), strict=True),
@@ -84,7 +84,7 @@ def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -
     diagonal = SampleCost(cost.pull, np.where(np.arange(kernels.S)[:, None] == 4, cost.pull, 0.0))
     assert kernels.interval is not None
     ours, theirs = (
-        Shooting(kernels, *held, way).hessian(start, theta, diagonal, weight) for way in (kernels.interval, None)
+        Shooting(way, *held).hessian(start, theta, diagonal, weight) for way in (kernels.interval, kernels.portable)
     )
     np.testing.assert_allclose(ours.shared, theirs.shared, rtol=1e-11, atol=1e-12 * np.abs(theirs.shared).max())
     np.testing.assert_allclose(ours.rows, theirs.rows, rtol=1e-11, atol=1e-12 * np.abs(theirs.rows).max())
@@ -98,7 +98,7 @@ def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages()
         finer = steps * parts, np.repeat(controls, parts, axis=0), 0.2 / parts, group, window
         nothing = np.zeros((parts * len(controls) - 1, kernels.S, len(steps)))
         cost = SampleCost(nothing, nothing)
-        shooting = Shooting(kernels, *finer, kernels.interval)
+        shooting = Shooting(kernels.interval, *finer)
         stages, middle = (shooting.hessian(start, theta, cost, weight, way) for way in (False, True))
         for whole, rough in ((stages.rows, middle.rows), (stages.shared, middle.shared)):
             away.append(np.linalg.norm(rough - whole) / np.linalg.norm(whole))
