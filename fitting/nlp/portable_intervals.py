@@ -98,7 +98,8 @@ class PortableIntervals:
         S, Q, P = self.S, self.Q, self.P
         Z, after, steps = ca.MX(ca.horzcat(ca.DM.eye(S), ca.DM(S, P))), [], []
         for k in range(self.K):
-            rate, slope, total, summed, stages = ca.MX(S, 1), ca.MX(S, S + P), 0.0, 0.0, []
+            rate, slope, stages = ca.MX(S, 1), ca.MX(S, S + P), []
+            total, summed = rate, slope
             for node, weight in zip(NODES, WEIGHTS, strict=True):
                 q, G = (a[-Q:, :] + node * self.h * b[-Q:, :] for a, b in ((z, rate), (Z, slope)))
                 rate, J = self._jacobian(q, c[:, k], theta)
@@ -150,7 +151,8 @@ class PortableIntervals:
         With U = 1/2 H_qq G + H_qp of a stage, G being dq: H += G^T U + U^T G + H_pp.
         """
         S, Q, h, (_, c, exists, theta) = self.S, self.Q, self.h, arguments
-        multipliers, back, later = [], adjoint, ca.MX(S, 1)
+        multipliers: list[ca.MX] = []
+        back, later = adjoint, ca.MX(S, 1)
         for (_, _, J), node, weight in zip(reversed(stages), reversed(NODES), reversed(WEIGHTS), strict=True):
             multipliers.insert(0, exists[k] * (h * weight * adjoint + later))
             pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])

@@ -224,9 +224,12 @@ def test_rows_may_depend_on_anything_or_nothing(lanes: int) -> None:
         np.testing.assert_allclose(got[k + 1], z, rtol=1e-14)
 
 
-def test_rates_without_c_are_left_to_the_loop() -> None:
+@needs_compiler
+def test_equations_without_c_are_said_once(caplog: pytest.LogCaptureFixture) -> None:
     q, c, p = (ca.SX.sym(name) for name in "qcp")
-    assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, 1) is None
+    for _ in range(2):
+        assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, 1, "such equations") is None
+    assert len([r for r in caplog.records if "such equations" in r.message]) == 1
 
 
 @pytest.mark.parametrize("by_point", [False, True])
