@@ -171,26 +171,36 @@ class CaptiveEstimate:
 def estimate_from_captive(
     forces: CaptiveForces, base: np.ndarray, free: np.ndarray, mean: np.ndarray, std: np.ndarray, ridge: float = 1.0
 ) -> CaptiveEstimate:
-    """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p (Levenberg and Marquardt).
+    """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p, by damped Newton steps on p.
 
     forces: of the points; base: all coefficients (all,); free: positions of the free ones (P,); mean, std: of their
     prior (P,); ridge: 1 for the prior as it stands, smaller for a wider one. Bounds are not regarded.
     """
-    from scipy.optimize import least_squares  # late: slow to import
-
-    known = forces.weight > 0
+    p, damping = np.zeros(len(free)), 0.0
 
     def at(p: np.ndarray) -> np.ndarray:
         theta = base.copy()
         theta[free] = mean + std * p
         return theta
 
-    def residuals(p: np.ndarray) -> np.ndarray:
-        return np.concatenate([(np.sqrt(forces.weight) * forces.residuals(at(p)))[known], np.sqrt(ridge) * p])
+    def value(p: np.ndarray) -> float:
+        return forces.cost(at(p)) + 0.5 * ridge * float(p @ p)
 
-    def jacobian(p: np.ndarray) -> np.ndarray:
-        rows = np.sqrt(forces.weight)[:, :, None] * np.swapaxes(forces.jacobian(at(p)), 0, 1) * std
-        return np.vstack([rows[known], np.sqrt(ridge) * np.eye(len(p))])
+    def curvature(p: np.ndarray) -> np.ndarray:
+        return np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(len(p))
 
-    found = least_squares(residuals, np.zeros(len(free)), jacobian, method="lm", ftol=1e-10, xtol=1e-12)
-    return CaptiveEstimate(found.x, np.linalg.inv(found.jac.T @ found.jac), found.status > 0)
+    here, converged = value(p), False
+    for _ in range(200):
+        g, H = std * forces.gradient(at(p)) + ridge * p, curvature(p)
+        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
+        there = value(p + step)
+        if np.isfinite(there) and there <= here:
+            p, gain, here, damping = p + step, here - there, there, damping / 10 if damping > 1e-9 else 0.0
+            if gain <= 1e-9 * abs(here) + 1e-14:
+                converged = True
+                break
+        else:
+            damping = max(10 * damping, 1e-4)
+            if damping > 1e10:
+                break
+    return CaptiveEstimate(p, np.linalg.inv(curvature(p)), converged)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.map_estimate import bounded_step
@@ -67,7 +68,8 @@ def _sensitivities(problem: Problem, z: np.ndarray, theta: np.ndarray) -> list[t
     those of a window stay where it ends."""
     seg, (size, W), first = problem.segments, z.shape, problem.kernels.first
     whole = problem.kernels.whole
-    jacobian = BatchFunction(whole, None)
+    given = whole.sx_in()
+    jacobian = BatchFunction(ca.Function("jacobian", given[:3], whole(*given)[:2], {"cse": True}), None)
     rows, columns = (np.array(a, dtype=int) for a in whole.sparsity_out(1).get_triplet())
     S = np.zeros((W, size, size + problem.P))
     S[:, np.arange(size), np.arange(size)] = 1.0
@@ -75,7 +77,7 @@ def _sensitivities(problem: Problem, z: np.ndarray, theta: np.ndarray) -> list[t
     for k, c in enumerate(seg.controls):
         rate, slope, total, summed = np.zeros_like(z), np.zeros_like(S), np.zeros_like(z), np.zeros_like(S)
         for node, weight in zip(NODES, WEIGHTS, strict=True):
-            rate, nonzeros, _ = jacobian.at((z + node * seg.h * rate)[first:], c, theta, np.zeros(size))
+            rate, nonzeros = jacobian.at((z + node * seg.h * rate)[first:], c, theta)
             J = np.zeros((W, size, size - first + problem.P))
             J[:, rows, columns] = nonzeros.T
             slope = J[:, :, : size - first] @ (S + node * seg.h * slope)[:, first:]
