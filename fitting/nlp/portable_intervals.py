@@ -158,7 +158,7 @@ class PortableIntervals:
             pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])
             back, later = back + pulled, h * node * pulled
         if middle:
-            stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers)]
+            stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers, ca.MX(S, 1))]
         total = ca.MX(S + self.P, S + self.P)
         for (q, G, _), mu in zip(stages, multipliers, strict=True):
             H = self._hessian(q, c[:, k], theta, mu)

@@ -135,7 +135,7 @@ def _horner(coefficients: list[float]) -> str:
 
 
 def inverse_factorials(first: int, step: int, count: int, alternate: bool) -> list[float]:
-    """1 / k! for k = first, first + step, ..., with alternating signs."""
+    """1 / k! for ``count`` numbers k = first, first + step, ..., with signs that ``alternate`` or not."""
     return [(-1.0) ** (i if alternate else 0) / math.factorial(first + step * i) for i in range(count)]
 
 

@@ -281,7 +281,7 @@ def steps(
     """
     K, R, S = len(paths.inputs), *paths.z.shape[1:]
     P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
-    if jacobian.library is None or _code() is None:
+    if jacobian.library is None or path_code() is None:
         start, held, theta = _at_steps(paths, paths.z[:-1])
         end, J = np.empty((K * R, S)), np.empty((K * R, A, W))
         for first in range(0, K * R, BLOCK):
@@ -315,12 +315,12 @@ def _call(name: str, paths: WindowPaths, kernel: BatchFunction, *rest: object) -
         paths.h,
     )
     function = ctypes.cast(getattr(kernel.library, kernel.function.name()), ctypes.c_void_p)
-    if getattr(_code(), name)(ctypes.byref(path), function, *rest):
+    if getattr(path_code(), name)(ctypes.byref(path), function, *rest):
         raise MemoryError(f"no memory for {R} windows of {K} steps")
 
 
 @cache
-def _code() -> ctypes.CDLL | None:
+def path_code() -> ctypes.CDLL | None:
     """The compiled functions, None where they do not compile."""
     tables = [", ".join(repr(float(x)) for x in values) for values in (NODES, WEIGHTS)]
     text = _STEPS.replace("@nodes@", tables[0]).replace("@weights@", tables[1])
@@ -346,7 +346,7 @@ def logged(
 def weighted(
     paths: WindowPaths, gradient: BatchFunction, of_rates: bool, weight: np.ndarray, source: np.ndarray
 ) -> np.ndarray:
-    """Sums (R, P) over the steps of each window of the gradient of a weighted Jacobian.
+    """Sums (R, P) over the steps of each window of the ``paths`` of the gradient of a weighted Jacobian.
 
     gradient: (z, inputs, theta, weights) -> (P,) at the middle of each step where it is ``of_rates``, or (z, theta,
     weights) -> (P,) at each state; weight: (K or K + 1, R, ...) numbers, of which each point takes those at ``source``
@@ -367,7 +367,7 @@ def follow(paths: WindowPaths, rates: BatchFunction, carried: np.ndarray, whole:
     """The paths (K + 1, R, S) with states simulated from the first on by their ``rates`` (z, inputs, theta): those that
     are ``carried`` (S,), and all of them after the steps marked in ``whole`` (K, R); the others stay as given."""
     z = np.array(paths.z, dtype=float, order="C")
-    if rates.library is not None and _code() is not None:
+    if rates.library is not None and path_code() is not None:
         marks = [np.ascontiguousarray(a, dtype=np.uint8) for a in (carried, whole)]
         _call("follow", paths, rates, *(ctypes.c_void_p(a.ctypes.data) for a in (*marks, z)))
         return z

@@ -75,7 +75,7 @@ def test_steps_and_their_derivatives(
     wanted = Entries.chosen(at(functions["jacobian"], 1), row, column)
     rest = (functions["jacobian"], wanted, 3, np.array([3, 4, 3]), np.array([5, 6, 7]))
     found = along.steps(paths(*given), *rest)
-    monkeypatch.setattr(along, "_code", lambda: None)
+    monkeypatch.setattr(along, "path_code", lambda: None)
     for a, b in zip(found, along.steps(paths(*given), *rest), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
@@ -123,7 +123,7 @@ def test_paths_simulated_in_part_or_whole(
     for marks in (whole, np.zeros((K, R), dtype=bool)):
         found = along.follow(here, functions["rates"], carried, marks)
         with monkeypatch.context() as without:
-            without.setattr(along, "_code", lambda: None)
+            without.setattr(along, "path_code", lambda: None)
             expected = along.follow(here, functions["rates"], carried, marks)
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         assert np.array_equal(found[1:][~marks][:, :2], here.z[1:][~marks][:, :2]), "given states were overwritten"
