@@ -24,7 +24,7 @@ from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import scores_by_set
 from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
 from fitting.prediction.worth_of_past import adaptation_worth
-from fitting.record import FitObjects, FitRecord
+from fitting.record import FitObjects, FitRecord, SolveRow
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
@@ -33,7 +33,6 @@ from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
-from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
 from fitting.uncertainty.without_trials import without_trials
@@ -175,6 +174,41 @@ def _estimated(
     last = estimate_coefficients(model, trials, settings, progress, found.iterate, options.captive)
     timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
     return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
+
+
+def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:
+    """Raises UserError unless ``earlier`` was of the same ``trials``, free coefficients of ``ship`` and ``constants``.
+
+    constants: symbols of which each run has its own.
+    """
+    where = earlier.folder
+    if set(earlier.coefficients) != set(ship.free) - _by_campaign(earlier):
+        raise Conflict(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
+    if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
+        raise Conflict(f"{where}: --resume needs the same --per-run as the interrupted run")
+    if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
+        raise Conflict(f"{where}: --resume needs the same trial files as the interrupted run")
+
+
+def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:
+    """Where the interrupted run ``earlier`` goes on: at its iterate; with values by campaign at the coefficients that
+    all runs of ``model`` share, "p" (P,), from which these values are found again; None where it begins anew."""
+    own = _by_campaign(earlier)
+    if earlier.iterate is None or not own:
+        return earlier.iterate
+    return None if own & set(model.free) else {"p": np.asarray(earlier.iterate["p"])[: len(model.free)]}
+
+
+def _by_campaign(earlier: FitResult) -> set[str]:
+    """Symbols of the constants that have a value in each campaign."""
+    rows = (earlier.campaigns or {}).get("values") or {}
+    return {symbol for row in rows.values() for symbol in row}
+
+
+def earlier_passes(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
+    """Rows of the solves of an interrupted run, ``resumed``, that came before those of the calibration ``found``."""
+    count = int(found.resumption.number[0]) + 1 - len(found.passes)
+    return resumed.passes[:count] if resumed else ()
 
 
 def _content(

@@ -20,8 +20,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from mmg.compile.batch import BatchFunction, batch_functions, padded
-from mmg.compile.batch_source import source
+from mmg.compile.batch import BatchFunction, batch_functions, padded, source
 from mmg.compile.cache import UNIT, load_library
 from mmg.model import assemble, states_behind
 from mmg.ship import Ship

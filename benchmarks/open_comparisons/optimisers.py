@@ -22,7 +22,7 @@ from fitting.calibration import estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers.leading import solve_led
+from fitting.solvers.condensing import solve_led
 
 STEP, WINDOW = 1.0, 100.0
 """Of the integration and of a window [s]."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from mmg.compile.same_ship import once_per_ship
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange
 from mmg.model import assemble
 from mmg.motion.froude import reference_speed
@@ -51,7 +50,6 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     return moved
 
 
-@once_per_ship
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
     """Surge acceleration [m/s^2] of a ``ship`` at u [m/s] and n [1/s]: straight, rudder midships, calm, still water."""
     still = ship

@@ -20,7 +20,6 @@ from cases.maneuvers.stopping import stopping_notices
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import UNITS, Trial
-from mmg.compile.same_ship import once_per_ship
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import BadValue, Missing, NoSolution, NotWritable, OutOfRange
@@ -38,7 +37,6 @@ LONGEST_STEP = 0.5
 MOST_STEPS = 5_000_000
 
 
-@once_per_ship
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:
     """A ship that is driven by logged inputs: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state
     (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s].

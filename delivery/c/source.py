@@ -12,8 +12,7 @@ from cases.maneuvers import self_propulsion
 from delivery.c.header import TEMPLATES, comment, definitions, header_c
 from delivery.c.network import network_words, tanh_statements
 from delivery.product import Product, filled
-from mmg.compile.portable_c import Emitter, functions_used, prelude
-from mmg.compile.portable_lanes import LANES, LaneEmitter, lane_functions
+from mmg.compile.portable_c import LANES, Emitter, LaneEmitter, functions_used, lane_functions, prelude
 from mmg.compile.stages import Program
 from mmg.effects import effect
 from mmg.errors import Unsupported, UserError

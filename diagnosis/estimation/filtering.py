@@ -16,12 +16,10 @@ import numpy as np
 from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.kalman import Filtered, LinearSystem
-from mmg.compile.cache import compiler, load_library
+from mmg.compile.batch import differences
+from mmg.compile.cache import load_library
 from mmg.compile.codegen import prelude
-from mmg.compile.kernel_threads import even_shares, in_threads
-from mmg.compile.path_c import FLAGS
-from mmg.compile.self_test import differences
-from mmg.progress import LOGGER
+from mmg.compile.paths import FLAGS
 
 
 def filtered(s: LinearSystem) -> Filtered:
@@ -88,17 +86,12 @@ def _real(a: np.ndarray) -> np.ndarray:
 
 
 def _over_windows(library: ctypes.CDLL, name: str, s: LinearSystem, f: Filtered, *rest: object) -> None:
-    """Call a function of the ``library`` on shares of the windows, with the system, its filter run and what else it
-    takes."""
+    """Call a function of the ``library`` with the system, its filter run and what else it takes."""
     arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
     arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
     arrays += [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
-    work, places = getattr(library, name), [a.ctypes.data for a in (*arrays, *s.places)]
-
-    def part(begin: int, end: int) -> int:
-        return int(work(ctypes.byref(_System(*s.T.shape[:3], s.S, begin, end, *places)), *rest))
-
-    failed = in_threads(part, even_shares(s.T.shape[1]))
+    system = _System(*s.T.shape[:3], s.S, 0, s.T.shape[1], *(a.ctypes.data for a in (*arrays, *s.places)))
+    failed = getattr(library, name)(ctypes.byref(system), *rest)
     if failed == 1:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
     if failed == 2:
@@ -165,10 +158,7 @@ def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
 @cache
 def _library() -> ctypes.CDLL | None:
     """The compiled functions, or None where they do not compile or do not agree with numpy."""
-    library, reason = load_library(source(), FLAGS, _faults, "the Kalman filter")
-    if library is None and compiler():
-        LOGGER.warning("the filter runs without compiled code: %s", reason)
-    return library
+    return load_library(source(), FLAGS, _faults, "the Kalman filter")[0]
 
 
 def _faults(library: ctypes.CDLL) -> str:

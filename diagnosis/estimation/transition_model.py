@@ -12,14 +12,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from mmg.compile import paths as along
 from mmg.compile.batch import batch_functions
-from mmg.compile.path_numpy import PortablePaths, advanced, pushed, spread_over
-from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
-from mmg.compile.self_test import differences
+from mmg.compile.paths import Entries, WindowPaths, advanced, pushed, spread_over
 from mmg.effects import EFFECTS
 from mmg.model import Model, assemble, settled, states_behind
-from mmg.motion.froude import state_scale
-from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 FORCE = ("tow.X", "tow.Y", "tow.N")
@@ -86,27 +83,6 @@ class TransitionModel:
             self._logged_jacobian,
             self._logged_hessian,
         ) = batch
-        self._paths: PathCode | PortablePaths = PortablePaths()
-        code = None if self.interpreted_because else path_code()
-        if code is not None:
-            self._use(code)
-
-    def _use(self, code: PathCode) -> None:
-        """Go along paths by compiled ``code``, if it does on a short path what numpy does."""
-        rng, K, R = np.random.default_rng(0), 3, 2
-        z = np.zeros((K + 1, R, self.S))
-        z[..., :6] = 0.1 * state_scale(self.ship.particulars["L"]) * (1 + rng.random((K + 1, R, 6)))
-        inputs, force = 0.1 * rng.random((K, R, 2 * self.C)), rng.random((K, R, 3))
-        theta, every = self.ship.values, (np.arange(self.P), np.arange(self.S))
-        weights = rng.random((K, R, self.S, self.S + 3)), rng.random((K + 1, R, 6, self.S))
-        found, portable = [], self._paths
-        for self._paths in (portable, code):
-            linear = self.linearise(z, inputs, theta, force, *every)
-            gradient = self.logdet_gradient(z, inputs[..., : self.C], theta, force, *weights, *every)
-            found.append((*vars(linear).values(), gradient, self.follow(z, inputs, theta, force=force)))
-        if differences(found[1], found[0], close=1e-9):
-            LOGGER.warning("the compiled code of paths does not agree with numpy, which is used instead")
-            self._paths = portable
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""
@@ -187,7 +163,7 @@ class TransitionModel:
         marked[[] if carried is None else carried] = True
         marks = np.zeros((K, R), dtype=bool) if whole is None else whole
         paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
-        return self._paths.follow(paths, self._rates, marked, marks)
+        return along.follow(paths, self._rates, marked, marks)
 
     def linearise(
         self,
@@ -214,9 +190,8 @@ class TransitionModel:
         steps = Entries.chosen((self._rows, self._columns), *of_steps)
         logged = Entries.chosen(self._logged_at, np.arange(6), of_logged[1])
         paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force, count)
-        go = self._paths
-        end, F, G, by_force = go.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
-        y, H, D = go.logged(paths, self._logged_jacobian, logged, A, len(sensed))
+        end, F, G, by_force = along.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
+        y, H, D = along.logged(paths, self._logged_jacobian, logged, A, len(sensed))
         D = D[..., np.searchsorted(sensed, columns[observing])]
         return LinearModel(end, F, G, by_force, y, H, D, observing)
 
@@ -252,14 +227,14 @@ class TransitionModel:
         place = np.full(S + 3, -1)
         place[active], place[S:] = np.arange(A), A + np.arange(3)
         result = np.zeros((z.shape[1], self.P))
-        paths, go = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force), self._paths
+        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
         for function, of_rates, at, given in (
             (self._rate_hessian, True, self._rate_hessian_at, weight),
             (self._logged_hessian, False, self._logged_hessian_at, weight_logged),
         ):
             row, column = place[at[0]] if of_rates else at[0], place[at[1]]
             source = np.where((row >= 0) & (column >= 0), row * given.shape[3] + column, -1)
-            result += go.weighted(paths, function, of_rates, given, source)
+            result += along.weighted(paths, function, of_rates, given, source)
         return result[:, columns]
 
 

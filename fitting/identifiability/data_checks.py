@@ -11,8 +11,8 @@ from cases.trial import Trial
 from fitting.nlp.captive import CaptiveForces, estimate_from_captive
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
+from fitting.solvers.condensing import solve_led
 from fitting.solvers.ipopt import ROUGH
-from fitting.solvers.leading import solve_led
 from fitting.solvers.residual_noise import residual_series
 from mmg.compile.batch import BatchFunction
 from mmg.effects import effect

@@ -7,7 +7,6 @@ numpy for what has no compiler.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import EXPORT
-from mmg.compile.path_c import FLAGS
+from mmg.compile.paths import FLAGS
 
 SOURCE = (
     f"{EXPORT}#include <stdlib.h>\n#include <string.h>"
@@ -164,34 +163,5 @@ class Elimination:
 @cache
 def elimination(compiled: bool) -> Elimination | None:
     """The functions, compiled or from the cache; None where that is not possible or not wanted."""
-    library = load_library(SOURCE, FLAGS, lambda new: _faults(Elimination(new)))[0] if compiled else None
+    library = load_library(SOURCE, FLAGS)[0] if compiled else None
     return Elimination(library) if library else None
-
-
-def _faults(code: Elimination) -> str:
-    """What is wrong with new functions by a window of two intervals; "" for nothing."""
-    rng, S, n = np.random.default_rng(0), 2, 5
-    chains = Chains.of(np.zeros(2, dtype=int), np.array([0, 1]), np.array([1, 2]))
-    (nodes, maps, off), slope = rng.random((3, 3, S, n)), rng.random((3, n))
-    maps, off, samples = maps[:2], off[:2, :, 0], (rng.random((2, S, n)), rng.random((2, n)))
-    rows, last, B, ahead, pull = code.eliminated(chains, nodes, slope, maps, off, samples)
-    H, v = nodes[2], slope[2]
-    expected: list[Sequence[np.ndarray]] = []
-    for i in (1, 0):
-        whole = np.vstack([maps[i], np.eye(n)[S:]])
-        full = np.block([[H[:, :S], H[:, S:]], [H[:, S:].T, np.zeros((n - S, n - S))]])
-        expected.append((0.5 * H[:, :S] @ maps[i][:, S:] + H[:, S:], H, v[:S]))
-        v = whole.T @ (v + H.T @ off[i]) + samples[1][i] + slope[i]
-        H = (whole.T @ full @ whole)[:S] + samples[0][i] + nodes[i]
-    p, first = rng.random((1, n - S)), rng.random((1, S))
-    steps = [first[0]]
-    for i in (0, 1):
-        steps.append(maps[i] @ np.concatenate([steps[-1], p[0]]) + off[i])
-    pairs = [(rows[0], H), (last[0], v), (code.carried(chains, maps, off, first, p, 3), np.array(steps))]
-    pairs += [
-        (a[i], one)
-        for i, each in zip((1, 0), expected, strict=True)
-        for a, one in zip((B, ahead, pull), each, strict=True)
-    ]
-    good = all(np.abs(a - b).max() <= 1e-9 * (1 + np.abs(b).max()) for a, b in pairs)
-    return "" if good else "nodes are eliminated otherwise than without compiled code"

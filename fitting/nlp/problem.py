@@ -56,7 +56,7 @@ class Problem:
         self.kernels, self.S = kernels, kernels.S
         self.columns = Columns.of(prior, segments)
         held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
-        self.shooting = Shooting(kernels, *held, kernels.interval)
+        self.shooting = Shooting(kernels.interval or kernels.portable, *held)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         self.n, self.m = self.S * self.B + self.P, self.S * self.M

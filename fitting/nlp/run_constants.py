@@ -37,7 +37,7 @@ class Columns:
 
     @classmethod
     def of(cls, prior: Prior, segments: Segments) -> Columns:
-        """Those of a prior; with constants, intervals sorted by run (``Segments.by_run``) make the fewest blocks."""
+        """Those of a prior, for the intervals of ``segments``."""
         group = segments.run if prior.constants else np.zeros_like(segments.run)
         campaigns = bool(prior.constants and prior.campaign)
         group = np.asarray(prior.campaign)[group] if campaigns else group

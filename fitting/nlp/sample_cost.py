@@ -37,23 +37,6 @@ class SampleCost:
     full: np.ndarray | None = None
     own: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
 
-    def block(self, s: slice) -> SampleCost:
-        """The intervals of a slice."""
-        full = None if self.full is None else self.full[:, s]
-        return SampleCost(self.pull[:, :, s], self.weight[:, :, s], full, self.own)
-
-    def through(self, k: int, S: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Two factors (m, R, S + P) whose product, the first transposed, is the cost's Hessian after step k to start
-        node and coefficients, for sensitivities S (m, S, S + P) of the state."""
-        m, size, N = S.shape
-        if self.full is None:
-            return S, self.weight[k, :, :m].T[:, :, None] * S
-        extra = len(self.own)
-        whole = np.zeros((m, size + extra, N))
-        whole[:, :size] = S
-        whole[:, np.arange(size, size + extra), size + self.own] = 1.0
-        return whole, self.full[k, :m] @ whole
-
     def triangles(self) -> np.ndarray:
         """Upper triangles of the Hessians, row by row: (K - 1, n (n + 1) / 2, M) for n = S + O."""
         steps, S, M = self.pull.shape

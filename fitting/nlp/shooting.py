@@ -3,7 +3,8 @@
 An interval integrates K Runge-Kutta steps from its start node with inputs held over each step. For all intervals
 together this gives the end state and the interior states, their sensitivities with respect to the start node and the
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
-Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py); elsewhere numpy.
+Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py), elsewhere CasADi's
+virtual machine.
 """
 
 from __future__ import annotations
@@ -15,11 +16,10 @@ import numpy as np
 
 from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
-from fitting.nlp.portable_intervals import Blocks, Functions
+from fitting.nlp.portable_intervals import PortableIntervals
 from fitting.nlp.sample_cost import Curved, SampleCost
-from mmg.compile.cache import Untested
+from mmg.compile.batch import MORE, BatchFunction, differences, finite_at
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.compile.self_test import MORE, NO_VALUE, differences, finite_at
 from mmg.model import Model
 
 CLOSE = 1e-9
@@ -52,9 +52,9 @@ class Kernels:
         self.measurement = Measurement(model, self.free, compiled)
 
     @cached_property
-    def functions(self) -> Functions:
-        """The same, interpreted."""
-        return Functions(self.whole)
+    def portable(self) -> PortableIntervals:
+        """The same as the compiled kernel, interpreted."""
+        return PortableIntervals(self.whole)
 
     @property
     def elimination(self) -> Elimination | None:
@@ -62,26 +62,22 @@ class Kernels:
         return elimination(self.interval is not None)
 
     def _tried(self, kernel: IntervalKernel) -> str:
-        """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those of numpy.
-
-        Raises Untested where the rates or their derivatives are finite at none of the points drawn.
-        """
+        """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those without it."""
         rng, M, K, theta = np.random.default_rng(0), 11, 3, self.model.ship.values
         steps, window = np.array([3] * 6 + [2] * 3 + [1] * 2), np.arange(M) // 3
         both = np.array([theta, theta * 1.01])
         controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
         start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
         pull, curved = rng.standard_normal((2, K - 1, self.S, M)) * (steps > np.arange(1, K)[:, None])[:, None, :]
-        f, at = self.functions, (start[self.first :], controls[0])
-        rates = [a for each in both for a in (*f.jacobian.at(*at, each), *f.hessian.at(*at, each, weight))]
-        finite = np.flatnonzero(finite_at(rates))
+        derivatives, q = BatchFunction(self.whole, None), start[self.first :]
+        finite = np.flatnonzero(finite_at([a for each in both for a in derivatives.at(q, controls[0], each, weight)]))
         if not len(finite):
-            raise Untested(NO_VALUE)
+            return ""  # there is nothing to compare
         chosen = np.resize(finite, M)
         start, weight, controls = start[:, chosen], weight[:, chosen], controls[..., chosen]
         cost, found = SampleCost(pull, curved), []
-        for way in (kernel, None):
-            shooting = Shooting(self, steps, controls, 0.1, window % 2, window, way)
+        for way in (kernel, self.portable):
+            shooting = Shooting(way, steps, controls, 0.1, window % 2, window)
             both_ways = [shooting.quadratics(start, both, cost, by_window) for by_window in (False, True)]
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
@@ -93,76 +89,54 @@ class Kernels:
 class Shooting:
     """All intervals of a problem.
 
-    kernels_: of the ship; steps: (M,) of each interval; controls: (K, C, M) held over steps of h [s]; group: (M,) which
-    of the coefficients (G, all) each interval has; window: (M,) to which it belongs; kernel: compiled code to use, None
-    for numpy. theta: all coefficients, (all,) or by group (G, all).
+    kernel: compiled or portable, of the ship; steps: (M,) of each interval; controls: (K, C, M) held over steps of h
+    [s]; group: (M,) which of the coefficients (G, all) each interval has; window: (M,) to which it belongs. theta: all
+    coefficients, (all,) or by group (G, all).
     """
 
     def __init__(
         self,
-        kernels_: Kernels,
+        kernel: IntervalKernel | PortableIntervals,
         steps: np.ndarray,
         controls: np.ndarray,
         h: float,
         group: np.ndarray,
         window: np.ndarray,
-        kernel: IntervalKernel | None,
     ) -> None:
-        self.group, self.window, self.windows, self.kernel = group, window, int(window.max()) + 1, kernel
-        if self.kernel:
-            self.lanes = Lanes.of(steps, controls, h, group, window)
-        else:
-            self.blocks = Blocks(kernels_.functions, steps, controls, h, group)
+        self.kernel, self.lanes = kernel, Lanes.of(steps, controls, h, group, window)
+        self._group = np.zeros(int(window.max()) + 1, dtype=int)
+        self._group[window] = group
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients."""
-        if self.kernel:
-            return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
-        return self.blocks.values(start, np.atleast_2d(theta))
+        return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
 
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
-        if self.kernel:
-            return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
-        return self.blocks.linearise(start, np.atleast_2d(theta), pull)
+        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.
 
         by_window: whether the Hessian of the coefficients is by window, else by group."""
-        theta = np.atleast_2d(theta)
-        if not self.kernel:
-            return self.blocks.curve(
-                start, theta, cost, None, *((self.window, self.windows) if by_window else (self.group, len(theta)))
-            )
-        if by_window:
-            return self._curved(start, theta, cost, None, self.lanes.slot)
-        slot, group = self._by_group
-        return self._curved(start, theta, cost, None, slot).of_groups(group, len(theta))
+        return (
+            self._curved(start, theta, cost, None, self.lanes.slot) if by_window else self.hessian(start, theta, cost)
+        )
 
     def hessian(
-        self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, weight: np.ndarray, middle: bool = False
+        self,
+        start: np.ndarray,
+        theta: np.ndarray,
+        cost: SampleCost,
+        weight: np.ndarray | None = None,
+        middle: bool = False,
     ) -> Curved:
         """The same, and the whole Hessian of ``weight`` (S, M) . ends + ``cost``; that of the coefficients by group;
-        start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle."""
-        theta = np.atleast_2d(theta)
-        if not self.kernel:
-            return self.blocks.curve(start, theta, cost, weight, self.group, len(theta), middle)
+        start, theta: as of ``values``; weight None: as of ``quadratics``; middle: with second derivatives of the rates
+        once a step, in its middle."""
         slot, group = self._by_group
-        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(theta))
-
-    @cached_property
-    def _group(self) -> np.ndarray:
-        """Of each window, (W,)."""
-        group = np.zeros(self.windows, dtype=int)
-        group[self.window] = self.group
-        return group
-
-    @cached_property
-    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slots for the sums of each group, and the groups of these."""
-        return self.lanes.parts(self._group)
+        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(np.atleast_2d(theta)))
 
     def _curved(
         self,
@@ -173,6 +147,10 @@ class Shooting:
         slot: np.ndarray,
         middle: bool = False,
     ) -> Curved:
-        assert self.kernel
-        both = cost.triangles(), cost.own
-        return Curved(*self.kernel.curve(self.lanes, start, theta, cost.pull, both, weight, slot, middle))
+        both, every = (cost.triangles(), cost.own), np.atleast_2d(theta)
+        return Curved(*self.kernel.curve(self.lanes, start, every, cost.pull, both, weight, slot, middle))
+
+    @cached_property
+    def _by_group(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slots for the sums of each group, and the groups of these."""
+        return self.lanes.parts(self._group)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from mmg.states import STATES
 
 @dataclass(frozen=True)
 class Segments:
-    """Windows cut into shooting intervals of at most K steps, sorted by their number of steps, longest first
-    (``by_run``: those of each run, one run after the other).
+    """Windows cut into shooting intervals of at most K steps, sorted by their number of steps, longest first.
 
     M intervals, B nodes (one at each interval start and one at each window end), W windows.
 
@@ -86,23 +85,12 @@ class Segments:
             mask[b, measured[w] == 0] = 1.0
         return mask
 
-    def _intervals(self, chosen: np.ndarray) -> dict[str, Any]:
-        """What there is by interval, of the ``chosen`` ones."""
-        names = ("steps", "start", "end", "window", "controls", "targets", "mask")
-        return {name: np.ascontiguousarray(getattr(self, name)[..., chosen]) for name in names}
-
-    def by_run(self, campaign: Sequence[int] = ()) -> Segments:
-        """The same with its intervals sorted by run, and longest first within each.
-
-        campaign: of each trial (trials,), by which they are then sorted instead.
-        """
-        group = np.asarray(campaign)[self.run] if len(campaign) else self.run
-        return replace(self, **self._intervals(np.argsort(group[self.window], kind="stable")))
-
     def subset(self, windows: np.ndarray) -> Segments:
         """Only these windows (numbers in increasing order), renumbered from 0."""
         kept, nodes = np.isin(self.window, windows), np.isin(self.node_window, windows)
-        part, position = self._intervals(np.flatnonzero(kept)), np.cumsum(nodes) - 1
+        names = ("steps", "start", "end", "window", "controls", "targets", "mask")
+        part = {name: np.ascontiguousarray(getattr(self, name)[..., kept]) for name in names}
+        position = np.cumsum(nodes) - 1
         renumbered = {name: position[part[name]] for name in ("start", "end")}
         return replace(
             self,

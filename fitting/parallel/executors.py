@@ -7,6 +7,7 @@ Ctrl-C reaches all processes of a terminal: those of the pool hold it back, exce
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import multiprocessing
@@ -24,7 +25,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
-from mmg.compile.freed_memory import keep_freed_memory
 from mmg.errors import ProgramFailed
 from mmg.progress import LOGGER, OnProgress, Progress
 
@@ -42,6 +42,9 @@ PROCESS = 300e6
 """Least memory of a process that fits or trains [bytes]: its libraries and a few trials."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """How many threads numerical libraries start, read by each when it is loaded."""
+MALLOPT = {-1: 256 * 2**20, -2: 32 * 2**20, -3: 32 * 2**20}
+"""Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD,
+how much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own."""
 MEMINFO, CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
@@ -81,7 +84,9 @@ def run_all(
     there, finished, outcomes = _WORKERS.get(), _counted(name, len(tasks)), []
     alone = there is None and min(workers, len(tasks)) <= 1
     with nullcontext(there) if there or alone else _processes(min(workers, len(tasks))) as crew:
-        for outcome in _handed_over(crew, function, tasks, finished) if crew else _here(function, tasks, finished):
+        for outcome in _handed_over(crew, function, tasks, finished) if crew else map(function, tasks):
+            if not crew:
+                finished()
             each(outcome)
             outcomes.append(outcome)
     return outcomes
@@ -137,14 +142,6 @@ def _counted(name: str, count: int) -> Callable[[], None]:
         listener(Progress(name, done, count))
 
     return finished
-
-
-def _here(function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None]) -> Iterator[Any]:
-    """Outcomes of the ``tasks`` in this process."""
-    for task in tasks:
-        outcome = function(task)
-        finished()
-        yield outcome
 
 
 def _handed_over(
@@ -245,9 +242,21 @@ def _one_thread_environment() -> Iterator[None]:
                 os.environ[name] = value
 
 
+@functools.cache
+def keep_freed_memory() -> bool:
+    """From now on this process keeps the memory that large arrays leave for the next ones; says whether it can: only
+    with glibc, which gives it back to the system by default, where each page is cleared before it is handed out again:
+    a twelfth of the processor time of a fit."""
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):
+        return False
+    return all([mallopt(name, value) for name, value in MALLOPT.items()])
+
+
 def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
     """The ``function`` with one thread in the libraries of linear algebra while it runs, and as before afterwards; it
-    keeps the memory of large arrays (``mmg.compile.freed_memory``).
+    keeps the memory of large arrays (``keep_freed_memory``).
 
     The command sets this by its environment before anything is loaded. From Python numpy is there already, and its
     threads wait for each other over matrices that are far too small for them: a fit took four to six times the

@@ -23,13 +23,12 @@ from cases.evidence.kinematics import Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from fitting.calibration import Calibration, estimate_coefficients
+from fitting.calibration import Calibration, estimate_coefficients, prepared
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
-from fitting.solvers.preparation import prepared
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName

@@ -9,8 +9,8 @@ import numpy as np
 
 from fitting.nlp.problem import Problem
 from fitting.settings import Settings
+from fitting.solvers.condensing import solve_led
 from fitting.solvers.ipopt import ROUGH, Solution, solve
-from fitting.solvers.leading import solve_led
 from fitting.solvers.multistart import STUCK, solve_damped, solve_in_time
 from fitting.solvers.residual_noise import ResidualNoise, estimate_noise
 from mmg.progress import OnProgress

@@ -16,7 +16,7 @@ from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
-from fitting.solvers.leading import solve_led
+from fitting.solvers.condensing import solve_led
 
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""

@@ -10,13 +10,12 @@ import numpy as np
 
 from cases.io.leave_out import inside, spans_left_out
 from cases.trial import Trial
-from fitting.calibration import Calibration
+from fitting.calibration import Calibration, prepared
 from fitting.nlp.fisher_information import information
 from fitting.nlp.run_constants import Own
 from fitting.prediction.score import score
 from fitting.prediction.score_pairs import ScorePair
 from fitting.prediction.score_words import in_words
-from fitting.solvers.preparation import prepared
 from mmg.errors import Conflict, UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator

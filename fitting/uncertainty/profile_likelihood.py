@@ -14,7 +14,7 @@ import numpy as np
 
 from fitting.nlp.problem import Problem
 from fitting.parallel import run_all
-from fitting.solvers.leading import solve_led
+from fitting.solvers.condensing import solve_led
 from fitting.uncertainty.bootstrap import WARM
 
 LIMIT = 1.9207

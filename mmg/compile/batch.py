@@ -1,8 +1,13 @@
-"""Evaluation of CasADi functions at many points: compiled where a C compiler is found, interpreted elsewhere."""
+"""Evaluation of CasADi functions at many points: compiled where a C compiler is found, interpreted elsewhere.
+
+In C inputs and outputs are arrays of shape (rows, points), points contiguous; an input of shape (rows,) is shared by
+all points. An output holds the nonzeros of a sparse result, in CasADi's order.
+"""
 
 from __future__ import annotations
 
 import ctypes
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -10,10 +15,10 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mmg.compile import batch_source, codegen, staged_lanes, stages, vector_math
-from mmg.compile.cache import LateSource, load_library
-from mmg.compile.codegen import LANES
-from mmg.compile.self_test import differences, finite_points, require_values
+from mmg.compile import codegen, stages
+from mmg.compile.cache import LONG, UNIT, LateSource, load_library
+from mmg.compile.codegen import HIDDEN, LANES, prelude
+from mmg.compile.stages import Program, divided_code, units_of
 
 FLAGS: tuple[str, ...] = (
     "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
@@ -21,8 +26,17 @@ FLAGS: tuple[str, ...] = (
 """-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
 
-GENERATORS = (batch_source, codegen, staged_lanes, stages, vector_math)
+GENERATORS = (sys.modules[__name__], codegen, stages)
 """Modules that the source of batch kernels comes from."""
+
+CLOSE = 1e-7
+"""Largest difference of a result, over the largest number of its kind, by which sums may be rounded otherwise."""
+ROUNDING = float(np.finfo(float).eps)
+"""A difference of results that cancel, of arguments of the order of 1."""
+MORE = 8
+"""So many times the points are drawn where some have no finite value."""
+LOW, HIGH = 0.2, 1.0
+"""Range of all arguments of a test, in which nothing is singular."""
 
 
 @dataclass
@@ -38,32 +52,29 @@ class BatchFunction:
     library: ctypes.CDLL | None
     _mapped: dict = field(default_factory=dict, repr=False)
 
-    def __call__(self, *inputs: np.ndarray, outputs: Sequence[bool] | None = None) -> list[np.ndarray | None]:
+    def __call__(self, *inputs: np.ndarray) -> list[np.ndarray]:
         points = max((a.shape[1] for a in inputs if a.ndim == 2), default=LANES)
-        return self._compiled(points, inputs, outputs) if self.library else self._interpreted(points, inputs)
+        return self._compiled(points, inputs) if self.library else self._interpreted(points, inputs)
 
     def at(self, *inputs: np.ndarray) -> list[np.ndarray]:
         """All outputs, (nonzeros, m) each, at any number m >= 1 of points: inputs (rows, m), or (rows,) for all."""
         m = next(a.shape[1] for a in inputs if a.ndim == 2)
         outputs = self(*[filled(a, padded(m)) if a.ndim == 2 else a for a in inputs])
-        return [a[:, :m] for a in outputs if a is not None]
+        return [a[:, :m] for a in outputs]
 
-    def _compiled(
-        self, points: int, inputs: Sequence[np.ndarray], outputs: Sequence[bool] | None
-    ) -> list[np.ndarray | None]:
+    def _compiled(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         if points % LANES:
             raise ValueError(f"{points} points is not a multiple of {LANES}")
         f = self.function
         arrays = [np.ascontiguousarray(a, dtype=float) for a in inputs]
-        wanted = outputs or [True] * f.n_out()
-        results = [np.empty((f.nnz_out(j), points)) if wanted[j] else None for j in range(f.n_out())]
+        results = [np.empty((f.nnz_out(j), points)) for j in range(f.n_out())]
         arg = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
         ld = (ctypes.c_longlong * len(arrays))(*[points if a.ndim == 2 else 0 for a in arrays])
-        res = (ctypes.c_void_p * len(results))(*[None if a is None else a.ctypes.data for a in results])
+        res = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
         getattr(self.library, f.name())(ctypes.c_longlong(points), arg, ld, res)
         return results
 
-    def _interpreted(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray | None]:
+    def _interpreted(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The same by CasADi's virtual machine, zero-copy buffers, one map over the points."""
         f = self.function
         shared = tuple(a.ndim == 1 for a in inputs)
@@ -103,22 +114,104 @@ def batch_functions(
     """
     library, reason = None, "compilation switched off"
     if compiled:
-        try:
-            text = LateSource.of(functions, partial(batch_source.source, functions), *GENERATORS)
-            library, reason = load_library(text, FLAGS, partial(_faults, functions), what)
-        except NotImplementedError as error:
-            reason = str(error)
+        text = LateSource.of(functions, partial(source, functions), *GENERATORS)
+        library, reason = load_library(text, FLAGS, partial(_faults, functions), what)
     return [BatchFunction(f, library) for f in functions], reason
+
+
+def points(rows: int, count: int, seed: int) -> np.ndarray:
+    """Arguments (rows, count) of a test, the same for the same ``seed``."""
+    return np.random.default_rng(seed).uniform(LOW, HIGH, (rows, count))
+
+
+def finite_points(function: ca.Function, count: int, seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Arguments of a ``function`` at ``count`` points, (rows, count) each, the same for the same ``seed``, and its
+    results there without compiled code; of more points those at which it is finite, where there are any."""
+    for drawn in (count, MORE * count):
+        inputs = [points(function.nnz_in(j), drawn, seed + j) for j in range(function.n_in())]
+        results = BatchFunction(function, None)(*inputs)
+        if (good := finite_at(results)).all():
+            break
+    chosen = np.resize(np.flatnonzero(good) if good.any() else np.arange(drawn), count)
+    return [a[:, chosen] for a in inputs], [a[:, chosen] for a in results]
+
+
+def finite_at(results: Sequence[np.ndarray]) -> np.ndarray:
+    """At which points (M,) all numbers of the ``results`` (nnz, M) are finite."""
+    return np.all([np.isfinite(a).all(axis=0) for a in results], axis=0)
+
+
+def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], close: float = CLOSE) -> str:
+    """What tells the arrays ``found`` (...,) each from the ``expected`` (...,), "" for nothing but rounding.
+
+    Compared are the finite numbers of ``expected``, each with a difference of at most ``close`` times the largest one
+    of its array (what follows from no number is not the same everywhere).
+    """
+    for a, b in zip(found, expected, strict=True):
+        finite = np.isfinite(b)
+        away, largest = np.abs(a[finite] - b[finite]), float(np.abs(b[finite]).max(initial=0.0))
+        if not (away <= close * largest + ROUNDING).all():
+            most = float(np.where(np.isfinite(away), away, np.inf).max())
+            return f"by {most:.2g}, where the largest number is {largest:.2g}"
+    return ""
 
 
 def _faults(functions: Sequence[ca.Function], library: ctypes.CDLL) -> str:
     """Which of these ``functions`` a new ``library`` gets wrong, "" for none."""
-    every: list[np.ndarray] = []
     for number, f in enumerate(functions):
         inputs, expected = finite_points(f, LANES, 100 * number)
-        found = [a for a in BatchFunction(f, library)(*inputs) if a is not None]
-        if differences(found, expected):
+        if differences(BatchFunction(f, library)(*inputs), expected):
             return f"{f.name()} differs from that of the portable path"
-        every += expected
-    require_values(every)
     return ""
+
+
+SHORT = 2
+"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives."""
+_MACROS = """
+#define EACH(i, name) for (long long e = 0, k; (k = name##_of##i[e]) >= 0; e++)
+#define READ(i, name) EACH(i, name) x##i[k] = load(arg[i] + k * ld[i] + at);
+#define SHARED(i, name) EACH(i, name) x##i[k] = fill(arg[i][k]);
+#define WRITE(j, size, from) for (long long k = 0; k < size; k++) store(res[j] + k * points + at, d[from + k]);
+"""
+"""An argument has a list of its elements that are used, which ends with -1: of a hundred coefficients often few are."""
+
+
+def kernel(function: ca.Function) -> tuple[str, list[str]]:
+    """C source of ``void NAME(long points, const double** arg, const long* ld, double** res)``, and of the functions of
+    its own that it calls.
+
+    ``points`` is a multiple of LANES. ``arg[i]`` has row stride ``ld[i]``, or is shared when ``ld[i]`` is 0;
+    every result has row stride ``points``. A null ``res[j]`` is skipped. The function must be an SXFunction.
+    """
+    sizes = [function.nnz_in(i) for i in range(function.n_in())]
+    found = [function.nnz_out(j) for j in range(function.n_out())]
+    program = Program.of(function, [1] * len(sizes))
+    code = divided_code(function.name(), program, range(len(found)), {i: f"x{i}" for i in range(len(sizes))}, {})
+    used = {program.values[place].argument for place in program.needed(range(len(found)))}
+    lists = [", ".join(str(k) for k in [*range(size), -1] if k < 0 or (i, k) in used) for i, size in enumerate(sizes)]
+    tables = "".join(f"static const short {function.name()}_of{i}[] = {{{each}}};\n" for i, each in enumerate(lists))
+    arrays = "; ".join(f"V x{i}[{size + 1}]" for i, size in enumerate(sizes))
+    shared = " ".join(f"if (!ld[{i}]) SHARED({i}, {function.name()})" for i in range(len(sizes)))
+    reads = " ".join(f"if (ld[{i}]) READ({i}, {function.name()})" for i in range(len(sizes)))
+    writes = " ".join(f"if (res[{j}]) WRITE({j}, {size}, {sum(found[:j])})" for j, size in enumerate(found))
+    text = f"""{code.declared}{tables}
+EXPORT void {function.name()}(long long points, const double* const* arg, const long long* ld, double* const* res) {{
+  {arrays}; V d[{sum(found) + 1}];
+  {shared}
+  for (long long at = 0; at < points; at += LANES) {{
+    {reads}
+    {code.call}
+    {writes}
+  }}
+}}
+"""
+    return text, code.functions
+
+
+def source(functions: Sequence[ca.Function]) -> str:
+    """C source, in units, with a batch kernel for each of the ``functions`` (SXFunctions with distinct names)."""
+    head = prelude() + HIDDEN
+    whole, parts = zip(*[kernel(f) for f in functions], strict=True)
+    short, long = ([part for each in parts if (len(each) > SHORT) == far for part in each] for far in (False, True))
+    first, *units = units_of(head, short) or [head]
+    return UNIT.join([first + _MACROS + "".join(whole), *units, *units_of(LONG + head, long)])

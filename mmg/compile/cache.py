@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -95,12 +96,8 @@ def _trusted(path: Path) -> bool:
     return good
 
 
-class Untested(Exception):
-    """A newly compiled library could not be compared with anything: it is not used, and the compiler not blamed."""
-
-
 Check = Callable[[ctypes.CDLL], str]
-"""Says what is wrong with a newly compiled library, "" for nothing; raises Untested where it cannot say."""
+"""Says what is wrong with a newly compiled library, "" for nothing."""
 
 
 @dataclass(frozen=True)
@@ -189,8 +186,6 @@ def _built(
             wrong = check(_copied(built)) if check else ""
         except OSError as error:
             return None, f"compiled code does not load ({error})"
-        except Untested as why:
-            return None, f"compiled code cannot be tested: {why}"
         if wrong:
             return None, f"what {Path(command[0]).name} made of the equations is wrong: {wrong}"
         library = folder / f"{key}-{hashlib.sha256(built.read_bytes()).hexdigest()}{suffix}"
@@ -239,12 +234,22 @@ def _copied(built: Path) -> ctypes.CDLL:
 def load_library(
     text: Text, flags: Sequence[str], check: Check | None = None, what: str = "equations"
 ) -> tuple[ctypes.CDLL | None, str]:
-    """The library of C source, compiled or from the cache; (None, why) where that is not possible. text, flags, check,
-    what: as of ``compile_library``."""
-    path, reason = compile_library(text, flags, check, what)
-    if path is None:
-        return None, reason
+    """The library of C source, compiled or from the cache; (None, why) where that is not possible, which is said once
+    where there is a compiler. text, flags, check, what: as of ``compile_library``."""
     try:
-        return ctypes.CDLL(str(path)), ""
+        path, reason = compile_library(text, flags, check, what)
+        if path is not None:
+            return ctypes.CDLL(str(path)), ""
+    except NotImplementedError as error:  # an operation of CasADi without C
+        reason = str(error)
     except OSError as error:
-        return None, f"compiled code does not load ({error})"
+        reason = f"compiled code does not load ({error})"
+    if compiler():
+        _warn(what, reason)
+    return None, reason
+
+
+@cache
+def _warn(what: str, reason: str) -> None:
+    """Say, once in a process, why ``what`` is not compiled."""
+    LOGGER.warning("%s: not compiled, several times slower: %s", what, reason)

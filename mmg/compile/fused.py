@@ -10,6 +10,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,13 +19,10 @@ import casadi as ca
 import numpy as np
 
 from mmg import runge_kutta
-from mmg.compile.batch import FLAGS, GENERATORS
+from mmg.compile.batch import FLAGS, GENERATORS, BatchFunction, differences, finite_points, points
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import prelude
-from mmg.compile.kernel_threads import even_shares, in_threads, kernel_threads
-from mmg.compile.self_test import by_virtual_machine, differences, finite_points, points, require_values
-from mmg.compile.staged_lanes import staged_bodies
-from mmg.compile.stages import Program
+from mmg.compile.stages import Program, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
 FLAGS_OF_ONE = (*FLAGS, "-O2")
@@ -117,7 +116,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     lanes: points per vector.
     """
     program = Program.of(rates, (3, 2, 1))
-    bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d", fuse=True)
+    bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d")
     names = ("shared", "inputs", "rates")
     parts: dict[str, str | int] = {name: bodies[i].text for i, name in enumerate(names, 1)}
     parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "first": first}
@@ -157,7 +156,7 @@ class Rollout:
         keep: np.ndarray,
         euler: bool,
         linear: bool,
-        threads: int | None,
+        threads: int,
     ) -> np.ndarray:
         """States (1 + kept, S, M) from start (S, M), M >= lanes; see ``Simulator.run`` for the other arguments.
 
@@ -176,15 +175,14 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        threads = min(threads or kernel_threads(), os.cpu_count() or 1)
-        blocks = M // self.lanes
+        parts = max(1, min(threads, os.cpu_count() or 1, M // self.lanes))
+        borders = [M // self.lanes * i // parts * self.lanes for i in range(parts)] + [M]
 
-        def work(begin: int, end: int) -> int:  # whole blocks for each thread, what is left for the last one
-            last = M if end == blocks else end * self.lanes
-            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(begin * self.lanes), ctypes.c_longlong(last))
-            return 0
+        def work(begin: int, end: int) -> None:  # whole blocks for each thread, what is left for the last one
+            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end))
 
-        in_threads(work, even_shares(blocks, threads), threads)
+        with ThreadPoolExecutor(parts) if parts > 1 else nullcontext() as pool:
+            list((pool.map if pool else map)(work, borders[:-1], borders[1:]))
         return out
 
 
@@ -194,10 +192,7 @@ def compile_rollout(rates: ca.Function, first: int, lanes: int, what: str = "equ
     make, flags = partial(rollout_source, rates, first, lanes), FLAGS_OF_ONE if lanes == 1 else FLAGS
     made_by = (*GENERATORS, runge_kutta, sys.modules[__name__])
     text = LateSource.of([rates], make, *made_by, kind=f"rollout from {first} of {lanes}")
-    try:
-        library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first), what)
-    except NotImplementedError:
-        return None
+    library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first), what)
     return None if library is None else Rollout(library, lanes)
 
 
@@ -207,12 +202,11 @@ def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
     h, M = 1e-3, rollout.lanes
     (q, c, theta), _ = finite_points(rates, M, 1)
     start, controls = np.vstack([points(first, M, 0), q]), np.array([c, 0.9 * c])
-    z, expected = start, [start]
+    machine, z, expected = BatchFunction(rates, None), start, [start]
     for held in controls:
-        z = rk4_step(lambda at, _, held=held: by_virtual_machine(rates, [at[first:], held, theta])[0], z, h)  # type: ignore[misc]
+        z = rk4_step(lambda at, _, held=held: machine(at[first:], held, theta)[0], z, h)  # type: ignore[misc]
         expected.append(z)
     dt, keep = np.array(h), np.ones(2, dtype=bool)
     found = rollout(start, controls, dt, theta, keep, euler=False, linear=False, threads=1)
     steps = list(np.diff(np.array(expected), axis=0))
-    require_values(steps)
     return "a run differs from that of the portable path" if differences(list(np.diff(found, axis=0)), steps) else ""

@@ -1,4 +1,4 @@
-"""Shooting intervals by compiled code: many at once, over threads, with the same numbers whatever their count."""
+"""Shooting intervals by compiled code: LANES of them at once."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen, interval_loops, interval_source, staged_lanes, stages, transposed_c, vector_math
+from mmg.compile import codegen, interval_source, stages
 from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
-from mmg.compile.kernel_threads import in_threads
 
 SHARE = 16
-"""Blocks of LANES intervals that one thread takes at least."""
+"""Blocks of LANES intervals, at least, whose sums are made apart."""
 
 
 class _IntervalRun(ctypes.Structure):
@@ -131,17 +130,12 @@ class IntervalKernel:
         def made(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
-        generators = (codegen, vector_math, stages, staged_lanes, transposed_c, interval_loops, interval_source)
+        generators = (codegen, stages, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
-        try:
-            library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
-        except NotImplementedError as error:
-            return None, str(error)
+        library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
         return (None if library is None else made(library)), reason
 
-    def values(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, threads: int = 1
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def values(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
         run = self._states(lanes, start, theta)
         self._work("values", lanes, run)
@@ -223,10 +217,7 @@ class IntervalKernel:
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
 
-        def part(begin: int, end: int) -> int:
-            return int(call(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end)))
-
-        if in_threads(part, lanes.shares):
+        if call(ctypes.byref(run), ctypes.c_longlong(0), ctypes.c_longlong(len(lanes.interval) // LANES)):
             raise MemoryError("no memory for the sensitivities of a block of intervals")
 
 

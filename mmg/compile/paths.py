@@ -1,5 +1,9 @@
-"""Paths of many windows gone along in C: steps with sensitivities, logged columns, weighted second derivatives,
-rollouts. What a ship is comes from its batch kernels (``mmg.compile.batch``)."""
+"""Paths of many windows of a ship: steps with sensitivities, logged columns, weighted second derivatives, rollouts.
+
+What the ship is comes from its batch kernels (``mmg.compile.batch``). Steps with sensitivities and rollouts are in C,
+which calls such a kernel through a pointer, so that it is compiled once for all ships; its points are LANES steps of a
+window, in a rollout LANES windows. Without a compiler they are in numpy.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,197 @@ import numpy as np
 
 from mmg.compile.batch import BatchFunction
 from mmg.compile.cache import load_library
-from mmg.compile.kernel_threads import even_shares, in_threads
-from mmg.compile.path_c import FLAGS, source
+from mmg.compile.codegen import prelude
+from mmg.runge_kutta import NODES, WEIGHTS, rk4_step
+
+FLAGS = (
+    "-O2",
+    "-ftree-vectorize",
+    "-fPIC",
+    "-shared",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-ffp-contract=fast",
+    "-w",
+)
+
+BLOCK = 256
+"""Points of a block in numpy: its arrays stay in the processor's cache."""
+
+_BEGIN = """
+#include <stdlib.h>
+typedef void (*Kernel)(long long, const double* const*, const long long*, double* const*);
+static const long long LD[8] = {LANES, LANES, LANES, LANES, LANES, LANES, LANES, LANES};
+typedef struct {
+  long long K, R, S, C, all, changes, by_window;
+  const double *z, *inputs, *theta, *force;
+  const long long *force_at, *count;
+  double h;
+} Path;
+static V* room(void** whole, long long vectors) {
+  char* p = *whole = malloc((vectors + 1) * sizeof(V));
+  if (!p) return 0;
+  V* at = (V*)(p + (sizeof(V) - (unsigned long long)p % sizeof(V)));
+  memset(at, 0, vectors * sizeof(V));
+  return at;
+}
+/* count numbers of each of own rows, apart from those of the next, into lanes, of which the others have the last row */
+static void taken(long long count, long long apart, int own, const double* from, V* to) {
+  for (int l = 0; l < LANES; l++) {
+    const double* p = from + (l < own ? l : own - 1) * apart;
+    for (long long j = 0; j < count; j++) to[j][l] = p[j];
+  }
+}
+/* the same back */
+static void given(long long count, long long apart, int own, const V* from, double* to) {
+  for (int l = 0; l < own; l++) for (long long j = 0; j < count; j++) to[l * apart + j] = from[j][l];
+}
+static inline long long least(long long a, long long b) { return a < b ? a : b; }
+/* Steps of window r that are wanted. */
+static inline long long steps_of(const Path* p, long long r) {
+  return p->count ? least(p->count[r], p->K) : p->K;
+}
+static void coefficients(const Path* p, long long r, V* theta) {
+  for (long long a = 0; a < p->all; a++) theta[a] = fill(p->by_window ? p->theta[a * p->R + r] : p->theta[a]);
+}
+/* Numbers of the steps from k on, wide each, into lanes; behind the last one its own. */
+static void along(const Path* p, const double* from, long long r, long long k, long long last, long long wide, V* to) {
+  if (k > last) k = last;
+  taken(wide, p->R * wide, least(LANES, last + 1 - k), from + (k * p->R + r) * wide, to);
+}
+static void pushed(const Path* p, long long r, long long k, const V* theta, V* own) {
+  V force[3];
+  along(p, p->force, r, k, p->K - 1, 3, force);
+  for (int f = 0; f < 3; f++) own[p->force_at[f]] = theta[p->force_at[f]] + force[f];
+}
+static void states(const Path* p, long long r, long long k, long long last, V* z) {
+  along(p, p->z, r, k, last, p->S, z);
+}
+static void held(const Path* p, long long r, long long k, V* c) {
+  along(p, p->inputs, r, k, p->K - 1, p->changes ? 2 * p->C : p->C, c);
+}
+static void during(const Path* p, const V* c, double part, V* own) {
+  for (long long j = 0; j < p->C; j++) own[j] = p->changes ? c[j] + (part - 0.5) * c[p->C + j] : c[j];
+}
+"""
+_STEPS = """
+static const double NODES[4] = {@nodes@}, WEIGHTS[4] = {@weights@};
+typedef struct {
+  long long A, W, P, count, nonzeros, direct;
+  const long long *entry, *first, *column, *own_entry, *own_place, *of_G, *of_force;
+  double *end, *F, *G, *force;
+} Steps;
+/* slope = J_p + J_z (I + far before), and its weighted sum; x: room for a row of J_z */
+static void chained(const Steps* q, const V* J, double far, const V* before, double weight, V* x, V* slope, V* sum) {
+  const long long A = q->A, W = q->W;
+  memset(slope, 0, A * W * sizeof(V));
+  for (long long e = 0; e < q->direct; e++) slope[q->own_place[e]] = J[q->own_entry[e]];
+  for (long long a = 0; a < A; a++) {
+    V *to = slope + a * W, *all = sum + a * W;
+    const long long begin = q->first[a], count = q->first[a + 1] - begin, *column = q->column + begin;
+    for (long long e = 0; e < count; e++) to[column[e]] += J[q->entry[begin + e]];
+    long long w = 0;
+    if (before) {
+      for (long long e = 0; e < count; e++) x[e] = far * J[q->entry[begin + e]];
+      for (; w + 4 <= W; w += 4) {  /* four columns in registers: a quarter faster than one */
+        V s0 = to[w], s1 = to[w + 1], s2 = to[w + 2], s3 = to[w + 3];
+        for (long long e = 0; e < count; e++) {
+          const V* from = before + column[e] * W + w;
+          s0 += x[e] * from[0]; s1 += x[e] * from[1]; s2 += x[e] * from[2]; s3 += x[e] * from[3];
+        }
+        to[w] = s0; to[w + 1] = s1; to[w + 2] = s2; to[w + 3] = s3;
+        all[w] += weight * s0; all[w + 1] += weight * s1; all[w + 2] += weight * s2; all[w + 3] += weight * s3;
+      }
+      for (long long v = w; v < W; v++) for (long long e = 0; e < count; e++) to[v] += x[e] * before[column[e] * W + v];
+    }
+    for (; w < W; w++) all[w] += weight * to[w];
+  }
+}
+EXPORT int steps(const Path* p, Kernel jacobian, const Steps* q) {
+  const long long S = p->S, A = q->A, W = q->W, R = p->R, P = q->P;
+  void* whole;
+  V* z = room(&whole, 4 * S + 3 * p->C + 2 * p->all + q->nonzeros + q->count + 3 * A * W + A * (A + P + 3) + 8);
+  if (!z) return 2;
+  V *at = z + S, *rate = at + S, *total = rate + S, *c = total + S, *now = c + 2 * p->C, *theta = now + p->C;
+  V *own = theta + p->all, *J = own + p->all, *slope = J + q->nonzeros, *other = slope + A * W, *sum = other + A * W;
+  V *x = sum + A * W, *wanted = x + q->count;
+  const double* arg[3] = {(double*)at, (double*)now, (double*)own};
+  double* res[2] = {(double*)rate, (double*)J};
+  for (long long r = 0; r < R; r++) {
+    coefficients(p, r, theta);
+    memcpy(own, theta, p->all * sizeof(V));
+    const long long K = steps_of(p, r);
+    for (long long k = 0; k < K; k += LANES) {
+      const int here = least(LANES, K - k);
+      states(p, r, k, p->K - 1, z);
+      held(p, r, k, c);
+      if (p->force) pushed(p, r, k, theta, own);
+      for (int i = 0; i < 4; i++) {
+        const double far = NODES[i] * p->h;
+        for (long long s = 0; s < S; s++) at[s] = i ? z[s] + far * rate[s] : z[s];
+        during(p, c, NODES[i], now);
+        jacobian(LANES, arg, LD, res);
+        if (!i) memset(sum, 0, A * W * sizeof(V));
+        chained(q, J, far, i ? other : 0, WEIGHTS[i], x, slope, sum);
+        V* spare = other; other = slope; slope = spare;
+        for (long long s = 0; s < S; s++) total[s] = i ? total[s] + WEIGHTS[i] * rate[s] : WEIGHTS[i] * rate[s];
+      }
+      for (long long w = 0; w < A * W; w++) sum[w] = p->h * sum[w];
+      for (long long a = 0; a < A; a++) sum[a * W + a] += 1.0;
+      const long long i = k * R + r;
+      for (long long s = 0; s < S; s++) z[s] += p->h * total[s];
+      given(S, R * S, here, z, q->end + i * S);
+      for (long long a = 0; a < A; a++) memcpy(wanted + a * A, sum + a * W, A * sizeof(V));
+      given(A * A, R * A * A, here, wanted, q->F + i * A * A);
+      for (long long a = 0; a < A; a++) for (long long b = 0; b < P; b++) wanted[a * P + b] = sum[a * W + q->of_G[b]];
+      given(A * P, R * A * P, here, wanted, q->G + i * A * P);
+      for (long long a = 0; a < A; a++) for (int b = 0; b < 3; b++) wanted[a * 3 + b] = sum[a * W + q->of_force[b]];
+      given(A * 3, R * A * 3, here, wanted, q->force + i * A * 3);
+    }
+  }
+  free(whole);
+  return 0;
+}
+"""
+_FOLLOW = """
+EXPORT int follow(const Path* p, Kernel rates, const unsigned char* carried, const unsigned char* whole_state,
+                  double* path) {
+  const long long S = p->S, R = p->R, C = p->C, wide = p->changes ? 2 * C : C;
+  void* whole;
+  V* z = room(&whole, 6 * S + 3 * C + 2 * p->all + 8);
+  if (!z) return 2;
+  V *at = z + S, *k1 = at + S, *k2 = k1 + S, *k3 = k2 + S, *k4 = k3 + S, *c = k4 + S, *now = c + 2 * C;
+  V *theta = now + C, *own = theta + p->all, *k[4] = {k1, k2, k3, k4};
+  const double* arg[3] = {(double*)at, (double*)now, (double*)own};
+  for (long long first = 0; first < R; first += LANES) {
+    long long window[LANES];
+    for (int l = 0; l < LANES; l++) window[l] = least(first + l, R - 1);
+    for (long long a = 0; a < p->all; a++) for (int l = 0; l < LANES; l++)
+      own[a][l] = theta[a][l] = p->by_window ? p->theta[a * R + window[l]] : p->theta[a];
+    for (long long step = 0; step < p->K; step++) {
+      for (long long s = 0; s < S; s++) for (int l = 0; l < LANES; l++) z[s][l] = path[(step * R + window[l]) * S + s];
+      for (long long j = 0; j < wide; j++) for (int l = 0; l < LANES; l++)
+        c[j][l] = p->inputs[(step * R + window[l]) * wide + j];
+      if (p->force) for (int f = 0; f < 3; f++) for (int l = 0; l < LANES; l++)
+        own[p->force_at[f]][l] = theta[p->force_at[f]][l] + p->force[(step * R + window[l]) * 3 + f];
+      for (int i = 0; i < 4; i++) {
+        for (long long s = 0; s < S; s++) at[s] = i ? z[s] + NODES[i] * p->h * k[i - 1][s] : z[s];
+        during(p, c, NODES[i], now);
+        double* res[1] = {(double*)k[i]};
+        rates(LANES, arg, LD, res);
+      }
+      for (long long s = 0; s < S; s++) {
+        V sum = WEIGHTS[0] * k1[s] + WEIGHTS[1] * k2[s] + WEIGHTS[2] * k3[s] + WEIGHTS[3] * k4[s];
+        const V end = z[s] + p->h * sum;
+        for (int l = 0; l < LANES && first + l < R; l++)
+          if (carried[s] || whole_state[step * R + first + l]) path[((step + 1) * R + first + l) * S + s] = end[l];
+      }
+    }
+  }
+  free(whole);
+  return 0;
+}
+"""
 
 
 @dataclass(frozen=True)
@@ -56,7 +249,7 @@ class _Path(ctypes.Structure):
     """The struct Path of the C code."""
 
     _fields_ = [
-        *((name, ctypes.c_longlong) for name in ("K", "R", "S", "C", "all", "changes", "by_window", "begin", "end")),
+        *((name, ctypes.c_longlong) for name in ("K", "R", "S", "C", "all", "changes", "by_window")),
         *((name, ctypes.c_void_p) for name in ("z", "inputs", "theta", "force", "force_at", "count")),
         ("h", ctypes.c_double),
     ]
@@ -72,129 +265,187 @@ class _Steps(ctypes.Structure):
     ]
 
 
-class _Logged(ctypes.Structure):
-    """The struct Logged of the C code."""
+def steps(
+    paths: WindowPaths,
+    jacobian: BatchFunction,
+    wanted: Entries,
+    A: int,
+    of_G: np.ndarray,
+    of_force: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Ends (K, R, S) of a Runge-Kutta step from each state of the paths, and its Jacobian by the A chosen states
+    (K, R, A, A), by P coefficients (K, R, A, P) and by the force (K, R, A, 3); of steps that do not exist, 0.
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("A", "d", "count", "nonzeros")] + [
-        (name, ctypes.c_void_p) for name in ("entry", "row", "column", "y", "H", "D")
-    ]
+    jacobian: (z, inputs, theta) -> (rates, their Jacobian); wanted: of its nonzeros, columns below A being
+    the chosen states and the others coefficients; of_G: (P,), of_force: (3,) columns of these coefficients.
+    """
+    K, R, S = len(paths.inputs), *paths.z.shape[1:]
+    P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
+    if jacobian.library is None or path_code() is None:
+        start, held, theta = _at_steps(paths, paths.z[:-1])
+        end, J = np.empty((K * R, S)), np.empty((K * R, A, W))
+        for first in range(0, K * R, BLOCK):
+            s = slice(first, first + BLOCK)
+            end[s], J[s] = _step(paths, start[:, s], held[:, s], theta[:, s], jacobian, wanted, (A, W))
+        J = J.reshape(K, R, A, W)
+        return end.reshape(K, R, S), J[..., :A], J[..., of_G], J[..., of_force]
+    empty = np.empty if paths.count is None else np.zeros
+    out = empty((K, R, S)), empty((K, R, A, A)), empty((K, R, A, P)), empty((K, R, A, 3))
+    through = np.flatnonzero(wanted.column < A)
+    through = through[np.argsort(wanted.row[through], kind="stable")]
+    rows = np.searchsorted(wanted.row[through], np.arange(A + 1))
+    direct = np.flatnonzero(wanted.column >= A)
+    places = wanted.row[direct] * W + wanted.column[direct]
+    own = (wanted.entry[through], rows, wanted.column[through], wanted.entry[direct], places, of_G, of_force)
+    table = [np.ascontiguousarray(a, dtype=np.int64) for a in own]
+    sizes = (A, W, P, len(through), wanted.nonzeros, len(direct))
+    request = _Steps(*sizes, *(a.ctypes.data for a in (*table, *out)))
+    _call("steps", paths, jacobian, ctypes.byref(request))
+    return out
 
 
-class PathCode:
-    """The compiled functions of a ``library`` of ``mmg.compile.path_c``."""
-
-    def __init__(self, library: ctypes.CDLL) -> None:
-        self._library = library
-
-    def steps(
-        self,
-        paths: WindowPaths,
-        jacobian: BatchFunction,
-        wanted: Entries,
-        A: int,
-        of_G: np.ndarray,
-        of_force: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Ends (K, R, S) of a Runge-Kutta step from each state of the paths, and its Jacobian by the A chosen states
-        (K, R, A, A), by P coefficients (K, R, A, P) and by the force (K, R, A, 3); of steps that do not exist, 0.
-
-        jacobian: compiled (z, inputs, theta) -> (rates, their Jacobian); wanted: of its nonzeros, columns below A being
-        the chosen states and the others coefficients; of_G: (P,), of_force: (3,) columns of these coefficients.
-        """
-        K, R, S = len(paths.inputs), *paths.z.shape[1:]
-        P, W = len(of_G), int(max([A - 1, *of_G, *of_force])) + 1
-        empty = np.empty if paths.count is None else np.zeros
-        out = empty((K, R, S)), empty((K, R, A, A)), empty((K, R, A, P)), empty((K, R, A, 3))
-        through = np.flatnonzero(wanted.column < A)
-        through = through[np.argsort(wanted.row[through], kind="stable")]
-        first = np.searchsorted(wanted.row[through], np.arange(A + 1))
-        direct = np.flatnonzero(wanted.column >= A)
-        places = wanted.row[direct] * W + wanted.column[direct]
-        own = (wanted.entry[through], first, wanted.column[through], wanted.entry[direct], places)
-        table = [_whole(a) for a in (*own, of_G, of_force)]
-        sizes = (A, W, P, len(through), wanted.nonzeros, len(direct))
-        request = _Steps(*sizes, *(a.ctypes.data for a in (*table, *out)))
-        self._run("steps", paths, jacobian, ctypes.byref(request))
-        return out
-
-    def logged(
-        self, paths: WindowPaths, jacobian: BatchFunction, wanted: Entries, A: int, d: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Logged columns (K + 1, R, 6) along the paths, their Jacobian by A states (K + 1, R, 6, A) and by d
-        coefficients (K + 1, R, 6, d).
-
-        jacobian: compiled (z, theta) -> (columns, their Jacobian); wanted: of its nonzeros, columns below A being the
-        states.
-        """
-        K1, R = paths.z.shape[:2]
-        y, H, D = np.zeros((K1, R, 6)), np.zeros((K1, R, 6, A)), np.zeros((K1, R, 6, d))
-        table = [_whole(a) for a in (wanted.entry, wanted.row, wanted.column)]
-        request = _Logged(A, d, len(wanted.entry), wanted.nonzeros, *(a.ctypes.data for a in (*table, y, H, D)))
-        self._run("logged", paths, jacobian, ctypes.byref(request))
-        return y, H, D
-
-    def weighted(
-        self, paths: WindowPaths, gradient: BatchFunction, of_rates: bool, weight: np.ndarray, source: np.ndarray
-    ) -> np.ndarray:
-        """Sums (R, P) over the steps of each window of the gradient of a weighted Jacobian.
-
-        gradient: compiled (z, inputs, theta, weights) -> (P,) at the middle of each step where it is ``of_rates``, or
-        (z, theta, weights) -> (P,) at each state; weight: (K or K + 1, R, ...) numbers, of which each point takes those
-        at ``source`` as its weights (-1: zero).
-        """
-        P, R = gradient.function.nnz_out(0), paths.z.shape[1]
-        weight, out = _real(weight.reshape(*weight.shape[:2], -1)), np.zeros((R, P))
-        at = _whole(source)
-        wide, sizes = weight.shape[2], ctypes.c_longlong
-        rest = (sizes(of_rates), sizes(len(at)), _at(at), sizes(wide), _at(weight), sizes(P), _at(out))
-        self._run("weighted", paths, gradient, *rest)
-        return out
-
-    def follow(self, paths: WindowPaths, rates: BatchFunction, carried: np.ndarray, whole: np.ndarray) -> np.ndarray:
-        """The paths (K + 1, R, S) with states simulated from the first on: those that are ``carried`` (S,), and all of
-        them after the steps marked in ``whole`` (K, R); the others stay as given.
-
-        rates: compiled (z, inputs, theta) -> rates.
-        """
-        z = np.array(paths.z, dtype=float, order="C")
-        marks = [np.ascontiguousarray(a, dtype=np.uint8) for a in (carried, whole)]
-        self._run("follow", paths, rates, *(_at(a) for a in (*marks, z)))
-        return z
-
-    def _run(self, name: str, paths: WindowPaths, kernel: BatchFunction, *rest: object) -> None:
-        """Call a function with the paths, the kernel and what else it takes."""
-        K, R, S = len(paths.inputs), *paths.z.shape[1:]
-        z, inputs, theta = (_real(a) for a in (paths.z, paths.inputs, paths.theta))
-        force = None if paths.force is None else _real(paths.force)
-        at = _whole(np.zeros(3) if paths.force_at is None else paths.force_at)
-        count = None if paths.count is None else _whole(paths.count)
-        sizes = (K, R, S, paths.C, len(theta), inputs.shape[2] > paths.C, theta.ndim > 1)
-        places = [None if a is None else a.ctypes.data for a in (z, inputs, theta, force, at, count)]
-        function = ctypes.cast(getattr(kernel.library, kernel.function.name()), ctypes.c_void_p)
-        work = getattr(self._library, name)
-
-        def part(begin: int, end: int) -> int:
-            path = _Path(*sizes, begin, end, *places, paths.h)
-            return int(work(ctypes.byref(path), function, *rest))
-
-        if in_threads(part, even_shares(R) if name != "follow" else [(0, R)]):
-            raise MemoryError(f"no memory for {R} windows of {K} steps")
+def _call(name: str, paths: WindowPaths, kernel: BatchFunction, *rest: object) -> None:
+    """Call the compiled function ``name`` with the paths, the kernel and what else it takes."""
+    (K, R), given = paths.inputs.shape[:2], (paths.z, paths.inputs, paths.theta, paths.force)
+    numbers = [None if a is None else np.ascontiguousarray(a, dtype=float) for a in given]
+    whole = [None if a is None else np.ascontiguousarray(a, dtype=np.int64) for a in (paths.force_at, paths.count)]
+    path = _Path(
+        *(K, R, paths.z.shape[2], paths.C, len(paths.theta), paths.inputs.shape[2] > paths.C, paths.theta.ndim > 1),
+        *(None if a is None else a.ctypes.data for a in (*numbers, *whole)),
+        paths.h,
+    )
+    function = ctypes.cast(getattr(kernel.library, kernel.function.name()), ctypes.c_void_p)
+    if getattr(path_code(), name)(ctypes.byref(path), function, *rest):
+        raise MemoryError(f"no memory for {R} windows of {K} steps")
 
 
 @cache
-def path_code() -> PathCode | None:
+def path_code() -> ctypes.CDLL | None:
     """The compiled functions, None where they do not compile."""
-    library, _ = load_library(source(), FLAGS)
-    return None if library is None else PathCode(library)
+    tables = [", ".join(repr(float(x)) for x in values) for values in (NODES, WEIGHTS)]
+    text = _STEPS.replace("@nodes@", tables[0]).replace("@weights@", tables[1])
+    return load_library(prelude() + _BEGIN + text + _FOLLOW, FLAGS)[0]
 
 
-def _real(a: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(a, dtype=float)
+def logged(
+    paths: WindowPaths, jacobian: BatchFunction, wanted: Entries, A: int, d: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Logged columns (K + 1, R, 6) along the paths, their Jacobian by A states (K + 1, R, 6, A) and by d coefficients
+    (K + 1, R, 6, d).
+
+    jacobian: (z, theta) -> (columns, their Jacobian); wanted: of its nonzeros, columns below A being the states.
+    """
+    K1, R = paths.z.shape[:2]
+    y, nonzeros = jacobian.at(_flat(paths.z), spread_over(paths.theta, K1 * R))
+    J = np.zeros((K1 * R, 6, A + d))
+    J[:, wanted.row, wanted.column] = nonzeros[wanted.entry].T
+    J = J.reshape(K1, R, 6, A + d)
+    return y.T.reshape(K1, R, 6), J[..., :A], J[..., A:]
 
 
-def _whole(a: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(a, dtype=np.int64)
+def weighted(
+    paths: WindowPaths, gradient: BatchFunction, of_rates: bool, weight: np.ndarray, source: np.ndarray
+) -> np.ndarray:
+    """Sums (R, P) over the steps of each window of the ``paths`` of the gradient of a weighted Jacobian.
+
+    gradient: (z, inputs, theta, weights) -> (P,) at the middle of each step where it is ``of_rates``, or (z, theta,
+    weights) -> (P,) at each state; weight: (K or K + 1, R, ...) numbers, of which each point takes those at ``source``
+    as its weights (-1: zero).
+    """
+    K, R = weight.shape[:2]
+    flat = weight.reshape(K * R, -1)
+    chosen = np.where(source >= 0, flat[:, source], 0.0).T
+    if of_rates:
+        middle, held, theta = _at_steps(paths, 0.5 * (paths.z[:-1] + paths.z[1:]))
+        found = gradient.at(middle, held[: paths.C], theta, chosen)[0]
+    else:
+        found = gradient.at(_flat(paths.z), spread_over(paths.theta, K * R), chosen)[0]
+    return np.asarray(found.reshape(-1, K, R).sum(axis=1).T)
 
 
-def _at(array: np.ndarray) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)
+def follow(paths: WindowPaths, rates: BatchFunction, carried: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """The paths (K + 1, R, S) with states simulated from the first on by their ``rates`` (z, inputs, theta): those that
+    are ``carried`` (S,), and all of them after the steps marked in ``whole`` (K, R); the others stay as given."""
+    z = np.array(paths.z, dtype=float, order="C")
+    if rates.library is not None and path_code() is not None:
+        marks = [np.ascontiguousarray(a, dtype=np.uint8) for a in (carried, whole)]
+        _call("follow", paths, rates, *(ctypes.c_void_p(a.ctypes.data) for a in (*marks, z)))
+        return z
+    for k in range(len(paths.inputs)):
+        force = None if paths.force is None else paths.force[k].T
+        theta = pushed(paths.theta, force, paths.force_at, z.shape[1])
+        end = advanced(rates, z[k].T, paths.inputs[k].T, theta, paths.h, paths.C).T
+        z[k + 1] = np.where(carried | whole[k][:, None], end, z[k + 1])
+    return z
+
+
+def advanced(
+    rates: BatchFunction, z: np.ndarray, controls: np.ndarray, theta: np.ndarray, h: float, C: int
+) -> np.ndarray:
+    """States (S, M) a step of h [s] after z (S, M) under ``controls``, inputs (C, M) or with their changes behind (2 C,
+    M). rates: (z, inputs, theta) -> rates; theta: coefficients (all,) or (all, M); C: number of inputs."""
+    return rk4_step(lambda state, part: rates.at(state, _during(controls, part, C), theta)[0], z, h)
+
+
+def pushed(theta: np.ndarray, force: np.ndarray | None, at: np.ndarray | None, points: int) -> np.ndarray:
+    """Coefficients by point (all, points) with a ``force`` (3, points) added to those ``at`` (3,), or without one.
+
+    theta: (all,), or (all, R) by window where the points are K times those of R windows.
+    """
+    every = spread_over(theta, points)
+    if force is not None:
+        every = every.copy()
+        every[at] += force
+    return every
+
+
+def spread_over(theta: np.ndarray, points: int) -> np.ndarray:
+    """Coefficients (all, points) from ``theta`` (all,), or from (all, R) of R windows that repeat up to ``points``."""
+    return (
+        np.tile(theta, (1, points // theta.shape[1])) if theta.ndim > 1 else np.repeat(theta[:, None], points, axis=1)
+    )
+
+
+def _flat(z: np.ndarray) -> np.ndarray:
+    """Points (S, M) of a path (K, R, S)."""
+    return np.ascontiguousarray(z.reshape(-1, z.shape[2]).T)
+
+
+def _at_steps(paths: WindowPaths, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """States z (K, R, S), inputs and coefficients of all steps as points."""
+    K, R = paths.inputs.shape[:2]
+    force = None if paths.force is None else paths.force.reshape(-1, 3).T
+    return _flat(z), paths.inputs.reshape(K * R, -1).T, pushed(paths.theta, force, paths.force_at, K * R)
+
+
+def _during(controls: np.ndarray, part: float, C: int) -> np.ndarray:
+    """Inputs (C, M) after a part of the step; controls: as of ``advanced``."""
+    mean, change = controls[:C], controls[C:]
+    return mean + (part - 0.5) * change if len(change) else mean
+
+
+def _step(
+    paths: WindowPaths,
+    z: np.ndarray,
+    c: np.ndarray,
+    theta: np.ndarray,
+    jacobian: BatchFunction,
+    wanted: Entries,
+    shape: tuple[int, int],
+) -> tuple[np.ndarray, np.ndarray]:
+    """End (m, S) of one step from z (S, m) under c, (C, m) or (2 C, m), and the wanted part of its Jacobian (m, *shape)
+    whose first columns are those of its rows."""
+    m, (A, W), h = z.shape[1], shape, paths.h
+    rate, total = np.zeros_like(z), np.zeros_like(z)
+    straight = np.zeros((m, A, W))
+    straight[:, np.arange(A), np.arange(A)] = 1.0
+    slope, summed = np.zeros_like(straight), np.zeros_like(straight)
+    for fraction, weight in zip(NODES, WEIGHTS, strict=True):
+        rate, nonzeros = jacobian.at(z + fraction * h * rate, _during(c, fraction, paths.C), theta)
+        J = np.zeros((m, A, W))
+        J[:, wanted.row, wanted.column] = nonzeros[wanted.entry].T
+        slope = J[:, :, :A] @ (straight + fraction * h * slope)
+        slope[:, :, A:] += J[:, :, A:]
+        total += weight * rate
+        summed += weight * slope
+    return (z + h * total).T, straight + h * summed

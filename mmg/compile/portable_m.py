@@ -7,28 +7,12 @@ from collections.abc import Mapping
 
 import casadi as ca
 
+from mmg.compile.codegen import OF_ONE
 from mmg.compile.portable_c import Emitter
 from mmg.compile.stages import Program
 
-_SAME: tuple[str, ...] = (
-    "sqrt",
-    "exp",
-    "log",
-    "expm1",
-    "log1p",
-    "erf",
-    "floor",
-    "ceil",
-    "sin",
-    "cos",
-    "tan",
-    "asin",
-    "acos",
-    "atan",
-)
-_SAME += ("sinh", "cosh", "tanh")
 EXPRESSIONS: dict[int, str] = {
-    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in _SAME},
+    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in ("atan2", "hypot")},
     ca.OP_FABS: "abs({0})",
     ca.OP_FMIN: "min({0}, {1})",

@@ -6,11 +6,13 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from cases.shipfiles.effects import with_effects as effects_of
 from cases.shipfiles.ship_file import load_ship
 from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
 from mmg.compile.fused import compile_rollout
 from mmg.effects import effect
+from mmg.model import columns
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -222,6 +224,26 @@ def test_rows_may_depend_on_anything_or_nothing(lanes: int) -> None:
         np.testing.assert_allclose(got[k + 1], z, rtol=1e-14)
 
 
-def test_rates_without_c_are_left_to_the_loop() -> None:
+@needs_compiler
+def test_equations_without_c_are_said_once(caplog: pytest.LogCaptureFixture) -> None:
     q, c, p = (ca.SX.sym(name) for name in "qcp")
-    assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, 1) is None
+    for _ in range(2):
+        assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, 1, "such equations") is None
+    assert len([r for r in caplog.records if "such equations" in r.message]) == 1
+
+
+@pytest.mark.parametrize("by_point", [False, True])
+def test_logged_columns_of_many_states_are_those_of_the_model_one_by_one(by_point: bool) -> None:
+    ship = effects_of(ESSO, ["velocity_filter:tau=0.3", "gyro:share=0.02", "antenna_offset"])
+    simulator, rng = Simulator(ship), np.random.default_rng(0)
+    states = rng.normal(size=(7, len(simulator.model.states), 5))
+    theta = ship.values
+    if by_point:
+        theta = theta[:, None] * rng.uniform(0.9, 1.1, (len(theta), 5))
+    every = theta if by_point else np.tile(theta[:, None], (1, 5))
+    expected = np.array([
+        np.hstack([np.array(simulator.model.columns(z[:, k], every[:, k])) for k in range(5)]) for z in states
+    ])  # fmt: skip
+    assert np.abs(expected[:, 5] - states[:, 5]).max() > 1e-3  # the gyro's share is seen
+    for found in (simulator.columns(states, theta), columns(simulator.model, states, theta)):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.map_estimate import bounded_step
-from fitting.nlp.portable_intervals import Blocks
 from fitting.nlp.problem import Problem
+from mmg.compile.batch import BatchFunction
+from mmg.runge_kutta import NODES, WEIGHTS
 
 
 @dataclass
@@ -61,6 +63,33 @@ def _logged(problem: Problem, z: np.ndarray, S: np.ndarray, theta: np.ndarray) -
     return h.values(z, theta).T, total
 
 
+def _sensitivities(problem: Problem, z: np.ndarray, theta: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """States (S, W) from z (S, W) on, before and after each step of the windows, and their sensitivities (W, S, S + P);
+    those of a window stay where it ends."""
+    seg, (size, W), first = problem.segments, z.shape, problem.kernels.first
+    whole = problem.kernels.whole
+    given = whole.sx_in()
+    jacobian = BatchFunction(ca.Function("jacobian", given[:3], whole(*given)[:2], {"cse": True}), None)
+    rows, columns = (np.array(a, dtype=int) for a in whole.sparsity_out(1).get_triplet())
+    S = np.zeros((W, size, size + problem.P))
+    S[:, np.arange(size), np.arange(size)] = 1.0
+    path = [(z, S)]
+    for k, c in enumerate(seg.controls):
+        rate, slope, total, summed = np.zeros_like(z), np.zeros_like(S), np.zeros_like(z), np.zeros_like(S)
+        for node, weight in zip(NODES, WEIGHTS, strict=True):
+            rate, nonzeros = jacobian.at((z + node * seg.h * rate)[first:], c, theta)
+            J = np.zeros((W, size, size - first + problem.P))
+            J[:, rows, columns] = nonzeros.T
+            slope = J[:, :, : size - first] @ (S + node * seg.h * slope)[:, first:]
+            slope[:, :, size:] += J[:, :, size - first :]
+            total, summed = total + weight * rate, summed + weight * slope
+        active = seg.steps > k
+        z = np.where(active, z + seg.h * total, z)
+        S = np.where(active[:, None, None], S + seg.h * summed, S)
+        path.append((z, S))
+    return path
+
+
 def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     """Normal equations of ``problem`` at initial states z0 (W, S) and coefficients p (P,).
 
@@ -73,36 +102,25 @@ def linearise(problem: Problem, z0: np.ndarray, p: np.ndarray) -> Linearised:
     if problem.prior.constants:
         raise ValueError("single shooting knows no constants of single runs")
     theta = problem.coefficients(p)
-    held = (seg.steps, seg.controls, seg.h, np.zeros(seg.intervals, dtype=int))
-    blocks, start = Blocks(problem.kernels.functions, *held), z0[seg.window].T
-    sweeps = [b.sweep(start[:, s], theta) for b, s in zip(blocks.blocks, blocks.slices, strict=True)]
+    path = _sensitivities(problem, z0[seg.window].T, theta)
     unit = np.concatenate([problem.scale, problem.prior.std])
     W = seg.intervals
     H, g = np.zeros((W, size + P, size + P)), np.zeros((W, size + P))
-    for s, sweep in zip(blocks.slices, sweeps, strict=True):
-        at_start = np.zeros((len(seg.start[s]), size, size + P))
-        at_start[:, np.arange(size), np.arange(size)] = 1.0
-        samples = [
-            (z0[seg.window[s]].T, at_start, seg.nodes[seg.start[s]], problem.node_weight[seg.start[s]]),
-            (sweep.end, sweep.S_end, seg.nodes[seg.end[s]], problem.node_weight[seg.end[s]]),
-        ]
-        for k, S in enumerate(sweep.S_interior):
-            m = len(S)
-            targets, weight = seg.targets[k, :, s][:, :m].T, problem.weight[k, :, s][:, :m].T
-            samples.append((sweep.interior[k, :, :m], S, targets, weight))
-        for z, S, measured, weight in samples:
-            y, S_y = _logged(problem, z, S, theta)
-            S_y = S_y * unit
-            m, WS = len(S_y), weight[:, :, None] * S_y
-            H[s][:m] += np.swapaxes(S_y, 1, 2) @ WS
-            g[s][:m] += ((y - measured)[:, None, :] @ WS)[:, 0]
+    samples = [(*path[0], seg.nodes[seg.start], problem.node_weight[seg.start])]
+    samples += [(*path[-1], seg.nodes[seg.end], problem.node_weight[seg.end])]
+    inside = zip(path[1:-1], seg.targets, problem.weight, strict=True)
+    samples += [(z, S, targets.T, weight.T) for (z, S), targets, weight in inside]
+    for z, S, measured, weight in samples:
+        y, S_y = _logged(problem, z, S, theta)
+        S_y = S_y * unit
+        WS = weight[:, :, None] * S_y
+        H += np.swapaxes(S_y, 1, 2) @ WS
+        g += ((y - measured)[:, None, :] @ WS)[:, 0]
     memory = problem.memory_weight[seg.start]
     H[:, np.arange(6, size), np.arange(6, size)] += memory * problem.scale[6:] ** 2
     g[:, 6:size] += memory * (z0[seg.window, 6:] - problem.measured_nodes[seg.start, 6:]) * problem.scale[6:]
-    end = np.concatenate([sweep.end for sweep in sweeps], axis=1)
-    interior = np.concatenate([sweep.interior for sweep in sweeps], axis=2)
     return Linearised(
-        _cost(problem, z0, end, interior, p),
+        _cost(problem, z0, path[-1][0], np.array([z for z, _ in path[1:-1]]), p),
         H[:, :size, :size],
         H[:, :size, size:],
         g[:, :size],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from diagnosis.estimation.filtering import filtered_by, source, whitened_by
 from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.transition_model import LinearModel
 from mmg.compile.cache import load_library
-from mmg.compile.path_c import FLAGS
+from mmg.compile.paths import FLAGS
 
 RUNS, STEPS = 3, 11
 
@@ -137,22 +136,6 @@ def test_a_window_alone_gives_the_same_bits(code: ctypes.CDLL) -> None:
     own = replace(s, **{k: getattr(s, k)[:, 1:2] for k in ("T", "Z", "good", "inside")}, first=s.first[1:2])
     alone: Filtered = filtered_by(code, own)
     assert np.array_equal(alone.P[:, 0], whole.P[:, 1]) and alone.log_det[0] == whole.log_det[1]
-
-
-def test_threads_change_no_bit(code: ctypes.CDLL, monkeypatch: pytest.MonkeyPatch) -> None:
-    s, rng, found = system(9), np.random.default_rng(4), []
-    columns = DrivenColumns.dense(
-        rng.standard_normal((STEPS, RUNS, 9, 20)), rng.standard_normal((STEPS + 1, RUNS, 6, 20))
-    )
-    for threads in ("1", "2", "256"):
-        monkeypatch.setenv("MMG_THREADS", threads)
-        monkeypatch.setattr(os, "cpu_count", lambda: 4)
-        f, out = filtered_by(code, s), np.empty((STEPS + 1, RUNS, 6, 20))
-        states = whitened_by(code, s, f, columns, out, True)
-        found.append([*vars(f).values(), out, states])
-    for one, two, many in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, two)
-        np.testing.assert_array_equal(one, many)
 
 
 @pytest.mark.parametrize("by", ["code", "numpy"])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 import pickle
 
 import numpy as np
 import pytest
 
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from mmg.compile.cache import load_library
-from mmg.compile.path_c import FLAGS, source
-from mmg.compile.paths import PathCode
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
 from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about
@@ -249,23 +245,3 @@ def test_without_a_compiler_it_is_the_same(steps: TransitionModel) -> None:
     a, b = (s.linearise(states, inputs, theta, force, every_column(s), np.arange(s.S)) for s in (steps, slow))
     for name in ("end", "F", "G", "force", "logged", "H", "D"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-10)
-
-
-def test_wrong_code_of_paths_is_not_used_and_one_line_says_so(
-    steps: TransitionModel, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    library, why = load_library(source().replace("p->h * total", "0.9 * p->h * total"), FLAGS)
-    if library is None:
-        pytest.skip(why)
-    monkeypatch.setattr("diagnosis.estimation.transition_model.path_code", lambda: PathCode(library))
-    with caplog.at_level(logging.WARNING):
-        careful = TransitionModel(steps.ship, steps.symbols, steps.h)
-    assert [r.message for r in caplog.records] == [
-        "the compiled code of paths does not agree with numpy, which is used instead"
-    ]
-    states, inputs, force = path(steps)
-    a, b = (
-        s.linearise(states, inputs, off_neutral(steps), force, every_column(s), np.arange(s.S))
-        for s in (steps, careful)
-    )
-    np.testing.assert_allclose(a.end, b.end, rtol=1e-10, atol=1e-12)

@@ -1,22 +1,18 @@
-"""The compiled elimination of nodes against that in numpy, and a compiler that makes wrong code of it."""
+"""The compiled elimination of nodes against that in numpy."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fitting.nlp import elimination_c
 from fitting.nlp.elimination_c import Chains, elimination
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Kernels
-from fitting.solvers.condensing.quadratic import carried, gauss_newton
+from fitting.solvers.condensing import carried, gauss_newton
 from mmg.compile.cache import compiler
 from tests.fitting.nlp.test_run_constants import small
 from tests.support.synthetic_runs import problem
-from tests.support.wrong_compiler import use_wrong_compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -59,9 +55,3 @@ def test_chains_go_back_in_time_through_the_intervals_of_each_window() -> None:
     chains = Chains.of(np.array([1, 0, 1, 1]), np.array([4, 0, 2, 3]), np.array([5, 1, 3, 4]))
     assert chains.first.tolist() == [0, 1, 4]
     assert chains.number.tolist() == [1, 0, 3, 2]
-
-
-def test_wrong_code_of_a_compiler_is_found(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    cache = use_wrong_compiler("s/0[.]5 [*] through/0.25 * through/", tmp_path, monkeypatch)
-    assert elimination_c.elimination.__wrapped__(True) is None
-    assert cache.is_dir() and not list(cache.glob("*.so"))

@@ -23,7 +23,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import RunConstants
 from fitting.nlp.shooting import Kernels
-from fitting.nlp.windows import Segments, cut
+from fitting.nlp.windows import cut
 from fitting.settings import Settings
 from fitting.solvers.ipopt import solve
 from fitting.uncertainty.sandwich import changes_without_each
@@ -73,7 +73,7 @@ def small(K: int, captive: bool = False) -> Problem:
     """Two short runs with a shared lag, each with a current (prior off zero) and a compass error of its own."""
     ship, constants = varying_effects(freeing_effects(start(), ["velocity_filter"]), ["current:x=0.01", "heading_bias"])
     segments = cut([trials()[0], trials()[1]], 1.0, 30.0, K, inputs=ship.inputs)
-    few = segments.subset(np.flatnonzero(np.isin(np.arange(len(segments.run)), (0, 1, 5)))).by_run()
+    few = segments.subset(np.flatnonzero(np.isin(np.arange(len(segments.run)), (0, 1, 5))))
     prior = Prior.of(ship, constants, few.trials)
     positions = prior.positions(ship)
     kernel = Kernels(assemble(ship), positions, False)
@@ -139,34 +139,6 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
     np.testing.assert_allclose(np.linalg.inv(shared.hessian), np.linalg.inv(found.hessian)[:n, :n], rtol=1e-8)
     moved = found.p[:n] + changes_without_each(found.by_run())[:, :n]
     np.testing.assert_allclose(shared.p + changes_without_each(shared), moved, rtol=1e-2, atol=1e-4)
-
-
-def test_sorting_intervals_by_run_changes_nothing() -> None:
-    """And a problem without constants is one group, whose blocks may straddle runs."""
-    ship = freeing_effects(start(), ["velocity_filter"])
-    prior, segments = Prior.of(ship), cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
-    kernel = Kernels(assemble(ship), prior.positions(ship), False)
-    one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
-    assert len(one.shooting.blocks.slices) == 1 and one.columns.groups == 1 and one.P == one.L
-    x = somewhere(one)
-    assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
-    np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
-    H = [matrix(p.patterns[1][0], p.hessian(x, 1.0, np.zeros(p.m))) for p in (one, other)]
-    np.testing.assert_allclose(H[1].toarray(), H[0].toarray(), rtol=1e-9, atol=1e-6)
-    assert (np.diff(other.segments.run[other.segments.window]) >= 0).all()
-
-
-def test_blocks_of_unsorted_intervals_are_right_too() -> None:
-    """Each block is of one run, however the intervals are sorted."""
-    ship, constants = varying_effects(start(), ["current"])
-    segments = cut(list(trials()), 1.0, 30.0, 7, inputs=ship.inputs)
-    prior = Prior.of(ship, constants, segments.trials)
-    kernel = Kernels(assemble(ship), prior.positions(ship), False)
-    one, other = (Problem(ship, prior, kernel, s, SIGMA) for s in (segments, segments.by_run()))
-    x = somewhere(one)
-    assert len(other.shooting.blocks.slices) == 3 < len(one.shooting.blocks.slices)
-    assert other.objective(x) == pytest.approx(one.objective(x), rel=1e-12)
-    np.testing.assert_allclose(other.gradient(x), one.gradient(x), rtol=1e-9, atol=1e-9)
 
 
 def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
@@ -307,12 +279,3 @@ def test_bad_input_is_refused_in_one_line(
 def test_an_effect_that_the_ship_cannot_have_is_refused() -> None:
     with pytest.raises(BadValue):
         varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
-
-
-def test_segments_by_run_keep_the_longest_first_in_each() -> None:
-    segments: Segments = cut(list(trials()), 1.0, 30.0, 7)
-    by_run = segments.by_run()
-    run = by_run.run[by_run.window]
-    for r in range(3):
-        assert (np.diff(by_run.steps[run == r]) <= 0).all()
-    assert sorted(by_run.start) == sorted(segments.start)

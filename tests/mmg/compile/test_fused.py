@@ -1,29 +1,16 @@
-"""Rollouts: products and sums that are rounded once, and any number of ships."""
+"""Rollouts of any number of ships."""
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
-from mmg.compile.stages import Program
 from mmg.rollout import Simulator
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
-
-
-def test_products_that_are_only_added_are_fused_and_others_kept() -> None:
-    x, y, p = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("p")
-    f = ca.Function("f", [x, y, p], [x * y - p, x**2 + x * y, p * p + x], {"cse": True})
-    program = Program.of(f, (2, 2, 1))
-    sums, inside = program.fused_sums([0, 1, 2])
-    texts = sorted(each.text for each in sums.values())
-    assert texts == ["more({}, {}, -{})", "more({}, {}, {})"]  # p * p is of an earlier stage
-    operations = [program.values[place].operation for place in inside]
-    assert operations == [ca.OP_SQ]  # x * y is taken up twice, in one sum as what is added
 
 
 @needs_compiler

@@ -8,20 +8,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from mmg.compile import paths as along
 from mmg.compile.batch import BatchFunction, batch_functions
-from mmg.compile.path_numpy import PortablePaths
-from mmg.compile.paths import Entries, PathCode, WindowPaths, path_code
+from mmg.compile.paths import Entries, WindowPaths
 
 S, C, ALL = 4, 2, 7
 FORCE = np.array([4, 5, 6])
-
-
-@pytest.fixture(scope="module")
-def code() -> PathCode:
-    found = path_code()
-    if found is None:
-        pytest.skip("no C compiler")
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -73,88 +65,77 @@ CASES = pytest.mark.parametrize(
 
 
 @CASES
-def test_steps_and_their_derivatives(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+def test_steps_and_their_derivatives(
+    functions: dict[str, BatchFunction], given: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
     active, chosen = np.array([0, 1, 2]), np.array([0, 1, 4, 5, 6])  # nothing depends on the fourth state
     row, column = np.full(S, -1), np.full(S + ALL, -1)
     row[active] = column[active] = np.arange(3)
     column[S + chosen] = 3 + np.arange(5)
     wanted = Entries.chosen(at(functions["jacobian"], 1), row, column)
     rest = (functions["jacobian"], wanted, 3, np.array([3, 4, 3]), np.array([5, 6, 7]))
-    found, expected = (go.steps(paths(*given), *rest) for go in (code, PortablePaths()))
-    for a, b in zip(found, expected, strict=True):
+    found = along.steps(paths(*given), *rest)
+    monkeypatch.setattr(along, "path_code", lambda: None)
+    for a, b in zip(found, along.steps(paths(*given), *rest), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 
 
 @CASES
-def test_what_is_logged_and_its_derivatives(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+def test_the_derivatives_of_what_is_logged_are_those_of_differences(
+    functions: dict[str, BatchFunction], given: tuple
+) -> None:
+    here, kernel = paths(*given), functions["logged_jacobian"]
     column = np.array([0, 1, -1, 2, -1, -1, -1, 3, -1, -1, -1])  # three states, and the fourth coefficient
-    wanted = Entries.chosen(at(functions["logged_jacobian"], 1), np.arange(6), column)
-    rest = (functions["logged_jacobian"], wanted, 3, 1)
-    found, expected = (go.logged(paths(*given), *rest) for go in (code, PortablePaths()))
-    for a, b in zip(found, expected, strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
-    assert found[2].any()
+    wanted = Entries.chosen(at(kernel, 1), np.arange(6), column)
+    y, H, D = along.logged(here, kernel, wanted, 3, 1)
+    e, ahead, more = 1e-6, here.z.copy(), np.array(here.theta)
+    ahead[..., 3] += e
+    more[3] += e
+    moved = [along.logged(way, kernel, wanted, 3, 1)[0] for way in (replace(here, z=ahead), replace(here, theta=more))]
+    for found, expected in ((H[..., 2], moved[0]), (D[..., 0], moved[1])):
+        np.testing.assert_allclose(found, (expected - y) / e, atol=1e-5)
+    assert D.any()
 
 
 @CASES
 @pytest.mark.parametrize("name", ["of_rates", "of_logged"])
-def test_weighted_second_derivatives(
-    code: PathCode, functions: dict[str, BatchFunction], given: tuple, name: str
+def test_weighted_second_derivatives_are_sums_by_window(
+    functions: dict[str, BatchFunction], given: tuple, name: str
 ) -> None:
     here, of_rates = paths(*given), name == "of_rates"
     count = functions[name].function.numel_in(3 if of_rates else 2)
     rng = np.random.default_rng(1)
     weight = rng.standard_normal((len(here.z) - of_rates, here.z.shape[1], 3, count))
     source = rng.permutation(3 * count)[:count]
+    whole = along.weighted(here, functions[name], of_rates, weight, source)
     source[0] = -1
-    found, expected = (go.weighted(here, functions[name], of_rates, weight, source) for go in (code, PortablePaths()))
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-    assert np.abs(found).max() > 0
+    part = along.weighted(here, functions[name], of_rates, weight, source)
+    assert whole.shape == (here.z.shape[1], functions[name].function.nnz_out(0)) and np.abs(whole - part).max() > 0
 
 
 @CASES
-def test_paths_simulated_in_part_or_whole(code: PathCode, functions: dict[str, BatchFunction], given: tuple) -> None:
+def test_paths_simulated_in_part_or_whole(
+    functions: dict[str, BatchFunction], given: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
     here = paths(*given)
     K, R = here.inputs.shape[:2]
     carried, whole = np.array([False, False, True, True]), np.random.default_rng(2).random((K, R)) < 0.5
     for marks in (whole, np.zeros((K, R), dtype=bool)):
-        found, expected = (go.follow(here, functions["rates"], carried, marks) for go in (code, PortablePaths()))
+        found = along.follow(here, functions["rates"], carried, marks)
+        with monkeypatch.context() as without:
+            without.setattr(along, "path_code", lambda: None)
+            expected = along.follow(here, functions["rates"], carried, marks)
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
         assert np.array_equal(found[1:][~marks][:, :2], here.z[1:][~marks][:, :2]), "given states were overwritten"
 
 
-def test_a_window_alone_gives_the_same_bits(code: PathCode, functions: dict[str, BatchFunction]) -> None:
-    here = paths(11, 9, True, True, True)
-    assert here.force is not None
-    own = WindowPaths(here.z[:, 4:5], here.inputs[:, 4:5], here.theta[:, 4:5], here.h, C, here.force[:, 4:5], FORCE)
-    every, none = np.ones(S, dtype=bool), np.zeros((11, 9), dtype=bool)
-    whole = code.follow(here, functions["rates"], every, none)
-    assert np.array_equal(code.follow(own, functions["rates"], every, none[:, :1])[:, 0], whole[:, 4])
-
-
-def test_steps_that_do_not_exist_are_left_out_and_threads_change_no_bit(
-    code: PathCode, functions: dict[str, BatchFunction], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_steps_that_do_not_exist_are_left_out(functions: dict[str, BatchFunction]) -> None:
     here, count = paths(11, 3, True, True, True), np.array([11, 0, 6])
-    weight = np.random.default_rng(3).standard_normal((11, 3, 60))
-    source = np.arange(functions["of_rates"].function.numel_in(3))
     row, column = np.array([0, 1, 2, -1]), np.full(S + ALL, -1)
     column[[0, 1, 2, S, S + 1, S + 4, S + 5, S + 6]] = np.arange(8)
-    steps = functions["jacobian"], Entries.chosen(at(functions["jacobian"], 1), row, column), 3, np.array([3, 4, 3])
-    logged = Entries.chosen(at(functions["logged_jacobian"], 1), np.arange(6), np.array([0, 1, -1, 2, *[-1] * 7]))
-    found = []
-    for threads in ("1", "2"):
-        monkeypatch.setenv("MMG_THREADS", threads)
-        for own in (here, replace(here, count=count)):
-            parts = (
-                code.steps(own, *steps, np.array([5, 6, 7])),
-                code.logged(own, functions["logged_jacobian"], logged, 3, 1),
-            )
-            found.append([*parts[0], *parts[1], code.weighted(own, functions["of_rates"], True, weight, source)])
-    every, short, both, both_short = found
-    for one, two in zip([*every, *short], [*both, *both_short], strict=True):
-        np.testing.assert_array_equal(one, two)
-    for whole, part in zip(every[:-1], short[:-1], strict=True):
-        exist = np.arange(len(whole))[:, None] < count + (len(whole) - 11)
+    wanted = Entries.chosen(at(functions["jacobian"], 1), row, column)
+    rest = functions["jacobian"], wanted, 3, np.array([3, 4, 3]), np.array([5, 6, 7])
+    for whole, part in zip(along.steps(here, *rest), along.steps(replace(here, count=count), *rest), strict=True):
+        exist = np.arange(len(whole))[:, None] < count
         np.testing.assert_array_equal(part[exist], whole[exist])
         assert not part[~exist].any() and np.isfinite(part).all()

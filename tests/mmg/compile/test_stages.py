@@ -5,8 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import pytest
 
-from mmg.compile.staged_lanes import staged_bodies
-from mmg.compile.stages import Program
+from mmg.compile.stages import Program, staged_bodies
 
 
 def program(terms: int) -> Program:

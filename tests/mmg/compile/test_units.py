@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile import batch_source, cache, staged_lanes
+from mmg.compile import batch, cache, stages
 from mmg.compile.batch import batch_functions
 from mmg.compile.cache import UNIT, compiler
 from mmg.model import assemble
@@ -69,7 +69,7 @@ def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch
     functions, rng, theta, found = derivatives(ship), np.random.default_rng(0), ship.values, []
     inputs = [0.1 * rng.standard_normal((functions[0].nnz_in(j), 24)) for j in range(2)]
     for size in (10**6, 150):
-        monkeypatch.setattr(staged_lanes, "FUNCTION_SIZE", size)
+        monkeypatch.setattr(stages, "FUNCTION_SIZE", size)
         monkeypatch.setenv("MMG_CACHE", str(tmp_path / str(size)))
         batches, reason = batch_functions(functions)
         assert not reason
@@ -80,14 +80,14 @@ def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch
 
 def test_no_function_has_more_instructions_than_a_compiler_likes(tmp_path: Path) -> None:
     functions = derivatives(ship_of_four_pods(tmp_path))
-    assert max(f.n_instructions() for f in functions) > 2 * staged_lanes.FUNCTION_SIZE
-    units = batch_source.source(functions).split(UNIT)
+    assert max(f.n_instructions() for f in functions) > 2 * stages.FUNCTION_SIZE
+    units = batch.source(functions).split(UNIT)
     parts = [part for unit in units for part in unit.split("HIDDEN void ")[1:] if "{" in part]
     operation = re.compile(r"^ *const V a\d+ = (?!x\d|fill\(|\(M \+)", re.MULTILINE)
     constants = re.compile(r"^ *const V a\d+ = -?a\d+;", re.MULTILINE)
     sizes = [len(operation.findall(part)) - len(constants.findall(part)) for part in parts]
-    assert len(units) > 2 and 0 < max(sizes) <= staged_lanes.FUNCTION_SIZE
-    assert max(len(unit) for unit in units[1:]) < 2 * staged_lanes.UNIT_TEXT
+    assert len(units) > 2 and 0 < max(sizes) <= stages.FUNCTION_SIZE
+    assert max(len(unit) for unit in units[1:]) < 2 * stages.UNIT_TEXT
 
 
 def test_one_line_says_what_is_compiled(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fitting.solvers.resumed import check_resumable, iterate_of
+from fitting.calibrate import check_resumable, iterate_of
 from mmg.errors import UserError
 from tests.support.calibrated import small_result
 

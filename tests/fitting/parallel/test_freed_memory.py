@@ -10,7 +10,7 @@ import pytest
 PROGRAM = """
 import resource
 import numpy as np
-from mmg.compile.freed_memory import keep_freed_memory
+from fitting.parallel.executors import keep_freed_memory
 
 able = keep_freed_memory()
 for _ in range(3):

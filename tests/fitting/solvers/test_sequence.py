@@ -12,10 +12,9 @@ import pytest
 from fitting.nlp.fisher_information import information
 from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Problem
-from fitting.solvers import leading
-from fitting.solvers.condensing.sequence import Lead, lead, polished
+from fitting.solvers import condensing
+from fitting.solvers.condensing import Lead, lead, polished, solve_led
 from fitting.solvers.ipopt import ROUGH, solve
-from fitting.solvers.leading import solve_led
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix
@@ -105,7 +104,7 @@ def test_random_starts_reach_the_same_optimum() -> None:
 def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
     best = solve(p, p.start())
-    monkeypatch.setattr(leading, "solve", None)
+    monkeypatch.setattr(condensing, "solve", None)
     rough = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test", ROUGH)
     assert rough.status == "Solved_To_Acceptable_Level" and not rough.converged
     assert rough.objective == pytest.approx(best.objective, rel=3e-3) and rough.violation < 1e-2
@@ -114,7 +113,7 @@ def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> No
 def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
     alone = solve(p, p.start())
-    monkeypatch.setattr(leading, "STEPS", 2)
+    monkeypatch.setattr(condensing, "STEPS", 2)
     led = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test")
     np.testing.assert_array_equal(led.x, alone.x)
     assert (led.iterations, led.history) == (alone.iterations, alone.history)

@@ -1,0 +1,372 @@
+"""Calibrations by a sequence of quadratic subproblems, condensed window by window; IPOPT finishes and certifies.
+
+The nodes of a window meet those of the others only in the coefficients p. From the last node of each window backwards
+the cost-to-go is a quadratic in the state there and p; the linearised interval carries it to the interval's start
+(Riccati recursion without controls, Bellman 1957; condensing of Bock & Plitt 1984), for all windows at once. What is
+left is dense: the first state of each window, then p under its bounds. A forward pass gives the steps of all nodes, and
+the multiplier of each continuity constraint is the slope of the cost-to-go at the interval's end.
+
+The Hessian of Gauss and Newton begins: it is never indefinite. Then the Hessian of the Lagrangian takes over, of which
+only the first state of each window and the coefficients are left after the elimination: where these small blocks
+are not positive, they are made so, and nothing is factorised twice. Every trial point is brought back to where the
+intervals join (a second-order correction, which costs a simulation without sensitivities), so that the merit, the
+objective and the violations under their multipliers, is little else than the objective.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
+from fitting.nlp.problem import Problem
+from fitting.nlp.run_constants import Columns
+from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
+from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
+from mmg.progress import OnProgress, Progress
+
+LEAST = 1e-8
+"""Least eigenvalue of a block that is inverted, relative to its largest."""
+
+
+@dataclass(frozen=True)
+class Subproblem:
+    """Objective and linearised constraints at x, in scaled (state, p).
+
+    rows: (B, S, S + L) Hessian rows of the nodes; slope: (B, S) gradient; shared: (P, P) and shared_slope: (P,) of the
+    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) what the end is
+    off the next node.
+    """
+
+    rows: np.ndarray
+    slope: np.ndarray
+    shared: np.ndarray
+    shared_slope: np.ndarray
+    maps: np.ndarray
+    off: np.ndarray
+
+
+@dataclass(frozen=True)
+class Step:
+    """nodes: (B, S) and p: (P,), steps of the scaled variables; multipliers: (M S,) of the defects there; bound: (P,)
+    multipliers of the bounds, positive at upper ones; decrease: what the quadratic model of the objective changes by,
+    along the slope alone."""
+
+    nodes: np.ndarray
+    p: np.ndarray
+    multipliers: np.ndarray
+    bound: np.ndarray
+    decrease: float
+
+
+def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
+    """That of ``problem`` with the Hessian of Gauss and Newton at x (n,): a robust loss counts by its weights, which
+    majorise it."""
+    seg, S, columns = problem.segments, problem.S, problem.columns
+    parts, p = Quadratics.of(problem, x, by_window=False), problem.split(x)[1]
+    rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
+    rows[seg.start] += parts.inside
+    slope[seg.start] += parts.inside_slope[:, :S]
+    known, score = prior_parts(problem, p)
+    pulls = columns.total(parts.node_slope[:, S:], columns.node)
+    pulls = pulls + columns.total(parts.inside_slope[:, S:], columns.interval)
+    P = problem.P
+    shared, pull = columns.matrix(parts.shared, P) + known, columns.vector(pulls, P) + score
+    return Subproblem(rows, slope, shared, pull, parts.maps, parts.off[:, :S])
+
+
+def newton(problem: Problem, x: np.ndarray, multipliers: np.ndarray, middle: bool = True) -> Subproblem:
+    """That of ``problem`` with the Hessian of the Lagrangian at x (n,) and the ``multipliers`` (m,) of the defects, in
+    which the rates are bent once in each Runge-Kutta step, in its middle (the midpoint rule): that takes half the time
+    and changes the bending by a few percent, so that steps converge a little slower and to the same place."""
+    S, B = problem.S, problem.B
+    rows, shared = problem.hessian_parts(x, 1.0, multipliers, middle)
+    g = problem.gradient(x)
+    maps, off = transitions(problem, x)
+    return Subproblem(rows, g[: S * B].reshape(B, S), shared, g[S * B :], maps, off[:, :S])
+
+
+def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
+    """The step that minimises ``sub`` from p (P,) within the bounds of ``problem``; None for numbers not finite."""
+    seg, S, L, P, columns = problem.segments, problem.S, problem.L, problem.P, problem.columns
+    W, at = len(seg.run), columns.each(columns.at, columns.window)
+    inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))
+    node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
+    parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
+    left = Eliminated.of(seg, parts, problem.kernels.elimination)
+    if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
+        return None
+    first = _positive(left.rows[:, :, :S])
+    border = left.rows[:, :, S:]
+    gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
+    whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
+    local = left.shared_by_group(columns.interval, columns.groups)
+    whole += columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
+    slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
+    whole_slope += columns.vector(columns.total(slopes, columns.window), P)
+    (dense,) = _positive(0.5 * (whole + whole.T)[None])
+    lower, upper = problem.p_bounds()
+    dp = within_bounds(dense, whole_slope, lower - p, upper - p)
+    local_dp = dp[at]
+    if len(local_dp) != W:
+        local_dp = np.broadcast_to(local_dp, (W, L))
+    first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
+    nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
+    end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
+    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull
+    decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
+    bound = -(dense @ dp + whole_slope)
+    bound[(dp > lower - p) & (dp < upper - p)] = 0.0
+    return Step(nodes, dp, multipliers.reshape(-1), bound, decrease)
+
+
+def _by_group(columns: Columns, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Sums by group (G, L, L) over the windows of left^T right (W, S, L)."""
+    total = np.empty((columns.groups, left.shape[2], right.shape[2]))
+    for g in range(columns.groups):
+        A, B = (f if columns.groups == 1 else f[columns.window == g] for f in (left, right))
+        total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
+    return total
+
+
+def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Steps of all nodes (B, S) of the ``problem`` that the linearised intervals make of the steps of the ``first``
+    nodes of the windows (W, S) and of the coefficients p (W, L): maps, off as of ``Subproblem``."""
+    seg, S = problem.segments, problem.S
+    code = problem.kernels.elimination
+    if code:
+        return code.carried(seg.chains, maps, off, first, p if p.any() else None, problem.B)
+    nodes = np.zeros((problem.B, S))
+    shared = (maps[:, :, S:] @ p[seg.window][:, :, None])[:, :, 0] + off
+    for number, i in enumerate(reversed(intervals_by_level(seg))):
+        w, start = seg.window[i], seg.start[i]
+        begins = ~np.isin(start, seg.end) if number else np.ones(len(start), dtype=bool)
+        nodes[start[begins]] = first[w[begins]]
+        nodes[seg.end[i]] = (maps[i, :, :S] @ nodes[start][:, :, None])[:, :, 0] + shared[i]
+    return nodes
+
+
+def _positive(blocks: np.ndarray) -> np.ndarray:
+    """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
+    values, vectors = np.linalg.eigh(blocks)
+    least = LEAST * np.abs(values).max(axis=1, keepdims=True)
+    if (values > least).all():
+        return blocks
+    values = np.maximum(np.abs(values), least)
+    return (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+
+def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray, most: int = 60) -> np.ndarray:
+    """The d (P,) that minimises g . d + d . H d / 2 between ``lower`` and ``upper`` (P,), for H (P, P) positive.
+
+    Primal-dual active set (Hintermueller, Ito & Kunisch 2002), at most ``most`` changes of the set; then clipped.
+    """
+    at_lower, at_upper = np.zeros(len(g), dtype=bool), np.zeros(len(g), dtype=bool)
+    d = np.zeros(len(g))
+    for _ in range(most):
+        d = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
+        free = ~(at_lower | at_upper)
+        d[free] = np.linalg.solve(H[np.ix_(free, free)], -(g + H @ d)[free])
+        push = -(H @ d + g)
+        now_lower = np.where(at_lower, push < 0, free & (d < lower))
+        now_upper = np.where(at_upper, push > 0, free & (d > upper))
+        if (now_lower == at_lower).all() and (now_upper == at_upper).all():
+            break
+        at_lower, at_upper = now_lower, now_upper
+    return np.clip(d, lower, upper)
+
+
+CUTS = 10
+"""Halvings of a step before it counts as failed."""
+CORRECTIONS = 3
+"""Corrections of a trial point towards where the intervals join."""
+
+
+SLOW = 0.03
+"""Share of the merit that a step of Gauss and Newton must gain for another one to follow."""
+SHORT = 0.25
+"""Length of a Newton step below which one of Gauss and Newton follows."""
+MARGIN = 1.1
+"""Price of a violation over its multiplier."""
+STALLS = 2
+"""Steps in a row that gain little before a sequence counts as stalled."""
+Watch = Callable[[float, float], bool]
+"""Of an iterate: takes the objective and the largest violation, returns whether to stop."""
+
+
+@dataclass
+class Lead:
+    """Where the sequence ended: x (n,), multipliers of the defects (m,) and of the bounds of p (P,).
+
+    reached: whether it came to its tolerance; history: objective and violation of each iterate.
+    """
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    bound: np.ndarray
+    reached: bool = False
+    history: list[tuple[float, float]] = field(default_factory=list)
+
+
+def lead(
+    problem: Problem,
+    x: np.ndarray,
+    tolerance: float,
+    most: int,
+    at_iterate: Watch = lambda *_: False,
+    stalled: float = 0.0,
+    feasible: float = np.inf,
+) -> Lead:
+    """The sequence for ``problem`` from x (n,), which takes at most ``most`` steps.
+
+    tolerance: predicted change of the merit, relative to the objective, at which a full step is the last one;
+    at_iterate: called at each iterate with the objective and the largest violation; where it says True, the sequence
+    stops; stalled: change of the merit, relative to the objective, below which STALLS steps in a row, of whatever
+    length, are the last ones too; feasible: violation from which on it goes on instead. It also stops where a step of
+    Gauss and Newton does not lower the merit, or numbers are not finite.
+    """
+    x = x.copy()
+    x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
+    found = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
+    prices, second, stalls = np.zeros(problem.m), False, 0
+    while len(found.history) < most:
+        f, c = problem.objective(x), np.abs(problem.defects(x))
+        found.history.append((f, float(c.max(initial=0.0))))
+        if at_iterate(*found.history[-1]) or not (np.isfinite(f) and np.isfinite(c).all()):
+            break
+        sub = newton(problem, x, found.multipliers) if second else gauss_newton(problem, x)
+        step = solved(problem, sub, problem.split(x)[1])
+        if step is None:
+            break
+        needed = MARGIN * np.abs(step.multipliers)
+        prices = np.maximum(needed, 0.5 * (prices + needed))
+        merit, slope = f + float(prices @ c), step.decrease - float(prices @ c)
+        taken = _searched(problem, x, sub, step, (merit, slope), prices)
+        if taken is None and second:
+            second = False
+            continue
+        if taken is None:
+            break
+        length, x, reached = taken
+        found.x, found.bound = x, step.bound
+        found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
+        second = length >= SHORT if second else length < 1.0 or merit - reached < SLOW * abs(reached)
+        stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
+        done = stalls >= STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f))
+        if done and float(np.abs(problem.defects(x)).max(initial=0.0)) < feasible:
+            found.reached = True
+            break
+    return found
+
+
+def polished(problem: Problem, found: Lead) -> Lead:
+    """Where ``found`` of the ``problem`` comes to by one more step, with the exact Hessian: multipliers and gradient
+    balance to second order there."""
+    step = solved(problem, newton(problem, found.x, found.multipliers, middle=False), problem.split(found.x)[1])
+    if step is None:
+        return found
+    x = found.x + np.concatenate([step.nodes.reshape(-1), step.p])
+    f, c = problem.objective(found.x), problem.defects(found.x)
+    if not problem.objective(x) <= f + np.abs(step.multipliers) @ np.abs(c) + 1e-9 * (1 + abs(f)):
+        return found
+    return replace(found, x=x, multipliers=step.multipliers, bound=step.bound)
+
+
+def _searched(
+    problem: Problem, x: np.ndarray, sub: Subproblem, step: Step, merit_slope: tuple[float, float], prices: np.ndarray
+) -> tuple[float, np.ndarray, float] | None:
+    """Length of the ``step`` from x (n,) that lowers the merit enough, where it leads, and the merit there.
+
+    merit_slope: the merit at x and its slope along the step; prices: (m,) of violations. None where no length does.
+    """
+    (merit, slope), length = merit_slope, 1.0
+    d = np.concatenate([step.nodes.reshape(-1), step.p])
+    still = np.zeros((len(problem.segments.run), problem.S)), np.zeros((len(problem.segments.run), problem.L))
+    for _ in range(CUTS):
+        new = x + length * d
+        for again in range(CORRECTIONS):
+            c = problem.defects(new)
+            reached = problem.objective(new) + float(prices @ np.abs(c))
+            if reached <= merit + 1e-4 * length * min(slope, 0.0) + 1e-10 * (1 + abs(merit)):
+                return length, new, reached
+            if not np.isfinite(reached) or again == CORRECTIONS - 1:
+                break
+            off = c.reshape(problem.M, problem.S)
+            new = new.copy()
+            new[: problem.S * problem.B] += carried(problem, sub.maps, off, *still).reshape(-1)
+        length *= 0.5
+    return None
+
+
+STEPS = 30
+"""Steps of the leading method before IPOPT is left alone."""
+ROUGH_CHANGE = 3e-4
+"""Predicted relative change of the objective at which a rough solve ends."""
+ROUGH_GAIN = 3e-4
+"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
+FEASIBLE = 1e-2
+"""Largest violation with which a rough solve may end."""
+NEAR = 1e-7
+"""Predicted relative change at which IPOPT takes over."""
+
+
+def solve_led(
+    problem: Problem,
+    x: np.ndarray,
+    tolerance: float,
+    max_iterations: int,
+    time_limit: float | None,
+    progress: OnProgress | None,
+    task: str,
+    options: Mapping[str, Any] | None = None,
+) -> Solution:
+    """Where ``ipopt.solve`` ends for ``problem`` from where the condensing method and one exact step led from x (n,).
+
+    tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``; options are of a solve
+    that is not led.
+
+    A rough solve (options are ROUGH) ends with that method. Where it does not come to its end, IPOPT begins at x as if
+    it had not been; after Ctrl-C, where it came to.
+    """
+    began, rough = time.perf_counter(), options is ROUGH
+    history: list[tuple[float, float]] = []
+
+    def at_iterate(objective: float, violation: float) -> bool:
+        history.append((objective, violation))
+        if progress:
+            values = {"objective": objective, "violation": violation}
+            progress(Progress(task, len(history) - 1, values=values))
+        late = time_limit is not None and time.perf_counter() - began > 0.5 * time_limit
+        return bool(INTERRUPTED.requested) or late
+
+    with interrupts_noted():
+        change, gain, feasible = (ROUGH_CHANGE, ROUGH_GAIN, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
+        led = lead(problem, x, change, min(STEPS, max_iterations), at_iterate, gain, feasible)
+        if led.reached and rough:
+            return _ended(problem, led, time.perf_counter() - began)
+        start: np.ndarray | Guess = led.x if INTERRUPTED.requested and len(led.history) > 1 else x
+        if led.reached:
+            led, options = polished(problem, led), None
+            start = Guess(led.x, led.multipliers, led.bound)
+        left = None if time_limit is None else time_limit - (time.perf_counter() - began)
+        last = solve(problem, start, tolerance, max_iterations, left, progress, task, options)
+    before, seconds = led.history if led.reached else [], time.perf_counter() - began
+    return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
+
+
+def _ended(problem: Problem, led: Lead, seconds: float) -> Solution:
+    """What the leading method hands on."""
+    return Solution(
+        x=led.x,
+        objective=problem.objective(led.x),
+        violation=float(np.abs(problem.defects(led.x)).max()),
+        status="Solved_To_Acceptable_Level",
+        converged=False,
+        iterations=len(led.history),
+        seconds=seconds,
+        history=led.history,
+    )

@@ -1,1 +1,0 @@
-"""A sequential quadratic method that eliminates the nodes of each window before the coefficients meet."""
