@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.criteria.figures import Since, since
-from cases.criteria.spiral import spiral_curve
+from cases.criteria.figures import Since, since, spiral_curve
 from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure
 
@@ -199,7 +198,7 @@ def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
 def spiral_plot(ax: Axes, run: Run) -> Axes:
     """Steady turn rate r L / V of ``run`` against rudder angle, both ways, drawn on ``ax``."""
     dress(ax, "rudder / deg", "r L / V", run.name)
-    curve = spiral_curve(run.trial, run.order_time)
+    curve = spiral_curve(since(run.trial, run.order_time))
     if curve is not None:
         unit = run.length / run.speed
         there: dict[str, Any] = {"label": "there", "color": AFTER, "marker": "o", "markersize": 4}

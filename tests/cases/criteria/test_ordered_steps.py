@@ -11,7 +11,7 @@ import pytest
 
 from cases.criteria.imo import assess
 from cases.criteria.measured_maneuvers import find_maneuver
-from cases.criteria.ordered_steps import nominal
+from cases.criteria.rudder_steps import nominal
 from cases.criteria.standard_runs import measured_run
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.orders import Zigzag

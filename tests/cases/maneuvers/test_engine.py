@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 
 from cases.criteria.assessment import imo_figures
-from cases.criteria.batch_figures import figures_of_each
-from cases.criteria.standard_runs import figures_of, simulated_run
+from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_run
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.engine import USUAL, ZERO_THRUST, Engine, engine_of, engine_words
 from cases.maneuvers.self_propulsion import approach
 from cases.maneuvers.stopping import stopping_notices
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
 from mmg.components.propeller.four_quadrant import A_Q, B_Q
 from mmg.errors import UserError
 from mmg.rollout import Simulator
