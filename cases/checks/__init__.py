@@ -13,7 +13,6 @@ from typing import Any
 from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.folders import decided
-from cases.checks.kinematics import kinematics
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.rudder import rudder_sign
 from cases.checks.sampling import sampling
@@ -31,7 +30,6 @@ __all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "poole
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,
-    "kinematics": kinematics,
     "rudder": rudder_sign,
     "wind": wind,
     "excitation": excitation,

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.checks.remedies import labels, line, mended, place, settings
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, CheckFinding, CheckReport
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport
 from cases.checks.rudder import following
 from cases.checks.stretches import DRIFTING
 from cases.evidence.competition import Judged, Scores, judged, scores
 from cases.evidence.inputs import wrong_inputs
 from cases.evidence.readings import FRAMES, Keys
-from cases.evidence.shifts import LAGS, Shift, shifts
+from cases.evidence.shifts import LAGS, Shift, Value, candidates, shifts
 from cases.evidence.signals import signals
 from cases.evidence.standing import standing
 from cases.io.leave_out import left_out
@@ -76,10 +76,11 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
         said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
         whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
-        for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
-            said[k] = _shift_said(shift) if shift else said[k]
+        alone: dict[int, dict[str, Value | None]] = {}
+        for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
+            said[k], alone[k] = _shift_said(shift) if shift else said[k], values
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
-            out[i] = _joined(out[i], each, found[k])
+            out[i] = _joined(out[i], each, found[k], alone.get(k, {}))
     return out
 
 
@@ -144,18 +145,19 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
     return f"The track says that {meaning}: {fits}"
 
 
-def _shifted(trials: Sequence[Trial]) -> list[Shift | None]:
-    """The shift of each of the ``trials``, None where there is none that matters."""
+def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Value | None]]]:
+    """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
     kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
-    out: list[Shift | None] = [None] * len(trials)
+    out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
     for track in (True, False):
         some = [(k, s) for k, s in kept if s.has_track == track]
         if not some:
             continue
         own = [trials[k] for k, _ in some]
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
-        for (k, _), shift in zip(some, shifts([s for _, s in some], longest), strict=True):
-            out[k] = shift if shift and _matters(shift) else None
+        found = candidates([s for _, s in some], longest)
+        for i, ((k, _), shift) in enumerate(zip(some, shifts(found), strict=True)):
+            out[k] = shift, {name: one.alone[i] for name, one in found.items()}
     return out
 
 
@@ -167,7 +169,7 @@ def _matters(shift: Shift) -> bool:
 
 
 def _shift_said(shift: Shift) -> Said:
-    """A doubt and, where one key mends it, that key."""
+    """A doubt and, where one key mends it, that key; only a note where it hardly matters."""
     value, real = shift.value, float(np.real(shift.value))
     keys: Keys = {}
     if shift.name in LAGS:
@@ -192,7 +194,7 @@ def _shift_said(shift: Shift) -> Said:
         other = {**{name: "a lag" for name in LAGS}, "arm": "a lever arm", "heading": "a heading offset"}
         names = dict.fromkeys(other.get(name, f"a {name}") for name in shift.rivals)
         text, keys = f"{text} (or {' or '.join(names)}: the data cannot tell)", {}
-    return Said([(DOUBTFUL, code, text)], keys)
+    return Said([(DOUBTFUL, code, text)], keys) if _matters(shift) else Said([(INFO, code, text)], {})
 
 
 def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
@@ -232,17 +234,27 @@ def _ends(trial: Trial, said: Said) -> bool:
     turning = following(after)["correlation"]
     if wrong_inputs(after, turning) or judged([_scored(after, standing(after), turning)])[0].reading.faults:
         return False
-    return not any(_shifted([after]))
+    ((shift, _),) = _shifted([after])
+    return shift is None or not _matters(shift)
 
 
-def _joined(report: CheckReport, said: Said, found: Scores) -> CheckReport:
-    """``report`` with what is ``said``; its own sentences on motion, which then follow from it, are left out."""
-    follows = ("kinematics", "rudder", "units")
-    codes = {code for _, code, _ in said.findings}
-    kept = [f for f in report.findings if not (said.findings and (f.topic in follows or f.code in codes))]
+def _joined(report: CheckReport, said: Said, found: Scores, alone: Mapping[str, Value | None]) -> CheckReport:
+    """``report`` with what is ``said``; its own sentences on what follows from that are left out.
+
+    alone: of lags, gains, lever arm and offset the values that each would have by itself.
+    """
+    codes = {code for level, code, _ in said.findings if level != INFO}
+    kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
         kept = [f for f in kept if f.topic != "sampling" or f.code not in ("coarse_sampling", "gaps")]
     own = [CheckFinding(TOPICS.get(code, "kinematics"), level, code, text) for level, code, text in said.findings]
     misfit = {name: found.misfit.get((name, 1.0, 1.0)) for name in FRAMES}
-    kinematics = {**report.numbers["kinematics"], "frame_misfit": misfit}
+    arm, turned = alone.get("arm"), alone.get("heading")
+    kinematics = {
+        "frame_misfit": misfit,
+        "lag_s": {name: alone.get(key) for key, (_, columns) in LATE_WORDS.items() for name in [", ".join(columns)]},
+        "gain": {name: alone.get(f"gain {name}") for name in "uvr"},
+        "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
+        "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),
+    }
     return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})

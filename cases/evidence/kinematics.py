@@ -21,7 +21,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from cases.checks.motion import SMOOTHING, ahead, shift_and_weight, smooth, uniform
 from cases.evidence.kinematic_fit import SIGMAS, Fit, Rows, fit
 from cases.evidence.kinematic_words import LAG, TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
 from cases.trial import Trial
@@ -29,6 +28,9 @@ from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
+SMOOTHING = 1.1
+"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the
+differentiated satellite position is noise."""
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
 """s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
 CORRELATION = 0.9
@@ -219,6 +221,49 @@ class _Log:
             late = (ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts)
             way = self._ways[frame, shift] = tuple(self.integral(w) for w in late)
         return way
+
+
+def smooth(values: np.ndarray, width: int) -> np.ndarray:
+    """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    if len(values) < width:
+        return out
+    kernel, whole = np.full(width, 1.0 / width), slice(width // 2, len(values) - width // 2)
+    if np.iscomplexobj(values):  # by parts: for real numbers there is a quicker way
+        out.real[whole], out.imag[whole] = (np.convolve(part, kernel, "valid") for part in (values.real, values.imag))
+    else:
+        out[whole] = np.convolve(values, kernel, "valid")
+    return out
+
+
+def shift_and_weight(steps: float) -> tuple[int, float]:
+    """How many samples ``ahead`` values lie that are late by a number of ``steps``, and the share of those one further
+    ahead."""
+    whole = round(-steps)
+    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)
+    return shift, max(-steps - shift, 0.0)
+
+
+def ahead(values: np.ndarray, shift: int) -> np.ndarray:
+    """``values`` (N,) ``shift`` samples later, (N,), NaN outside."""
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    first, last = max(0, -shift), min(len(values), len(values) - shift)
+    if last > first:
+        out[first:last] = values[first + shift : last + shift]
+    return out
+
+
+def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN
+    outside, and where more than 3 dt are missing.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    if len(good) < 2:
+        return np.full(len(clock), np.nan)
+    out = np.interp(clock, t[good], values[good], left=np.nan, right=np.nan)
+    for i in np.flatnonzero(np.diff(t[good]) > 3 * dt):
+        out[(clock > t[good[i]]) & (clock < t[good[i + 1]])] = np.nan
+    return out
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:

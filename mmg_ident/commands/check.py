@@ -124,7 +124,7 @@ def _print(
     """A table with one line per file, what is wrong (``every``: and all else), and sentences on all files together."""
     rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
     rows += [(path.stem, "unreadable", *[""] * 6) for path, _ in unreadable]
-    print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
+    print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag uv r, s|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
     for _, error in unreadable if len(unreadable) > 1 else ():
         print_wrapped("  !! ", str(error))
@@ -165,8 +165,7 @@ def _listed(names: list[str], of: int) -> str:
 def _cells(report: CheckReport) -> list[str]:
     """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
     sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
-    channels = report.numbers["kinematics"]["channels"]
-    lags = [_short(channels[c]["lag_s"], "5.2f") if c in channels else "    -" for c in "uvr"]
+    lags = [_short(report.numbers["kinematics"]["lag_s"][c], "5.2f") for c in ("u, v", "r")]
     low, high = excitation.get("n_range_rps", (None, None))
     return [
         str(sampling["rows"]),
