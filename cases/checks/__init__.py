@@ -14,11 +14,9 @@ from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.folders import decided
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.rudder import rudder_sign
-from cases.checks.sampling import sampling
+from cases.checks.single import rudder_sign, sampling, wind
 from cases.checks.stretches import known_stretches, stretch_findings
 from cases.checks.trusted import as_they_are, with_doubt, without_broken
-from cases.checks.wind import wind
 from cases.io.sentinels import CODE, without_sentinels
 from cases.trial import Trial
 from mmg.errors import Conflict

@@ -1,14 +1,20 @@
-"""What may be fitted and scored: trials that the data do not refute, without their broken stretches."""
+"""What may be fitted and scored: trials without their broken stretches, each once, by their roles in the sidecar."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from cases.checks.duplicates import duplicates
 from cases.checks.stretches import BrokenStretch, broken_stretches
+from cases.io.campaigns import campaign_labels
 from cases.io.leave_out import CODE, left_out, looked_at
 from cases.io.sidecar import line_for
 from cases.trial import Trial
+from mmg.errors import Missing
 from mmg.messages import Message
 
 DOUBT = "doubtful"
@@ -52,3 +58,97 @@ def _without(trial: Trial, known: Sequence[BrokenStretch] | None) -> Trial:
     why = "; ".join(dict.fromkeys(part for s in found for part in s.what.split("; ")))
     words = f"{why}; to keep all, {keeping_line(trial)}"
     return left_out(trial, spans, words, [span for span, s in zip(spans, found, strict=True) if s.moved])
+
+
+MOST_LISTED = 5
+"""Of names and pairs in one message."""
+
+
+def training_trials(trials: Sequence[Trial], judges: Sequence[Trial] = ()) -> tuple[list[Trial], list[Message]]:
+    """The ``trials`` to train on, and messages on those that trials.toml keeps out by their role test or validate, on
+    copies, which would count as if the run had been made again, and on what was left out of trials and ``judges``.
+
+    Raises UserError when none is left.
+    """
+    kept, out = by_role(trials)
+    names = ", ".join(t.name for t in out)
+    if out and not kept:
+        line = line_for(out[0].path, out[0].name, 'role = "train"')
+        words = (
+            "trials.toml gives them the role test or validate; none is left to train on: write for those to train on"
+        )
+        raise Missing(f"{names}: {words}, {line}")
+    messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
+    once, copies = without_copies(kept)
+    return once, [*remarks([*once, *judges]), *messages, *copies]
+
+
+def by_role(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """Those of the ``trials`` that may train, and those that trials.toml keeps out by their role test or validate."""
+    out = [t for t in trials if t.role in ("test", "validate")]
+    return [t for t in trials if t.role not in ("test", "validate")], out
+
+
+def without_copies(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
+    """The ``trials`` of which each is there once, and messages on copies, which would count as if the run had been made
+    again."""
+    messages: list[Message] = []
+    once: dict[bytes, int] = {}
+    copies: dict[int, list[int]] = {}
+    for i, trial in enumerate(trials):
+        first = once.setdefault(_content(trial), i)
+        if first != i:
+            copies.setdefault(first, []).append(i)
+    campaign = campaign_labels(trials) if copies else []
+    for first, others in copies.items():
+        name = trials[first].name
+        words = f"{_listed([trials[i].name for i in others])}: copies of {name}, which say nothing more; left out, so "
+        words += "that no run counts twice"
+        messages.append(Message(words, "copies_left_out"))
+        for i in others:
+            if campaign[i] != campaign[first]:
+                words = f"{name} of campaign {campaign[first]} and {trials[i].name} of campaign {campaign[i]} are the "
+                words += f"same file; it counts for {campaign[first]}: remove the one that is wrong"
+                messages.append(Message(words, "same_file_in_two_campaigns"))
+    return [trials[i] for i in once.values()], messages
+
+
+def _content(trial: Trial) -> bytes:
+    """What is the same for two trials of the same numbers; a clock may begin anywhere."""
+    found = hashlib.sha256()
+    for name, column in sorted(trial.columns.items()):
+        values = column - column[0] if name == "t" else column
+        found.update(name.encode())
+        found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
+    return found.digest()
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The ``names``, of more than MOST_LISTED only the first and how many there are."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
+
+
+def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Message]:
+    """Messages on rows that two trials of ``train`` share, or one of them and one of ``held_out``."""
+    trials = [*train, *held_out]
+    messages = []
+    for i, (copies, _) in enumerate(duplicates(trials)):
+        names, first = {copy["other"] for copy in copies}, trials[i].name
+        for other in [j for j in range(i + 1, len(trials)) if trials[j].name in names]:
+            second = trials[other].name
+            if i < len(train) <= other:
+                words = f"{second} shares rows with {first}: its score is not held out"
+                messages.append(Message(words, "not_held_out"))
+            elif other < len(train):
+                words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
+                messages.append(Message(words, "shared_rows"))
+    found = list(dict.fromkeys(messages))
+    for code in ("not_held_out", "shared_rows"):
+        same = [m for m in found if m.code == code]
+        if len(same) > MOST_LISTED:
+            found = [m for m in found if m.code != code] + same[:MOST_LISTED]
+            found.append(
+                Message(f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)", code)
+            )
+    return found

@@ -4,7 +4,8 @@ The rudder of an approach wanders under autopilot or helmsman; that of a manoeuv
 either side of one middle in turn, each reversed after the ship has turned to the rudder's side, are a zigzag of any
 rudder and heading; a hold over which the heading changes by 90 deg is a turning test; revolutions that go astern from
 ahead until the way is off are a stop. A long record may hold several of them. Stretches that were left out are bridged
-where they are short; a run in which they decide is refused."""
+where they are short; a run in which they decide is refused.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,8 @@
 Nothing is assumed of the angles: noise, a rudder that is slow to move and one that is logged with an offset are steps
 all the same. The rudder begins to move when the heading has passed the one that was ordered, by what passes in a sample
 and in the reaction of helmsman and steering gear. Orders are usual angles; another one is believed where the record
-shows it."""
+shows it.
+"""
 
 from __future__ import annotations
 

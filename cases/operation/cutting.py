@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.checks.rest import SWINGING
+from cases.checks.breaks import SWINGING
 from cases.checks.stretches import broken_stretches
 from cases.trial import RUDDERS, Trial
 from mmg.motion.froude import reference_speed

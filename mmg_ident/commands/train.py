@@ -70,7 +70,7 @@ def train(
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
     from cases.checks import ready
-    from cases.checks.held_out import training_trials
+    from cases.checks.trusted import training_trials
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import check_target, reserved
