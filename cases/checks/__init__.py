@@ -10,19 +10,18 @@ from dataclasses import replace
 from itertools import islice
 from typing import Any
 
-from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.folders import decided
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.single import rudder_sign, sampling, wind
 from cases.checks.stretches import known_stretches, stretch_findings
-from cases.checks.trusted import as_they_are, with_doubt, without_broken
+from cases.checks.trusted import as_they_are, duplicates, with_doubt, without_broken
 from cases.io.sentinels import CODE, without_sentinels
 from cases.trial import Trial
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 
-__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready", "refuse_contradictory"]
+__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready"]
 
 
 LOOKS = {
@@ -67,7 +66,7 @@ def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial],
     sets = tuple([_known(trial) for trial in some] for some in sets)
     if unchecked:
         return tuple(as_they_are(some) for some in sets)
-    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
+    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some])))
     out = []
     for some in sets:
         reports = list(islice(all_reports, len(some)))
@@ -80,21 +79,15 @@ def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial],
     return tuple(out)
 
 
-def refuse_contradictory(trials: Sequence[Trial], anyway: str) -> None:
-    """Raises UserError where the data of one of ``trials`` refute what its file says of them.
-
-    anyway: how to go on all the same, in words.
-    """
-    _unrefuted(check(trials), anyway)
-
-
-def _unrefuted(reports: list[CheckReport], anyway: str) -> list[CheckReport]:
+def _unrefuted(reports: list[CheckReport]) -> list[CheckReport]:
     """The ``reports`` where none is contradictory."""
     wrong = [report for report in reports if report.verdict == CONTRADICTORY]
     if wrong:
         text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
         names = ", ".join(report.path or report.name for report in wrong)
-        raise Conflict(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
+        raise Conflict(
+            f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or add --unchecked"
+        )
     return reports
 
 

@@ -92,14 +92,6 @@ class Execute:
         return self.kind + own.get(self.kind, "")
 
 
-def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
-    """The first manoeuvre of a measured (or simulated) run of a ship of this length [m].
-
-    trial, kind and what is raised: as for ``find_maneuvers``.
-    """
-    return find_maneuvers(trial, length, kind)[0]
-
-
 def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute, ...]:
     """All manoeuvres of a measured (or simulated) run of a ship of this length [m], in the order of time.
 

@@ -117,11 +117,6 @@ def _one_order(run: read.Since, kind: str, rudder: float, least: float = 0.0, st
     return {"spiral": read.spiral_figures, "pull-out": read.pull_out_figures}[kind](run)
 
 
-def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
-    """The first of ``measured_runs`` of a ship of this length [m]. trial, kind and what is raised: as there."""
-    return measured_runs(trial, length, kind)[0]
-
-
 def measured_runs(trial: Trial, length: float, kind: str = "") -> list[Run]:
     """The standard manoeuvres found in a measured run of a ship of this length [m], in the order of time.
 

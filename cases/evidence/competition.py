@@ -9,7 +9,7 @@ that differs from the headers costs COST for the folder; a trial that differs fr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -285,34 +285,14 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     return tuple(found), apart[0].astype(int), apart
 
 
-@dataclass(frozen=True)
-class _Keys:
-    """What each of H readings asks a table for: one of the ``keys``, ``which`` (H,)."""
-
-    keys: tuple[Any, ...]
-    which: np.ndarray
-
-    @classmethod
-    def of(cls, each: Iterable[Any]) -> _Keys:
-        """From the key that each reading asks for."""
-        number: dict[Any, int] = {}
-        which = np.array([number.setdefault(key, len(number)) for key in each])
-        return cls(tuple(number), which)
-
-    def found(self, table: Mapping[Any, float]) -> np.ndarray:
-        """What each reading finds in the ``table``, (H,), 0 where it has nothing."""
-        return np.array([table.get(key, 0.0) for key in self.keys])[self.which]
-
-
 @cache
-def _keys_of_readings() -> tuple[_Keys, _Keys, _Keys, dict[tuple[str, float], np.ndarray]]:
-    """What readings ask the tables of tracks, spins and rudders for, and which of them have each unit, (H,)."""
-    each = competitors()[0]
-    tracks = _Keys.of((r.frame, r.heading, r.speed * r.clock) for r in each)
-    spins = _Keys.of((r.heading, r.rate * FRAMES[r.frame].psi * FRAMES[r.frame].r * r.clock) for r in each)
-    units = [set(r.units) for r in each]
-    having = {unit: np.array([unit in own for own in units]) for unit in set().union(*units)}
-    return tracks, spins, _Keys.of(r.turning for r in each), having
+def _keys() -> list[tuple[tuple[str, float, float], tuple[float, float], int]]:
+    """What each reading asks the tables of tracks, spins and rudders for."""
+    return [
+        ((r.frame, r.heading, r.speed * r.clock), (r.heading, r.rate * frame.psi * frame.r * r.clock), r.turning)
+        for r in competitors()[0]
+        for frame in [FRAMES[r.frame]]
+    ]
 
 
 def scores(
@@ -323,13 +303,12 @@ def scores(
     turning: correlation of its turn rate with the rudder, None where it is not known; standing: columns that stand
     still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
     """
-    tracks, spins, rudders, units = _keys_of_readings()
-    strange = _unlikely_units(labels or {})
+    keys, strange = _keys(), _unlikely_units(labels or {})
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
     spin: dict[tuple[float, float], float] = {}
     blind = {"psi", "r"} & set(standing)
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
-    factors, rates = tuple({key[2] for key in tracks.keys}), tuple({key[1] for key in spins.keys})
+    factors, rates = tuple({way[2] for way, _, _ in keys}), tuple({spun[1] for _, spun, _ in keys})
     for unit in HEADINGS:
         s = signals(trial, unit)
         if s is None:
@@ -345,8 +324,9 @@ def scores(
                     factors = (1.0,)
         if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
             break
-    nats = tracks.found({key: value[0] for key, value in track.items()}) + spins.found(spin)
-    nats += rudders.found(_rudder(turning)) + STRANGE * sum(units[unit] for unit in strange if unit in units)
+    rudders = _rudder(turning)
+    nats = np.array([track.get(way, (0.0, 0.0))[0] + spin.get(spun, 0.0) + rudders[sign] for way, spun, sign in keys])
+    nats += STRANGE * np.array([len(strange.intersection(reading.units)) for reading in competitors()[0]])
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
 
 

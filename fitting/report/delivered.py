@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.assessment import imo_figures
-from cases.criteria.imo import Row
+from cases.criteria.imo import Row, imo_figures
 from cases.criteria.standard_runs import approach_speed
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial

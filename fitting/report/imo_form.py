@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.assessment import Assessment, imo_figures, imo_figures_of_trials
-from cases.criteria.imo import FAIL, OPEN, PASS, Row
+from cases.criteria.imo import FAIL, OPEN, PASS, Assessment, Row, imo_figures, imo_figures_of_trials
 from cases.trial import Trial
 from fitting.prediction.figure_intervals import DRAWS, FigureScatter, JudgedFigures, with_intervals
 from mmg.errors import Conflict, OutOfRange, UserError

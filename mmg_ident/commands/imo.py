@@ -14,8 +14,8 @@ from mmg_ident.commands.output import is_model, print_json, print_table, refuse_
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cases.criteria.assessment import Assessment
     from cases.criteria.figures import Since
+    from cases.criteria.imo import Assessment
     from cases.criteria.trial_correction import WaterVelocity
     from cases.trial import Trial
     from mmg.ship import Ship
@@ -59,7 +59,7 @@ def imo(
     """
     import math
 
-    from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+    from cases.criteria.imo import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
     from cases.shipfiles.ship_file import load_ship
 

@@ -18,9 +18,8 @@ from cases.criteria.figures import (
     zigzag_figures,
 )
 from cases.criteria.simulated_trial import check_completeness
-from cases.maneuvers.controller import Controller, Limits
 from cases.maneuvers.definitions import parse_maneuver
-from cases.maneuvers.orders import Zigzag, random_telegraph
+from cases.maneuvers.orders import Controller, Limits, Zigzag, random_telegraph
 from cases.maneuvers.self_propulsion import revolutions_for, speed_for
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fitting.report.delivered as module
-from cases.criteria.assessment import imo_figures
+from cases.criteria.imo import imo_figures
 from fitting.prediction.figure_intervals import correlation_in, with_intervals
 from fitting.report.delivered import Delivered, FigureSection, delivery_sections, figure_section, standard_figures
 from tests.support.calibrated import small_result
