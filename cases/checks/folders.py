@@ -104,7 +104,10 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
 
     turning: correlation of its turn rate with the rudder.
     """
-    said = [(CONTRADICTORY, "frozen_channel", _stuck(trial, name, why)) for name, why in still.items()]
+    said = [
+        (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
+        for name, why in still.items()
+    ]
     keys: Keys = {}
     alone = found.reading.rudder != found.folder.rudder
     for code, meaning in [] if still else found.reading.statements():
@@ -128,10 +131,6 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
         said.append((CONTRADICTORY, "unit", text[0].upper() + text[1:]))
         keys = {**keys, "units": {**keys.get("units", {}), name: factor}}
     return Said(said, keys)
-
-
-def _stuck(trial: Trial, name: str, why: str) -> str:
-    return f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}"
 
 
 def _sentence(code: str, meaning: str, found: Judged) -> str:

@@ -12,7 +12,7 @@ record over a few seconds. The stretch is where it changes most for its length (
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -156,10 +156,6 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     Nothing is left to decide, as they are left out: the verdict on the rest of the record is what counts.
     """
     found = broken_stretches(trial)
-    rows = [
-        {"begin_s": s.begin_s, "end_s": s.end_s, "what": s.what, "channels": list(s.channels), "moved": s.moved}
-        for s in found
-    ]
     seconds = sum(s.end_s - s.begin_s for s in found)
     findings = [
         (
@@ -173,12 +169,7 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     for names, share in frozen_share(trial).items() if len(trial) >= 8 * STEP else ():
         if share > MUCH:
             findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
-    return {"broken": rows, "broken_share": seconds / max(trial.duration, 1e-9)}, findings
-
-
-def known_stretches(numbers: Mapping[str, Any]) -> list[BrokenStretch]:
-    """The broken stretches in the ``numbers`` of ``stretch_findings``."""
-    return [BrokenStretch(**{**row, "channels": tuple(row["channels"])}) for row in numbers["broken"]]
+    return {"broken": [asdict(s) for s in found], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 
 def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:

@@ -144,16 +144,11 @@ def remarks(trials: Sequence[Trial]) -> list[Message]:
     return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
 
 
-def keeping_line(trial: Trial) -> str:
-    """What to add to trials.toml so that nothing of ``trial`` is left out, in words."""
-    return f"add to {line_for(trial.path, trial.name, 'exclude = []')}"
-
-
 def _without(trial: Trial, known: Sequence[BrokenStretch] | None) -> Trial:
     found = broken_stretches(trial) if known is None else known
     spans = [(s.begin_s, s.end_s) for s in found]
     why = "; ".join(dict.fromkeys(part for s in found for part in s.what.split("; ")))
-    words = f"{why}; to keep all, {keeping_line(trial)}"
+    words = f"{why}; to keep all, add to {line_for(trial.path, trial.name, 'exclude = []')}"
     return left_out(trial, spans, words, [span for span, s in zip(spans, found, strict=True) if s.moved])
 
 

@@ -65,10 +65,10 @@ class Engine:
     """An engine, or M of them: numbers, or arrays (M,).
 
     n_mcr: revolutions at maximum continuous rating [1/s]; speed [m/s], n [1/s]: of the approach, where its torque is
-    known; advance: tangent of the advance angle there, on the scale of the series; engine_delay: from the order until the
-    fuel is cut [s]; restart: share of n_mcr below which air brakes; astern_revolutions, astern_torque: most astern, shares
-    of n_mcr and Q_MCR; engine_rise: time in which the revolutions may rise by n_mcr [s]; engine_inertia: 2 pi I n_mcr / Q_MCR [s];
-    assumed: particulars that the ship file does not give.
+    known; advance: tangent of the advance angle there, on the scale of the series; engine_delay: from the order until
+    the fuel is cut [s]; restart: share of n_mcr below which air brakes; astern_revolutions, astern_torque: most astern,
+    shares of n_mcr and Q_MCR; engine_rise: time in which the revolutions may rise by n_mcr [s]; engine_inertia:
+    2 pi I n_mcr / Q_MCR [s]; assumed: particulars that the ship file does not give.
     """
 
     n_mcr: float
@@ -172,7 +172,8 @@ def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
     for name, (_, _, low, high) in USUAL.items():
         if name in p and not low <= p[name] <= high:
             raise OutOfRange(f"{ship.name}: {name} = {p[name]:g} must be between {low:g} and {high:g}")
-    n_mcr = p.get("n_MCR", 0.0) or _at_rating(ship, speed, n)
+    at_rating = n * p.get("U_0", speed) / speed / MCR  # by the propeller law: U_0 takes 90 % of the power
+    n_mcr = p.get("n_MCR", 0.0) or at_rating
     if not 0.2 * n < n_mcr < 20 * n:
         raise OutOfRange(f"{ship.name}: n_MCR = {n_mcr:g} 1/s does not fit n = {n:.3g} 1/s at {speed:.3g} m/s")
     values = {name: p.get(name, usual[0]) for name, usual in USUAL.items()}
@@ -198,11 +199,6 @@ def engine_words(engine: Engine) -> str:
     units = {"engine_delay": " s", "engine_rise": " s", "engine_inertia": " s"}
     listed = ", ".join(f"{name} {getattr(engine, name):g}{units.get(name, '')}" for name in engine.assumed)
     return f"a direct-reversible diesel engine is assumed ({listed}; n_MCR {engine.n_mcr:.3g} 1/s)"
-
-
-def _at_rating(ship: Ship, speed: float, n: float) -> float:
-    """n_MCR [1/s] by the propeller law from the approach at ``speed`` [m/s] with ``n`` [1/s]: U_0 takes 90 % of MCR."""
-    return n * ship.particulars.get("U_0", speed) / speed / MCR
 
 
 def _advance(ship: Ship, speed: float, n: float) -> float:

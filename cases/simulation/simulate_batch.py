@@ -172,10 +172,8 @@ def coefficients_in(
 ) -> np.ndarray:
     """Coefficients (P,) or (P, M) that a ``ship`` has in a ``maneuver``. given: as for ``coefficient_array``."""
     theta = coefficient_array(ship, given)
-    if not maneuver.factors:
-        return theta
     factors = np.array([maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols])
-    return theta * (factors[:, None] if theta.ndim == 2 else factors)
+    return (theta.T * factors).T if maneuver.factors else theta
 
 
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
