@@ -87,7 +87,8 @@ def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
 
 
 def figures_of_each(runs: SimulatedRuns, plan: Maneuver) -> list[dict[str, float]]:
-    """Those of ``figures_of`` but for the means of a steady turn, of each of the ``runs``; empty where one diverged."""
+    """Those of ``figures_of`` but for the means of a steady turn, of each of the ``runs`` of the manoeuvre ``plan``;
+    empty where one diverged."""
     each = since_each(runs, plan.parameters["order_time"])
     return [_figures(run, plan, steady=False) if run is not None else {} for run in each]
 

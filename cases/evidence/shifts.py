@@ -65,7 +65,7 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Explanation:
     """What one explanation is worth to the trials of a folder: values, each trial's or None where it is none there;
     total: what they gain together (negative); alone: each trial's own best value, None for a lag that gains
     nothing there."""
@@ -75,7 +75,7 @@ class Candidate:
     alone: Sequence[Value | None]
 
 
-def candidates(found: Sequence[Signals], longest: float) -> dict[str, Candidate]:
+def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanation]:
     """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without.
 
     found: their signals; longest: lag [s] up to which is searched.
@@ -84,7 +84,7 @@ def candidates(found: Sequence[Signals], longest: float) -> dict[str, Candidate]
     return {name: _lag(found, name, longest) if name in LAGS else _fitted(found, name) for name in names}
 
 
-def shifts(found: Mapping[str, Candidate]) -> list[Shift | None]:
+def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
     """The best explanation of each of the trials of a folder by the ``candidates`` found, None where there is none."""
     gains = {name: -one.total - _rare(name, one.values) for name, one in found.items()}
     best = max(gains, key=lambda name: gains[name])
@@ -165,7 +165,7 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
 
 
-def _lag(some: Sequence[Signals], name: str, longest: float) -> Candidate:
+def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
     """Lags [s] of what ``name`` says is late, up to the ``longest``."""
     plain = np.array([nats(s) for s in some])
 
@@ -184,10 +184,10 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Candidate:
     costs = np.where(inner, table, np.maximum(table, 0.0))
     chosen, total = _together(costs)
     alone = [float(grid[np.argmin(row)]) if row.min() < -COST else None for row in costs]
-    return Candidate([None if i is None else float(grid[i]) for i in chosen], total, alone)
+    return Explanation([None if i is None else float(grid[i]) for i in chosen], total, alone)
 
 
-def _fitted(some: Sequence[Signals], name: str) -> Candidate:
+def _fitted(some: Sequence[Signals], name: str) -> Explanation:
     """Values of least squares of each trial, or of all of them."""
     normal = [_normal(s, name) for s in some]
     joint = sum(n[0] for n in normal), sum(n[1] for n in normal)
@@ -199,7 +199,7 @@ def _fitted(some: Sequence[Signals], name: str) -> Candidate:
         nats(s, value, name) - usual for s, value, usual in zip(some, values[1:], plain, strict=True)
     ]
     chosen, total = _together(costs)
-    return Candidate([None if i is None else values[i] for i in chosen], total, values[1:])
+    return Explanation([None if i is None else values[i] for i in chosen], total, values[1:])
 
 
 def _solved(normal: tuple[complex | float, float], name: str) -> Value:
