@@ -97,6 +97,8 @@ def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
             continue
         same = np.all([np.diff(trial[name]) == 0 for name in group], axis=0)
         edges = runs(same)
+        if not len(edges):
+            continue
         lengths = edges[:, 1] - edges[:, 0]
         least = max(LEAST_ROWS, LEAST_S / trial.dt)
         motion = moves[group[0]]

@@ -80,7 +80,9 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
         alone: dict[int, dict[str, Value | None]] = {}
         for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
-            said[k], alone[k] = _shift_said(shift) if shift else said[k], values
+            alone[k] = values
+            if shift:
+                said[k], alone[k] = _shift_said(shift), {**values, shift.name: shift.value}
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
             out[i] = _joined(out[i], each, found[k], alone.get(k, {}))
     return out
@@ -242,7 +244,7 @@ def _ends(trial: Trial, said: Said) -> bool:
 def _joined(report: CheckReport, said: Said, found: Scores, alone: Mapping[str, Value | None]) -> CheckReport:
     """``report`` with what is ``said``; its own sentences on what follows from that are left out.
 
-    alone: of lags, gains, lever arm and offset the values that each would have by itself.
+    alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has it.
     """
     codes = {code for level, code, _ in said.findings if level != INFO}
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]

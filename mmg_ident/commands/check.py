@@ -165,7 +165,9 @@ def _listed(names: list[str], of: int) -> str:
 def _cells(report: CheckReport) -> list[str]:
     """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
     sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
-    lags = [_short(report.numbers["kinematics"]["lag_s"][c], "5.2f") for c in ("u, v", "r")]
+    late = report.numbers["kinematics"]["lag_s"]
+    velocities = late["u, v"] if late["x, y"] is None else -late["x, y"]  # over ground, turned by the present heading
+    lags = [_short(lag, "5.2f") for lag in (velocities, late["r"])]
     low, high = excitation.get("n_range_rps", (None, None))
     return [
         str(sampling["rows"]),
