@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from cases import published_splits as splits
-from cases.checks.duplicates import duplicates
-from cases.checks.trusted import without_broken
+from cases.checks.trusted import duplicates, without_broken
 from cases.io.groups import group_trials
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cases.checks import inputs_are_constant
-from cases.checks.duplicates import duplicates
-from cases.checks.held_out import by_role, without_copies
+from cases.checks.trusted import by_role, duplicates, without_copies
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for

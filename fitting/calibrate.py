@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.held_out import shared_rows, training_trials
 from cases.checks.propulsion import doubtful_revolutions
+from cases.checks.trusted import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial

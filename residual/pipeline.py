@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.held_out import shared_rows, training_trials
+from cases.checks.trusted import shared_rows, training_trials
 from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from cases.checks.motion import white_noise
+from cases.evidence.signals import white_noise
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import TooFewData

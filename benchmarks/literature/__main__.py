@@ -15,8 +15,8 @@ import numpy as np
 
 from benchmarks.literature.ships import FIGURES, SHIPS, LiteratureShip, in_ship_units
 from benchmarks.record import Figure, keep, parser_of, table
-from cases.criteria.batch_figures import figures_of_each
 from cases.criteria.scatter import draw_coefficients
+from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.new_ship import HULLS, new_ship
 from cases.simulation.simulate_batch import simulate_batch

@@ -10,28 +10,23 @@ from dataclasses import replace
 from itertools import islice
 from typing import Any
 
-from cases.checks.duplicates import duplicates
 from cases.checks.excitation import excitation, inputs_are_constant, pooled
 from cases.checks.folders import decided
-from cases.checks.kinematics import kinematics
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.rudder import rudder_sign
-from cases.checks.sampling import sampling
-from cases.checks.stretches import known_stretches, stretch_findings
-from cases.checks.trusted import as_they_are, with_doubt, without_broken
-from cases.checks.wind import wind
+from cases.checks.single import rudder_sign, sampling, wind
+from cases.checks.stretches import BrokenStretch, stretch_findings
+from cases.checks.trusted import as_they_are, duplicates, with_doubt, without_broken
 from cases.io.sentinels import CODE, without_sentinels
 from cases.trial import Trial
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 
-__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready", "refuse_contradictory"]
+__all__ = ["CheckFinding", "CheckReport", "check", "inputs_are_constant", "pooled", "ready"]
 
 
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,
-    "kinematics": kinematics,
     "rudder": rudder_sign,
     "wind": wind,
     "excitation": excitation,
@@ -71,35 +66,26 @@ def ready(*sets: Sequence[Trial], unchecked: bool = False) -> tuple[list[Trial],
     sets = tuple([_known(trial) for trial in some] for some in sets)
     if unchecked:
         return tuple(as_they_are(some) for some in sets)
-    all_reports = iter(_unrefuted(check([trial for some in sets for trial in some]), "add --unchecked"))
+    found = check([trial for some in sets for trial in some])
+    wrong = [report for report in found if report.verdict == CONTRADICTORY]
+    if wrong:
+        text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
+        names = ", ".join(report.path or report.name for report in wrong)
+        advice = "correct it in trials.toml, or add --unchecked"
+        raise Conflict(f"{names}: contradictory, as mmg check says ({text}); {advice}")
+    all_reports = iter(found)
     out = []
     for some in sets:
         reports = list(islice(all_reports, len(some)))
-        kept = without_broken(some, [known_stretches(report.numbers["stretches"]) for report in reports])
+        kept = without_broken(
+            some, [[BrokenStretch(**s) for s in report.numbers["stretches"]["broken"]] for report in reports]
+        )
         for i, report in enumerate(reports):
             for finding in report.findings:
                 if finding.level == DOUBTFUL and finding.topic not in ("stretches", "duplicates"):
                     kept[i] = with_doubt(kept[i], finding.text)
         out.append(kept)
     return tuple(out)
-
-
-def refuse_contradictory(trials: Sequence[Trial], anyway: str) -> None:
-    """Raises UserError where the data of one of ``trials`` refute what its file says of them.
-
-    anyway: how to go on all the same, in words.
-    """
-    _unrefuted(check(trials), anyway)
-
-
-def _unrefuted(reports: list[CheckReport], anyway: str) -> list[CheckReport]:
-    """The ``reports`` where none is contradictory."""
-    wrong = [report for report in reports if report.verdict == CONTRADICTORY]
-    if wrong:
-        text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
-        names = ", ".join(report.path or report.name for report in wrong)
-        raise Conflict(f"{names}: contradictory, as mmg check says ({text}); correct it in trials.toml, or {anyway}")
-    return reports
 
 
 def _known(trial: Trial) -> Trial:

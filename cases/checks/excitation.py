@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
+from cases.checks.report import DOUBTFUL, INFO, CheckReport, Found
 from cases.trial import Trial
 from mmg.ship import Ship
 
@@ -89,11 +89,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "n_range_rps": [float(n[good].min()), float(n[good].max())],
         "drift_max_deg": math.degrees(float(np.percentile(beta[moved], 99))) if moved.any() else None,
     }
-    findings = _sentences(numbers)
-    fastest = float(np.nanmax(np.abs(n)))
-    if fastest > 100:
-        findings.append((CONTRADICTORY, "unit", f"The revolutions reach {fastest:.0f} per second: rpm labelled rps?"))
-    return numbers, findings
+    return numbers, _sentences(numbers)
 
 
 def inputs_are_constant(trial: Trial) -> bool:
@@ -117,10 +113,6 @@ def _sentences(numbers: dict[str, Any]) -> list[Found]:
     findings: list[Found] = []
     if numbers["inputs_constant"]:
         findings.append((DOUBTFUL, "nothing_to_identify", "Revolutions and rudder never change: nothing to identify."))
-    largest = numbers["delta_max_deg"]
-    if 0 < largest < 1.0:
-        text = f"The rudder never exceeds {largest:.2g} deg; if these are radians, label the column [rad]."
-        findings.append((INFO, "small_rudder", text))
     share = ", ".join(f"{QUADRANTS[k]} {v:.0%}" for k, v in numbers["quadrants"].items() if v >= 0.005)
     findings.append((INFO, "quadrants", f"Share of time: {share}."))
     return findings + [(INFO, "not_excited", text) for text in _missing(numbers["group_seconds"], numbers["seconds"])]

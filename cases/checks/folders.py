@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -10,20 +11,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.checks.remedies import labels, line, mended, place, settings
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, CheckFinding, CheckReport
-from cases.checks.rudder import following
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport
+from cases.checks.single import following
 from cases.checks.stretches import DRIFTING
-from cases.evidence.competition import Judged, Scores, judged, scores
-from cases.evidence.inputs import wrong_inputs
-from cases.evidence.readings import FRAMES, Keys
-from cases.evidence.shifts import LAGS, Shift, shifts
+from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, scores
+from cases.evidence.contradicted import standing, wrong_inputs
+from cases.evidence.shifts import LAGS, Shift, Value, candidates, shifts
 from cases.evidence.signals import signals
-from cases.evidence.standing import standing
+from cases.io.conventions import converted
 from cases.io.leave_out import left_out
-from cases.io.read import SUFFIXES
+from cases.io.read import SUFFIXES, read_trial
+from cases.io.sidecar import NAME, SidecarEntry, sidecar_entry
 from cases.io.unit_sanity import mislabelled
+from cases.io.units import si_unit, to_si, unit_by_factor
 from cases.trial import Trial
+from mmg.errors import UserError
 
 TRIED = 4
 """So many of the files that a remedy is for are read again with it before it is advised."""
@@ -76,10 +78,13 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
         said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
         whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
-        for k, shift in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
-            said[k] = _shift_said(shift) if shift else said[k]
+        alone: dict[int, dict[str, Value | None]] = {}
+        for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
+            alone[k] = values
+            if shift:
+                said[k], alone[k] = _shift_said(shift), {**values, shift.name: shift.value}
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
-            out[i] = _joined(out[i], each, found[k])
+            out[i] = _joined(out[i], each, found[k], alone.get(k, {}))
     return out
 
 
@@ -101,7 +106,10 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
 
     turning: correlation of its turn rate with the rudder.
     """
-    said = [(CONTRADICTORY, "frozen_channel", _stuck(trial, name, why)) for name, why in still.items()]
+    said = [
+        (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
+        for name, why in still.items()
+    ]
     keys: Keys = {}
     alone = found.reading.rudder != found.folder.rudder
     for code, meaning in [] if still else found.reading.statements():
@@ -127,10 +135,6 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
     return Said(said, keys)
 
 
-def _stuck(trial: Trial, name: str, why: str) -> str:
-    return f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}"
-
-
 def _sentence(code: str, meaning: str, found: Judged) -> str:
     fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
     if code == "rudder_sign":
@@ -144,18 +148,19 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
     return f"The track says that {meaning}: {fits}"
 
 
-def _shifted(trials: Sequence[Trial]) -> list[Shift | None]:
-    """The shift of each of the ``trials``, None where there is none that matters."""
+def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Value | None]]]:
+    """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
     kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
-    out: list[Shift | None] = [None] * len(trials)
+    out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
     for track in (True, False):
         some = [(k, s) for k, s in kept if s.has_track == track]
         if not some:
             continue
         own = [trials[k] for k, _ in some]
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
-        for (k, _), shift in zip(some, shifts([s for _, s in some], longest), strict=True):
-            out[k] = shift if shift and _matters(shift) else None
+        found = candidates([s for _, s in some], longest)
+        for i, ((k, _), shift) in enumerate(zip(some, shifts(found), strict=True)):
+            out[k] = shift, {name: one.alone[i] for name, one in found.items()}
     return out
 
 
@@ -167,7 +172,7 @@ def _matters(shift: Shift) -> bool:
 
 
 def _shift_said(shift: Shift) -> Said:
-    """A doubt and, where one key mends it, that key."""
+    """A doubt and, where one key mends it, that key; only a note where it hardly matters."""
     value, real = shift.value, float(np.real(shift.value))
     keys: Keys = {}
     if shift.name in LAGS:
@@ -192,7 +197,7 @@ def _shift_said(shift: Shift) -> Said:
         other = {**{name: "a lag" for name in LAGS}, "arm": "a lever arm", "heading": "a heading offset"}
         names = dict.fromkeys(other.get(name, f"a {name}") for name in shift.rivals)
         text, keys = f"{text} (or {' or '.join(names)}: the data cannot tell)", {}
-    return Said([(DOUBTFUL, code, text)], keys)
+    return Said([(DOUBTFUL, code, text)], keys) if _matters(shift) else Said([(INFO, code, text)], {})
 
 
 def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
@@ -232,17 +237,117 @@ def _ends(trial: Trial, said: Said) -> bool:
     turning = following(after)["correlation"]
     if wrong_inputs(after, turning) or judged([_scored(after, standing(after), turning)])[0].reading.faults:
         return False
-    return not any(_shifted([after]))
+    ((shift, _),) = _shifted([after])
+    return shift is None or not _matters(shift)
 
 
-def _joined(report: CheckReport, said: Said, found: Scores) -> CheckReport:
-    """``report`` with what is ``said``; its own sentences on motion, which then follow from it, are left out."""
-    follows = ("kinematics", "rudder", "units")
-    codes = {code for _, code, _ in said.findings}
-    kept = [f for f in report.findings if not (said.findings and (f.topic in follows or f.code in codes))]
+def _joined(report: CheckReport, said: Said, found: Scores, alone: Mapping[str, Value | None]) -> CheckReport:
+    """``report`` with what is ``said``; its own sentences on what follows from that are left out.
+
+    alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has it.
+    """
+    codes = {code for level, code, _ in said.findings if level != INFO}
+    kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
         kept = [f for f in kept if f.topic != "sampling" or f.code not in ("coarse_sampling", "gaps")]
     own = [CheckFinding(TOPICS.get(code, "kinematics"), level, code, text) for level, code, text in said.findings]
     misfit = {name: found.misfit.get((name, 1.0, 1.0)) for name in FRAMES}
-    kinematics = {**report.numbers["kinematics"], "frame_misfit": misfit}
+    arm, turned = alone.get("arm"), alone.get("heading")
+    kinematics = {
+        "frame_misfit": misfit,
+        "lag_s": {name: alone.get(key) for key, (_, columns) in LATE_WORDS.items() for name in [", ".join(columns)]},
+        "gain": {name: alone.get(f"gain {name}") for name in "uvr"},
+        "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
+        "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),
+    }
     return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})
+
+
+OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body", "earth")}
+"""Key -> its values, of which the other one is meant."""
+
+
+def labels(trial: Trial) -> dict[str, tuple[str, str]]:
+    """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
+    found = json.loads(trial.meta.get("labels", "{}"))
+    return {name: tuple(found.get(name, (name, si_unit(name)))) for name in trial.columns}
+
+
+def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
+    """What has to stand in the sidecar so that ``keys`` are true of ``trial``, over what stands there; None where no
+    accepted unit makes it so.
+
+    keys: of a reading: units as factors, columns by their canonical names.
+    """
+    known, entry = labels(trial), entry_of(trial)
+    out: dict[str, Any] = {}
+    if "columns" in keys:
+        out["columns"] = {**entry.columns, **{name: known[other][0] for name, other in keys["columns"].items()}}
+    if "units" in keys:
+        units = dict(entry.units)
+        for name, factor in keys["units"].items():
+            units[name] = unit_by_factor(name, to_si(name, known[name][1], name) * factor)
+            if not units[name]:
+                return None
+        out["units"] = units
+    if "sign" in keys:
+        out["sign"] = {**entry.sign, **{name: s * entry.sign.get(name, 1) for name, s in keys["sign"].items()}}
+    if "lag" in keys:
+        lags = {name: round(s + entry.lag.get(name, 0.0), 3) for name, s in keys["lag"].items()}
+        out["lag"] = {**entry.lag, **lags}
+    for key in ("velocity_frame", "rudder_positive", "heading_from", "reference_point"):
+        if key in keys:
+            out[key] = keys[key]
+    for key, (first, other) in OPPOSITE.items():
+        if key in out and getattr(entry, key) == out[key]:
+            out[key] = first if out[key] == other else other
+    if "reference_point" in out and (entry.reference_point.x or entry.reference_point.y):
+        return None
+    return out
+
+
+def line(wanted: Mapping[str, Any]) -> str:
+    """``wanted`` settings as lines of TOML, with "and" between them."""
+    return " and ".join(f"{key} = {_toml(value)}" for key, value in wanted.items())
+
+
+def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
+    """``trial`` as it is read with the ``wanted`` settings, or made so where it has no file; None where that fails.
+
+    keys: of the reading, from which the settings are.
+    """
+    try:
+        if trial.path is not None and trial.path.exists():
+            entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}
+            return read_trial(trial.path, SidecarEntry(**entry), refuse=False)
+        columns = {name: np.array(values, dtype=float) for name, values in trial.columns.items()}
+        for name, other in keys.get("columns", {}).items():
+            columns[name] = trial[other]
+        for name, factor in keys.get("units", {}).items():
+            columns[name] = columns[name] * factor
+        told = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
+        return Trial(trial.name, converted(columns, SidecarEntry(**told), []))
+    except UserError:
+        return None
+
+
+def place(trial: Trial, everywhere: bool) -> str:
+    """Where in which sidecar a line on ``trial`` belongs: for all files of its folder if ``everywhere``, or its own."""
+    file = trial.path.name if trial.path else trial.name
+    where = "[default]" if everywhere else f'[files."{file}"]'
+    return f"{trial.path.parent / NAME if trial.path else NAME}, {where}"
+
+
+def entry_of(trial: Trial) -> SidecarEntry:
+    """What the sidecar says of ``trial`` so far."""
+    return sidecar_entry(trial.path) if trial.path is not None and trial.path.exists() else SidecarEntry()
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)

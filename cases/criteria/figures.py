@@ -20,7 +20,7 @@ _UNITS = {"time": "s", "overshoot": "rad", "width": "rad", "drift": "rad", "rate
 
 
 def figure_unit(name: str) -> str:
-    """Unit of a figure of this file or of cases/criteria/spiral.py by its name; "" for a share."""
+    """Unit of a figure by its name; "" for a share."""
     words = name.split("_")
     if words[-1] in ("speed", "share"):
         return "m/s" if words[-1] == "speed" else ""
@@ -32,7 +32,7 @@ class Since:
     """A run from the order on, each (M,): t [s] since the order, track, heading change, motion, actuators.
 
     advance, transfer: ahead and to starboard of the ship at the order [m]; path: length of the track [m];
-    change: of heading, clockwise [rad]; u [m/s], r [rad/s], delta [rad].
+    change: of heading, clockwise [rad]; u, v [m/s], r [rad/s], delta [rad].
     """
 
     t: np.ndarray
@@ -41,6 +41,7 @@ class Since:
     path: np.ndarray
     change: np.ndarray
     u: np.ndarray
+    v: np.ndarray
     r: np.ndarray
     delta: np.ndarray
 
@@ -73,6 +74,7 @@ def since(trial: Trial, order_time: float) -> Since:
         path=integral(times, np.hypot(u, v)),
         change=psi - psi[0],
         u=u,
+        v=v,
         r=at(trial["r"]),
         delta=at(trial.rudder),
     )
@@ -92,52 +94,40 @@ def _at(row: float | None, **series: np.ndarray) -> dict[str, float]:
     return {} if row is None else {k: float(np.interp(row, np.arange(len(v)), v)) for k, v in series.items()}
 
 
-def turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+def turning_figures(run: Since, rudder: float) -> dict[str, float]:
     """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s].
 
-    rudder [rad] gives the side; order_time [s] after the first sample. trial: the run.
+    run: from the order on; rudder [rad] gives the side.
     """
-    return turning_of(since(trial, order_time), rudder)
-
-
-def turning_of(run: Since, rudder: float) -> dict[str, float]:
-    """What ``turning_figures`` gives of a ``run`` from the order on; rudder [rad] gives the side."""
     side = math.copysign(1.0, rudder)
     quarter, half = (_when(side * run.change, angle) for angle in (math.pi / 2, math.pi))
     figures = _at(quarter, advance=run.advance, transfer=side * run.transfer, time_90=run.t)
     return figures | _at(half, tactical_diameter=side * run.transfer, time_180=run.t)
 
 
-def steady_turn_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+def steady_turn_figures(run: Since, rudder: float) -> dict[str, float]:
     """steady_speed [m/s], steady_rate [rad/s], steady_drift [rad] and steady_diameter [m], means over the last 90 deg.
 
     Empty unless the heading changes by 270 deg; wind or current shift these means (a whole turn would cancel them).
-    trial: the run; rudder [rad] gives the side; order_time: of the order [s].
+    run: from the order on; rudder [rad] gives the side.
     """
-    run, side = since(trial, order_time), math.copysign(1.0, rudder)
-    largest = float((side * run.change).max())
+    change = math.copysign(1.0, rudder) * run.change
+    largest = float(change.max())
     if largest < 1.5 * math.pi:
         return {}
-    rows = side * run.change >= largest - math.pi / 2
-    t = trial.t - trial.t[0] - order_time
-    v = float(np.interp(run.t[rows], t, trial["v"]).mean())
-    u, r = float(run.u[rows].mean()), float(run.r[rows].mean())
+    rows = change >= largest - math.pi / 2
+    u, v, r = (float(values[rows].mean()) for values in (run.u, run.v, run.r))
     speed = math.hypot(u, v)
     figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}
     return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})
 
 
-def zigzag_figures(trial: Trial, rudder: float, heading: float, order_time: float) -> dict[str, float]:
+def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float]:
     """overshoot_1, overshoot_2, ... [rad]: largest heading after each counter order, less the switch one.
 
-    rudder [rad] gives the first side, heading [rad] > 0 is the switch heading. An overshoot counts once the
-    heading has come back to the switch heading. trial: the run; order_time: of the order [s].
+    run: from the order on; rudder [rad] gives the first side, heading [rad] > 0 is the switch heading. An overshoot
+    counts once the heading has come back to the switch heading.
     """
-    return zigzag_of(since(trial, order_time), rudder, heading)
-
-
-def zigzag_of(run: Since, rudder: float, heading: float) -> dict[str, float]:
-    """What ``zigzag_figures`` gives of a ``run`` from the order on; rudder, heading [rad]: as there."""
     change = run.change
     side, row, figures = math.copysign(1.0, rudder), 0, {}
     for k in range(1, len(change)):
@@ -194,41 +184,32 @@ INITIAL_TURN = math.radians(10.0)
 """Change of heading at which the initial turning ability is read [rad]."""
 
 
-def initial_turning_figures(trial: Trial, rudder: float, order_time: float) -> dict[str, float]:
+def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
     """initial_turning_track [m]: way along the track until the heading has changed by 10 deg, and time_10 [s].
 
     The criterion asks for 10 deg of rudder: the first execute of a 10/10 zigzag serves.
-    trial: the run; order_time: of the order [s].
+    run: from the order on; rudder [rad] gives the side.
     """
-    return initial_turning_of(since(trial, order_time), rudder)
-
-
-def initial_turning_of(run: Since, rudder: float) -> dict[str, float]:
-    """What ``initial_turning_figures`` gives of a ``run`` from the order on; rudder [rad] gives the side."""
     row = _when(math.copysign(1.0, rudder) * run.change, INITIAL_TURN)
     return _at(row, initial_turning_track=run.path, time_10=run.t)
 
 
-def stopping_figures(trial: Trial, order_time: float, least: float = 0.0) -> dict[str, float]:
+def stopping_figures(run: Since, least: float = 0.0) -> dict[str, float]:
     """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
-    trial: the run; order_time: of the order [s]; least: share of the speed at the order that is the end of it."""
-    return stopping_of(since(trial, order_time), least)
 
-
-def stopping_of(run: Since, least: float = 0.0) -> dict[str, float]:
-    """What ``stopping_figures`` gives of a ``run`` from the order on. least: as there."""
+    run: from the order on; least: share of the speed at the order that is the end of it.
+    """
     stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
 
-def pull_out_figures(trial: Trial, order_time: float) -> dict[str, float]:
+def pull_out_figures(run: Since) -> dict[str, float]:
     """steady_rate under rudder, residual_rate after it went back to midships [rad/s], and their share.
 
-    Means over the last tenth of each hold. A ship that is stable on course decays to the same small rate from
-    either side; one that keeps turning to the side it came from is unstable (MSC/Circ.1053).
-    trial: the run; order_time: of the order [s].
+    Means over the last tenth of each hold of a run from the order on. A ship that is stable on course decays to the
+    same small rate from either side; one that keeps turning to the side it came from is unstable (MSC/Circ.1053).
     """
-    holds = rudder_holds(trial, order_time)
+    holds = rudder_holds(run)
     if len(holds) < 2:
         return {}
     first, last = holds[0], holds[-1]
@@ -244,16 +225,18 @@ class Hold:
     rate: float
 
 
-def rudder_holds(trial: Trial, order_time: float, tolerance: float = math.radians(0.5)) -> list[Hold]:
-    """Stretches in which the rudder stays within ``tolerance`` [rad] of where the stretch begins, in order.
+HELD = math.radians(0.5)
+"""A rudder is held while it stays this near to where the stretch begins [rad]."""
+
+
+def rudder_holds(run: Since) -> list[Hold]:
+    """Stretches of a ``run`` from the order on in which the rudder is held, in order.
 
     Those shorter than a tenth of the longest (the rudder on its way) are left out.
-    trial: the run; order_time: of the order [s].
     """
-    run = since(trial, order_time)
     found, first = [], 0
     for k in range(1, len(run.t) + 1):
-        if k == len(run.t) or abs(run.delta[k] - run.delta[first]) > tolerance:
+        if k == len(run.t) or abs(run.delta[k] - run.delta[first]) > HELD:
             if k - first > 1:
                 found.append((first, k))
             first = k
@@ -265,3 +248,69 @@ def rudder_holds(trial: Trial, order_time: float, tolerance: float = math.radian
             rate = float(run.r[a:b][tail].mean())
             holds.append(Hold(float(np.median(run.delta[a:b])), float(run.t[b - 1]), rate))
     return holds
+
+
+@dataclass(frozen=True)
+class SpiralCurve:
+    """Both branches of a spiral, in the order in which the rudder went.
+
+    rudder [rad] and rate [rad/s], each (K,): steady turn rate per rudder angle; turn: row of the outermost angle of
+    the other side, where the second branch begins.
+    """
+
+    rudder: np.ndarray
+    rate: np.ndarray
+    turn: int
+
+    @property
+    def branches(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """(rudder, rate) of the way there and of the way back, each by rising rudder angle."""
+        there, back = np.arange(self.turn + 1), np.arange(self.turn, len(self.rudder))
+        there, back = there[np.argsort(self.rudder[there])], back[np.argsort(self.rudder[back])]
+        return (self.rudder[there], self.rate[there]), (self.rudder[back], self.rate[back])
+
+
+def spiral_curve(run: Since) -> SpiralCurve | None:
+    """The curve of a ``run`` with the rudder in steps from the order on; None with under three angles."""
+    holds = rudder_holds(run)
+    if len(holds) < 3:
+        return None
+    rudder, rate = np.array([h.rudder for h in holds]), np.array([h.rate for h in holds])
+    side = np.sign(rudder[0]) or 1.0
+    return SpiralCurve(rudder, rate, int(np.argmin(side * rudder)))
+
+
+def spiral_figures(run: Since) -> dict[str, float]:
+    """loop_height [rad/s], loop_width [rad], rate_at_midships (mean of both branches, [rad/s]).
+
+    Height: largest difference of the turn rates of the two branches at the same rudder angle. Width: difference of
+    the rudder angles at which the branches change the side to which the ship turns; 0 for a ship that is stable on
+    course, up to half a step on each side where the rudder went in steps. Absent where the spiral lacks the branch.
+    run: from the order on.
+    """
+    curve = spiral_curve(run)
+    if curve is None:
+        return {}
+    (there, first), (back, second) = curve.branches
+    low, high = max(there[0], back[0]), min(there[-1], back[-1])
+    if len(there) < 2 or len(back) < 2 or low >= high:
+        return {}
+    grid = np.unique(np.concatenate([there, back]))
+    grid = grid[(grid >= low - 1e-9) & (grid <= high + 1e-9)]
+    gap = np.interp(grid, there, first) - np.interp(grid, back, second)
+    figures = {"loop_height": float(np.abs(gap).max())}
+    crossings = [_crossing(*branch) for branch in curve.branches]
+    if crossings[0] is not None and crossings[1] is not None:
+        figures["loop_width"] = abs(crossings[0] - crossings[1])
+    if low <= 0 <= high:
+        figures["rate_at_midships"] = float(0.5 * (np.interp(0, there, first) + np.interp(0, back, second)))
+    return figures
+
+
+def _crossing(rudder: np.ndarray, rate: np.ndarray) -> float | None:
+    """Rudder angle at which the rate changes sign, by linear interpolation; None if it never does."""
+    rows = np.flatnonzero((rate[:-1] < 0) & (rate[1:] >= 0))
+    if len(rows) == 0:
+        return None
+    k = int(rows[0])
+    return float(rudder[k] - rate[k] * (rudder[k + 1] - rudder[k]) / (rate[k + 1] - rate[k]))

@@ -3,7 +3,8 @@
 The rudder of an approach wanders under autopilot or helmsman; that of a manoeuvre is held (rudder_steps.py). Holds to
 either side of one middle in turn, each reversed after the ship has turned to the rudder's side, are a zigzag of any
 rudder and heading; a hold over which the heading changes by 90 deg is a turning test; revolutions that go astern from
-ahead until the way is off are a stop. A long record may hold several of them.
+ahead until the way is off are a stop. A long record may hold several of them. Stretches that were left out are bridged
+where they are short; a run in which they decide is refused.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.criteria.approach import approach
-from cases.criteria.ordered_steps import nominal, ordered_at_once
-from cases.criteria.rudder_steps import RudderStep, held_stretches
-from cases.criteria.stops import Stop, find_stops
+from cases.criteria.rudder_steps import RudderStep, held_stretches, nominal, ordered_at_once
+from cases.io.leave_out import bridged, inside, spans_left_out
+from cases.io.sidecar import line_for
 from cases.trial import Trial
-from mmg.errors import Missing, UnknownName
+from mmg.errors import BadValue, Missing, UnknownName
+from mmg.states import STATES
 
 KINDS = ("turning", "zigzag", "crash-stop")
 
@@ -89,14 +90,6 @@ class Execute:
         side = "-" if self.rudder < 0 else ""
         own = {"zigzag": f" {side}{rudder:g}/{heading:g}", "turning": f" {side}{rudder:g}"}
         return self.kind + own.get(self.kind, "")
-
-
-def find_maneuver(trial: Trial, length: float, kind: str = "") -> Execute:
-    """The first manoeuvre of a measured (or simulated) run of a ship of this length [m].
-
-    trial, kind and what is raised: as for ``find_maneuvers``.
-    """
-    return find_maneuvers(trial, length, kind)[0]
 
 
 def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute, ...]:
@@ -287,3 +280,177 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
         f"{trial.name}: no manoeuvre found: of {len(beyond)} stretches of held rudder none turns the ship by 90 deg, "
         "and none is reversed at a change of heading; --kind reads it as one kind"
     )
+
+
+STEADY_SPEED, STEADY_RATE = 0.05, 0.05
+"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05."""
+
+APPROACH_LENGTHS = 2.0
+"""Ship lengths before the execute over which the test speed is taken."""
+
+TURNING_RATE = 0.15
+"""A record that begins at r L / U above this begins in a manoeuvre."""
+
+
+def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple[float, list[str], list[str]]:
+    """Test speed [m/s] of a run of a ship of this ``length`` [m], ordered at ``time`` [s after the first sample].
+
+    It is the mean over two ship lengths before the order. earliest: when what came before had ended [s]. Returns also
+    what keeps a criterion from being judged, and what is only to be told, both in words. Speed is NaN where none is
+    recorded. trial: the run.
+    """
+    t = trial.t - trial.t[0]
+    speed, r = np.hypot(trial["u"], trial["v"]), trial["r"]
+    good = np.isfinite(speed) & np.isfinite(r)
+    if not good.any():
+        return math.nan, ["no speed is recorded"], []
+    near = good & (t <= time + 1e-9) & (t >= time - 5 * trial.dt - 1e-9)
+    if not near.any():
+        near = good & (t <= t[good][np.argmin(np.abs(t[good] - time))] + 1e-9)
+    now = max(float(np.median(speed[near])), 1e-9)
+    stretch = APPROACH_LENGTHS * length / now
+    rows = good & (t <= time + 1e-9) & (t >= max(time - stretch, earliest))
+    if rows.sum() < 3:
+        return _unrecorded(now, float(np.median(r[near])) * length / now)
+    mean, seconds = float(speed[rows].mean()), float(np.ptp(t[rows]))
+    blocking, told = [], []
+    if seconds < 0.5 * stretch:
+        told.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
+    if rows.sum() > 2 and seconds >= 0.1 * stretch:
+        change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
+        if abs(change) > STEADY_SPEED:
+            words = f"approach not steady: the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
+            blocking.append(words)
+    turn = float(np.abs(r[rows]).mean()) * length / mean
+    if turn > STEADY_RATE and seconds >= 0.1 * stretch:
+        blocking.append(f"approach not straight: mean |r| L/V = {turn:.2g} in the last {seconds:.3g} s")
+    return mean, blocking, told
+
+
+def _unrecorded(speed: float, turn: float) -> tuple[float, list[str], list[str]]:
+    """Of a run whose record begins with the order, at this ``speed`` [m/s] and dimensionless rate of ``turn``."""
+    if abs(turn) > TURNING_RATE:
+        words = f"the record begins in the manoeuvre, with r L/V = {turn:.2g}: lengths from the order are not known"
+        return speed, [words], []
+    words = f"no approach is recorded: V {speed:.4g} m/s is the first speed of the record"
+    return speed, [], [words]
+
+
+WAY_OFF = 0.1
+"""Share of the speed at the order at which a ship counts as stopped where her record ends."""
+
+
+@dataclass(frozen=True)
+class Stop:
+    """order_time, end: s after the first sample; stopped: whether the way is off at the end."""
+
+    order_time: float
+    end: float
+    stopped: bool
+
+
+def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
+    """Stops in a run of times ``t`` (N,) [s], revolutions ``n`` (N,) [1/s] and speed ahead ``u`` (N,) [m/s].
+
+    Complete ones; without any, one that the record does not finish, if revolutions then stay astern to its end.
+    """
+    good = np.isfinite(n)
+    t, n, u = t[good], n[good], u[good]
+    ahead = float(np.percentile(n, 95)) if len(n) else 0.0
+    if ahead <= 0:
+        return []
+    astern = (n < -0.05 * ahead).astype(int)
+    edges = np.flatnonzero(np.diff(astern)) + 1
+    firsts = [int(k) for k in edges if astern[k]]
+    lasts = [next((int(e) for e in edges if e > k), len(t)) for k in firsts]
+    found = [stop for a, b in zip(firsts, lasts, strict=True) if (stop := _stop(t, n, u, a, b)) is not None]
+    complete = list({stop.order_time: stop for stop in reversed(found) if stop.stopped}.values())[::-1]
+    open_ = [stop for stop in found if stop.end >= t[-1] - 1e-9]
+    return complete or open_[-1:]
+
+
+def _stop(t: np.ndarray, n: np.ndarray, u: np.ndarray, first: int, last: int) -> Stop | None:
+    """The stop whose revolutions are astern in rows ``first`` to ``last``; None if they were not ahead before."""
+    begin = first
+    while begin > 0 and n[begin - 1] > n[begin] - 1e-12 and n[begin - 1] <= 0:
+        begin -= 1
+    before = np.flatnonzero(n[:begin] > 0)
+    if len(before) == 0:
+        return None
+    stretch = np.arange(int(before[-1]), -1, -1)
+    level = _level_before(n, stretch)
+    steady = np.flatnonzero(n[:first] >= 0.97 * level)
+    if len(steady) == 0:
+        return None
+    at = int(steady[-1])
+    known = np.flatnonzero(np.isfinite(u[: at + 1]))
+    speed = float(u[known[-1]]) if len(known) else float("nan")
+    off = np.flatnonzero(u[at:] <= 0)
+    rows = len(t) if last >= len(t) else last
+    stopped = bool(speed > 0 and len(off) and at + off[0] <= min(rows + 2, len(t) - 1))
+    return Stop(float(t[at]), float(t[min(rows, len(t)) - 1]), stopped)
+
+
+def _level_before(n: np.ndarray, rows: np.ndarray) -> float:
+    """The revolutions that were held ahead before they fell: the median of the faster ones of the last stretch ahead,
+    whose ``rows`` run back in time."""
+    ahead: list[float] = []
+    for k in rows:
+        if n[k] <= 0 and ahead:
+            break
+        ahead.append(float(n[k]))
+    values = np.array(ahead)
+    return float(np.median(values[values > 0.5 * values.max()]))
+
+
+LARGEST_TURN = math.radians(5.0)
+"""The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees."""
+
+
+def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute]:
+    """``trial`` with its left-out stretches bridged by straight lines, and its ``execute`` up to one that cannot be.
+
+    A zigzag counts up to the last reversal before that stretch. Raises UserError where a manoeuvre of another kind has
+    one: something else moved the ship in it, or she turned by more than LARGEST_TURN.
+    """
+    t = trial.t - trial.t[0]
+    for first, last in spans_left_out(trial):
+        rows = inside(trial, [(first, last)])
+        if not rows.any() or t[rows][-1] < execute.order_time or t[rows][0] > execute.end:
+            continue
+        moved = not (bridged(trial) | ~rows).all()
+        if not moved and _turn(trial, rows) <= LARGEST_TURN:
+            continue
+        before = [time for time in execute.reversals if time < t[rows][0]]
+        if len(before) > 1:
+            execute = replace(execute, reversals=tuple(before[:-1]), end=before[-1])
+            break
+        turns = f"she turns by more than {math.degrees(LARGEST_TURN):g} deg meanwhile"
+        raise BadValue(
+            f"{trial.name}: {first:.1f} to {last:.1f} s are left out, in the manoeuvre that is measured, and "
+            f"{'something else moved the ship there' if moved else turns}; mend them, add to "
+            f"{line_for(trial.path, trial.name, 'exclude = []')}, or add --unchecked"
+        )
+    return (_filled(trial) if spans_left_out(trial) else trial), execute
+
+
+def _turn(trial: Trial, rows: np.ndarray) -> float:
+    """How far the ship turns [rad] from the last sound sample before the ``rows`` (N,) to the first after them.
+
+    Infinite where there is none on one side.
+    """
+    psi, at = trial.psi_unwrapped, np.flatnonzero(rows)
+    good = np.isfinite(psi)
+    before, after = psi[: at[0]][good[: at[0]]], psi[at[-1] + 1 :][good[at[-1] + 1 :]]
+    return abs(float(after[0] - before[-1])) if len(before) and len(after) else math.inf
+
+
+def _filled(trial: Trial) -> Trial:
+    rows = inside(trial, spans_left_out(trial))
+    columns = dict(trial.columns) | {"psi": trial.psi_unwrapped}
+    for name in (name for name in STATES if name in columns):
+        good = np.isfinite(columns[name])
+        if good.any():
+            values = np.interp(trial.t, trial.t[good], columns[name][good])
+            columns[name] = np.where(rows & ~good, values, columns[name])
+    return replace(trial, columns=columns)

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cases.criteria import figures as read
-from cases.criteria.broken_parts import without_broken_parts
-from cases.criteria.completeness import check_completeness
-from cases.criteria.measured_maneuvers import Execute, find_maneuvers
-from cases.criteria.spiral import spiral_figures
-from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.criteria.measured_maneuvers import Execute, find_maneuvers, without_broken_parts
+from cases.criteria.simulated_trial import check_completeness
+from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import SimulatedRuns
 from cases.trial import Trial
 from mmg.errors import OutOfRange, UserError
 from mmg.motion.froude import reference_speed, time_scale
@@ -84,26 +83,39 @@ def planned_run(ship: Ship, plan: Maneuver) -> Run:
 def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:
     """All figures of a simulated ``trial`` of the manoeuvre ``plan``, SI and rad; empty for one that has none."""
     p = plan.parameters
+    return _figures(read.since(trial, p["order_time"]), plan, steady=True) if "order_time" in p else {}
+
+
+def figures_of_each(runs: SimulatedRuns, plan: Maneuver) -> list[dict[str, float]]:
+    """Those of ``figures_of`` but for the means of a steady turn, of each of the ``runs`` of the manoeuvre ``plan``;
+    empty where one diverged."""
+    each = since_each(runs, plan.parameters["order_time"])
+    return [_figures(run, plan, steady=False) if run is not None else {} for run in each]
+
+
+def since_each(runs: SimulatedRuns, order_time: float) -> list[read.Since | None]:
+    """Each of the ``runs`` from the order at ``order_time`` [s] on to its end; None where it diverged."""
+    trials = [runs.trial(m) for m in range(len(runs.last))]
+    return [read.since(trial, order_time) if np.isfinite(trial.states).all() else None for trial in trials]
+
+
+def _figures(run: read.Since, plan: Maneuver, steady: bool) -> dict[str, float]:
+    """Figures of a ``run`` of the manoeuvre ``plan`` from its order on. steady: with the means of a steady turn."""
+    p = plan.parameters
     if plan.kind == "zigzag":
-        found = read.zigzag_figures(trial, p["rudder"], p["heading"], p["order_time"])
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
-        return found | (read.initial_turning_figures(trial, p["rudder"], p["order_time"]) if ten else {})
-    if plan.kind == "coasting":
-        return read.stopping_figures(trial, p["order_time"], p["least"])
-    return _one_order(trial, plan.kind, p.get("rudder", 0.0), p["order_time"]) if "order_time" in p else {}
+        found = read.zigzag_figures(run, p["rudder"], p["heading"])
+        return found | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
+    return _one_order(run, plan.kind, p.get("rudder", 0.0), p.get("least", 0.0), steady)
 
 
-def _one_order(trial: Trial, kind: str, rudder: float, order_time: float) -> dict[str, float]:
+def _one_order(run: read.Since, kind: str, rudder: float, least: float = 0.0, steady: bool = True) -> dict[str, float]:
     """Figures of a manoeuvre whose orders do not wait for the heading."""
     if kind == "turning":
-        return read.turning_figures(trial, rudder, order_time) | read.steady_turn_figures(trial, rudder, order_time)
-    judge = {"crash-stop": read.stopping_figures, "spiral": spiral_figures, "pull-out": read.pull_out_figures}
-    return judge[kind](trial, order_time)
-
-
-def measured_run(trial: Trial, length: float, kind: str = "") -> Run:
-    """The first of ``measured_runs`` of a ship of this length [m]. trial, kind and what is raised: as there."""
-    return measured_runs(trial, length, kind)[0]
+        return read.turning_figures(run, rudder) | (read.steady_turn_figures(run, rudder) if steady else {})
+    if kind in STOPS:
+        return read.stopping_figures(run, least)
+    return {"spiral": read.spiral_figures, "pull-out": read.pull_out_figures}[kind](run)
 
 
 def measured_runs(trial: Trial, length: float, kind: str = "") -> list[Run]:
@@ -136,7 +148,8 @@ def measured_figures(trial: Trial, execute: Execute) -> dict[str, float]:
     """All figures, SI and rad, of the manoeuvre ``execute`` in the measured run ``trial``."""
     rows = trial.t - trial.t[0] <= execute.end + 1e-9
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
+    run = read.since(used, execute.order_time)
     if execute.kind == "zigzag":
         figures = read.overshoot_figures(used, execute.rudder, execute.reversals, execute.end)
-        return figures | read.initial_turning_figures(used, execute.rudder, execute.order_time)
-    return _one_order(used, execute.kind, execute.rudder, execute.order_time)
+        return figures | read.initial_turning_figures(run, execute.rudder)
+    return _one_order(run, execute.kind, execute.rudder)

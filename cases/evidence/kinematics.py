@@ -7,28 +7,331 @@ regressed on what sensors do wrong, with robust weights::
     dP = int e^(i psi(t)) w(t + lag) dt (gains, heading offset) - biases + drift + arm (e^(i psi) end - start)
     d psi = (int r dt + T dr) / (1 + share) - bias
 
-Few faults explain the data (kinematic_fit.py); rivals that would do nearly as well are named beside them. All times
-and sizes are those of a 3 m model; others follow by Froude's law.
+Few faults explain the data, by forward selection: the fault that explains most is added while it is significant by
+jackknife standard errors, over blocks of a run or, where there are many runs, over runs; rivals that would do nearly as
+well are named beside them. All times and sizes are those of a 3 m model; others follow by Froude's law.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence, Set
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from cases.checks.motion import SMOOTHING, ahead, shift_and_weight, smooth, uniform
-from cases.evidence.kinematic_fit import SIGMAS, Fit, Rows, fit
-from cases.evidence.kinematic_words import LAG, TRACK, TURN, UNSEEN, Quantity, Reading, pooled_with, reading
+from cases.evidence.tails import normal_tail, student_quantile
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
+SIGMAS = 3.0
+"""Standard errors that a found value must exceed; more (by Student's t) with few blocks."""
+RUNS = 10
+"""From so many runs on, standard errors are those between runs."""
+CLIP = 1.5
+"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2)."""
+ITERATIONS, MOST = 8, 5
+"""Of a fit, and faults at most."""
+CLOSE, SHARE = 6.0, 0.8
+"""A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
+an effect of the library repeats comes first."""
+
+Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
+"""lag [s] -> (A (M, P), y (M,)), linear about it."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Few faults that explain the rows, and what each other one would be in addition.
+
+    active: the faults; values, std, sharp: (P,), sharp where the data tell more than the prior; crit: Student's SIGMAS;
+    rivals: fault -> [(other, its value)] that would explain the rows nearly as well in its place; cost: negative
+    logarithm of the likelihood of what is left, with Huber's tails.
+    """
+
+    active: tuple[int, ...]
+    values: np.ndarray
+    std: np.ndarray
+    sharp: np.ndarray
+    crit: float
+    rivals: dict[int, list[tuple[int, float]]]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,).
+
+    cost: as of ``Fit`` at the present values; squares: weighted squares of the rows, ``rows`` in number.
+    """
+
+    N: np.ndarray
+    h: np.ndarray
+    prior: np.ndarray
+    cost: float
+    squares: float
+    rows: float
+
+    def solve(self, chosen: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+        """(values, std, std without regard to groups, drop of the weighted squares) with only these, the others 0."""
+        c = np.array(chosen, dtype=int)
+        N, h, wish = self.N[:, c[:, None], c], self.h[:, c], np.diag(self.prior[c] ** -2.0)
+        b, G = np.linalg.solve(N.sum(axis=0) + wish, h.sum(axis=0)), len(N)
+        drop = float(b @ h.sum(axis=0))
+        sharper = max(self.rows / max(self.squares - drop, 1e-12 * self.squares), 1.0)
+        plain = np.sqrt(np.diag(np.linalg.inv(sharper * N.sum(axis=0) + wish)))
+        without = np.linalg.solve(N.sum(axis=0) - N + wish, (h.sum(axis=0) - h)[..., None])[..., 0]
+        return b, np.maximum(plain, np.sqrt((G - 1) * without.var(axis=0))), plain, drop
+
+
+def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, prior: np.ndarray, few: float) -> Normal:
+    """Huber-weighted normal equations about b (P,), one group per run, or per block where there are few runs."""
+    groups, cost, squares, count = [], 0.0, 0.0, 0.0
+    for row, block in zip(rows, blocks, strict=True):
+        A, y = row(b[0])
+        good = np.isfinite(A).all(axis=1) & np.isfinite(y)
+        A, y, group = A[good], y[good], block[good] if len(rows) < RUNS else np.zeros(good.sum())
+        error = np.abs(y - A @ b)
+        spread = float(np.median(error)) / (1.18 if np.iscomplexobj(A) else 0.67) + 1e-6 * prior[0]
+        scaled = error / spread
+        weight = few / np.maximum(scaled / CLIP, 1.0) / spread**2
+        tails = np.where(scaled < CLIP, 0.5 * scaled**2, CLIP * (scaled - 0.5 * CLIP))
+        cost += few * float(len(y) * (1 + np.iscomplexobj(A)) * math.log(spread) + tails.sum())
+        squares, count = squares + float(weight @ np.abs(y) ** 2), count + few * len(y) * (1 + np.iscomplexobj(A))
+        AW = (A.conj() * weight[:, None]).T
+        for g in np.unique(group):
+            at = group == g
+            groups.append(((AW[:, at] @ A[at]).real, (AW[:, at] @ y[at]).real))
+    N, h = (np.stack(parts) for parts in zip(*groups, strict=True))
+    return Normal(N, h, prior, cost, squares, count)
+
+
+def fit(
+    rows: Sequence[Rows],
+    blocks: Sequence[np.ndarray],
+    prior: np.ndarray,
+    least: np.ndarray,
+    preferred: np.ndarray,
+    few: float,
+    start: Sequence[int] = (),
+) -> Fit:
+    """The few faults among P that explain the ``rows`` of the runs; blocks: (M,) block of each row, by run.
+
+    prior, least: (P,) prior standard deviation, and least size that matters; preferred: (P,) bool, first of two that
+    explain alike; few: share of a row that is independent, as windows overlap; start: faults present in any case.
+    """
+    P = len(prior)
+    active = list(start)
+    b, std, sharp = np.zeros(P), np.zeros(P), np.zeros(P, dtype=bool)
+    while True:
+        for _ in range(ITERATIONS if active else 3):
+            system = _normal(rows, blocks, b, prior, few)
+            if active:
+                b[active] += np.clip(system.solve(active)[0] - b[active], -prior[active], prior[active])
+        crit = -student_quantile(normal_tail(SIGMAS), len(system.N) - 1) if len(system.N) > 1 else math.inf
+        values, drops = b.copy(), np.full(P, -math.inf)
+        for j in range(P):
+            chosen = [i for i in active if i != j] + [j]
+            value, error, plain, drop = system.solve(chosen)
+            values[j], std[j], sharp[j] = value[-1], error[-1], plain[-1] < 0.5 * prior[j]
+            if j not in active and abs(values[j]) > max(crit * std[j], least[j]):
+                drops[j] = drop
+        if not np.isfinite(drops).any() or len(active) >= MOST:
+            return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.cost)
+        base = system.solve(active)[3] if active else 0.0
+        alike = drops - base >= SHARE * (drops.max() - base)
+        active.append(
+            int(np.argmax(np.where(alike & (preferred if (alike & preferred).any() else True), drops, -np.inf)))
+        )
+
+
+def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, float]]]:
+    """Per fault the others that would do nearly as well in its place, and how large they would be."""
+    out: dict[int, list[tuple[int, float]]] = {}
+    for j in active:
+        rest = [i for i in active if i != j]
+        value, std, _, drop = system.solve([*rest, j])
+        own = drop - (system.solve(rest)[3] if rest else 0.0)
+        for k in set(range(len(system.prior))) - set(active):
+            other = system.solve([*rest, k])
+            lost = (drop - other[3]) / own
+            if lost < max(1 - SHARE, CLOSE * float(std[-1] / value[-1]) ** 2):
+                out.setdefault(j, []).append((k, float(other[0][-1])))
+    return out
+
+
+SOME = 0.1
+"""Share of the runs (and at least two) whose own value is reported where all together have none."""
+
+ALIKE: tuple[Set[str], ...] = (
+    {"lag", "gain_v", "arm_x"},
+    {"heading", "bias_v"},
+    {"gain_u", "bias_u"},
+    {"gain_r", "bias_r"},
+)
+"""Faults that look much the same in a single run: the first at steady speed, where sway and turning go together, the
+others where speed or turning rate hardly change."""
+
+UNSEEN = (
+    "what moves position and velocities alike cannot be seen without dynamics: heading_bias (u and v turn with the "
+    "logged heading), gnss_delay (position and velocity equally late), antenna_offset (both of the same point)"
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A fault of a sensor.
+
+    unit as shown; threshold: the least size that matters; prior: standard deviation before the data; power: of the
+    length by which threshold and prior grow; form: in words, with {} for the first of ``ends`` where the value is
+    positive, else for the second; effect, parameter: of the library, "" where it has none; exact: the effect of the
+    library does the same to the columns.
+    """
+
+    symbol: str
+    unit: str
+    threshold: float
+    prior: float
+    power: float
+    form: str
+    ends: tuple[str, str]
+    effect: str = ""
+    parameter: str = ""
+    exact: bool = False
+
+    def as_logged(self, value: float) -> float:
+        """A fitted value as an error of the log: a gain is fitted as what corrects it."""
+        return float(-value / (1 + value)) if self.symbol.startswith("gain") else float(value)
+
+    def words(self, value: float) -> str:
+        """What a value means."""
+        return f"{self.form.format(self.ends[0 if value > 0 else 1])} by {_shown(abs(value), self.unit)}"
+
+
+SIZE = ("large", "small")
+COURSE = "the course of the position lies {} of u, v and psi"
+POINT = "the position belongs to a point {} that of u and v"
+DRIFT = "the position drifts {} against u and v (through the water?)"
+TRACK = (
+    Quantity(
+        "lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_filter", "tau", True
+    ),
+    Quantity("gain_u", "", 0.005, 0.1, 0, "logged u is too {}", SIZE, "log_scale", "share", True),
+    Quantity("gain_v", "", 0.03, 0.1, 0, "logged v is too {}", SIZE),
+    Quantity("heading", "rad", 0.01, 0.1, 0, COURSE, ("clockwise", "counter-clockwise")),
+    Quantity("arm_x", "m", 0.06, 0.3, 1, POINT, ("ahead of", "aft of"), "antenna_offset", "x"),
+    Quantity("arm_y", "m", 0.06, 0.3, 1, POINT, ("to starboard of", "to port of"), "antenna_offset", "y"),
+    Quantity("bias_u", "m/s", 0.005, 0.02, 0.5, "logged u is always too {}", SIZE),
+    Quantity("bias_v", "m/s", 0.005, 0.02, 0.5, "logged v is always too {}", SIZE),
+    Quantity("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
+    Quantity("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
+)
+LAG = 0
+"""Place of the lag in TRACK."""
+TURN = (
+    Quantity("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
+    Quantity("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),
+    Quantity("bias_r", "rad/s", 0.0005, 0.005, -0.5, "logged r is always too {}", SIZE),
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One quantity of one run or of all.
+
+    value, std: in ``unit``; NaN when not checked. verdict: "found", "some runs" (found in several by themselves, not in
+    all together), "none", "undetermined" (its size could matter unseen) or "not checked". effect, parameter: of the
+    library, named when found, "" otherwise; exact: that effect does the same to the columns. rivals: symbols of other
+    quantities that would explain a found one nearly as well. runs: names of those that show it by themselves; checked:
+    number of runs that could have shown it.
+    """
+
+    symbol: str
+    value: float
+    std: float
+    unit: str
+    verdict: str
+    sentence: str
+    effect: str = ""
+    parameter: str = ""
+    exact: bool = False
+    rivals: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
+    checked: int = 0
+
+
+def reading(
+    q: Quantity, value: float, std: float, verdict: str, rivals: Sequence[tuple[Quantity, float]] = ()
+) -> Reading:
+    """The reading of the quantity q with its sentence.
+
+    value, std: fitted value and standard error [q.unit], NaN if not checked; verdict: as of ``Reading``; rivals: other
+    quantities that would explain the same, and their values.
+    """
+    about, more = _shown(std, q.unit), q.form.format(q.ends[0])
+    small = f"{more} ({'-' if value < 0 else ''}{_shown(abs(value), q.unit)} +- {about})"
+    sentence = {
+        "found": f"{q.words(value)} +- {about}",
+        "none": f"not found: {small}",
+        "undetermined": f"not determined by these runs: {small}",
+        "not checked": f"not checked: {more}",
+    }[verdict]
+    if verdict != "found":
+        return Reading(q.symbol, value, std, q.unit, verdict, sentence)
+    effect, parameter, exact = q.effect, q.parameter, q.exact
+    if q.symbol == "lag" and value < 0:
+        effect, exact = "gnss_delay", False
+        sentence += "; a late position (gnss_delay of the library makes u and v as late)"
+    elif q.symbol == "lag_r" and value < 0:
+        effect, parameter, exact = "", "", False
+    elif q.symbol.startswith("arm"):
+        sentence += ' (antenna_offset of the position alone; reference_point with applies_to = "position" corrects it)'
+    elif effect:
+        sentence += f" ({effect})"
+    if rivals:
+        sentence += f"; hardly to be told from: {', or '.join(other.words(size) for other, size in rivals)}"
+    symbols = tuple(other.symbol for other, _ in rivals)
+    return Reading(q.symbol, value, std, q.unit, verdict, sentence, effect, parameter, exact, symbols)
+
+
+def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set[str]) -> Reading:
+    """The ``pooled`` reading with the number of ``runs`` (name, reading) that agree, or that only some have the fault.
+
+    clear: symbols found in all runs together; what looks alike in a single run is not counted.
+    """
+    checked = sum(r.verdict in ("found", "none") for _, r in runs)
+    alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
+    own = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
+    if pooled.verdict == "found":
+        names = tuple(name for name, r in runs if r.verdict == "found" and r.value * pooled.value > 0)
+        sentence = f"{pooled.sentence} ({len(names)} of {checked} runs by themselves)"
+        return replace(pooled, runs=names, checked=checked, sentence=sentence)
+    some = max(([(name, r) for name, r in own if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
+    if len(some) < max(2, SOME * checked):
+        return replace(pooled, checked=checked)
+    names, one = tuple(name for name, _ in some), some[0][1]
+    q = next(q for q in (*TRACK, *TURN) if q.symbol == pooled.symbol)
+    words = q.words(float(np.median([r.value for _, r in some])))
+    effect = f" ({one.effect})" if one.effect else ""
+    sentence = f"{words} (median) in {len(names)} of {checked} runs only: {', '.join(names)}{effect}"
+    one = replace(one, value=pooled.value, std=pooled.std, verdict="some runs", sentence=sentence)
+    return replace(one, runs=names, checked=checked)
+
+
+def _shown(value: float, unit: str) -> str:
+    """A size in the unit that people read: degrees, per cent."""
+    if unit in ("rad", "rad/s"):
+        return f"{math.degrees(value):.2g} {unit.replace('rad', 'deg')}"
+    return f"{100 * value:.2g} %" if not unit else f"{value:.2g} {unit}"
+
+
+SMOOTHING = 1.1
+"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the
+differentiated satellite position is noise."""
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
 """s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
 CORRELATION = 0.9
@@ -219,6 +522,49 @@ class _Log:
             late = (ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts)
             way = self._ways[frame, shift] = tuple(self.integral(w) for w in late)
         return way
+
+
+def smooth(values: np.ndarray, width: int) -> np.ndarray:
+    """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    if len(values) < width:
+        return out
+    kernel, whole = np.full(width, 1.0 / width), slice(width // 2, len(values) - width // 2)
+    if np.iscomplexobj(values):  # by parts: for real numbers there is a quicker way
+        out.real[whole], out.imag[whole] = (np.convolve(part, kernel, "valid") for part in (values.real, values.imag))
+    else:
+        out[whole] = np.convolve(values, kernel, "valid")
+    return out
+
+
+def shift_and_weight(steps: float) -> tuple[int, float]:
+    """How many samples ``ahead`` values lie that are late by a number of ``steps``, and the share of those one further
+    ahead."""
+    whole = round(-steps)
+    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)
+    return shift, max(-steps - shift, 0.0)
+
+
+def ahead(values: np.ndarray, shift: int) -> np.ndarray:
+    """``values`` (N,) ``shift`` samples later, (N,), NaN outside."""
+    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
+    first, last = max(0, -shift), min(len(values), len(values) - shift)
+    if last > first:
+        out[first:last] = values[first + shift : last + shift]
+    return out
+
+
+def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
+    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN
+    outside, and where more than 3 dt are missing.
+    """
+    good = np.flatnonzero(np.isfinite(values))
+    if len(good) < 2:
+        return np.full(len(clock), np.nan)
+    out = np.interp(clock, t[good], values[good], left=np.nan, right=np.nan)
+    for i in np.flatnonzero(np.diff(t[good]) > 3 * dt):
+        out[(clock > t[good[i]]) & (clock < t[good[i + 1]])] = np.nan
+    return out
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, least: float) -> float:

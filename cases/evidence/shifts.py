@@ -8,7 +8,7 @@ pays for that.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -64,28 +64,34 @@ class Shift:
     rivals: tuple[str, ...] = ()
 
 
-def shifts(found: Sequence[Signals], longest: float) -> list[Shift | None]:
-    """The best explanation of each of the trials of a folder, None where there is none.
+@dataclass(frozen=True)
+class Explanation:
+    """What one explanation is worth to the trials of a folder: values, each trial's or None where it is none there;
+    total: what they gain together (negative); alone: each trial's own best value, None for a lag that gains
+    nothing there."""
+
+    values: list[Value | None]
+    total: float
+    alone: Sequence[Value | None]
+
+
+def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanation]:
+    """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without.
 
     found: their signals; longest: lag [s] up to which is searched.
     """
-    usable = list(range(len(found)))
-    tracks = all(s.has_track for s in found)
-    out: list[Shift | None] = [None] * len(found)
-    if not usable:
-        return out
-    some = [found[k] for k in usable]
-    names = (*LAGS, *LINEAR) if tracks else ("r", "gain r")
-    candidates = {name: _candidate(some, longest, name) for name in names}
-    gains = {name: float(-total) - _rare(name, values) for name, (values, total) in candidates.items()}
+    names = (*LAGS, *LINEAR) if all(s.has_track for s in found) else ("r", "gain r")
+    return {name: _lag(found, name, longest) if name in LAGS else _fitted(found, name) for name in names}
+
+
+def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
+    """The best explanation of each of the trials of a folder by the ``candidates`` found, None where there is none."""
+    gains = {name: -one.total - _rare(name, one.values) for name, one in found.items()}
     best = max(gains, key=lambda name: gains[name])
     if gains[best] <= 0:
-        return out
+        return [None] * len(found[best].values)
     rivals = tuple(name for name in gains if name != best and gains[best] - gains[name] < CLOSE and gains[name] > 0)
-    for k, value in zip(usable, candidates[best][0], strict=True):
-        if value is not None:
-            out[k] = Shift(best, value, gains[best], rivals)
-    return out
+    return [None if v is None else Shift(best, v, gains[best], rivals) for v in found[best].values]
 
 
 def _rare(name: str, values: Sequence[Value | None]) -> float:
@@ -159,33 +165,30 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
 
 
-def _candidate(some: Sequence[Signals], longest: float, name: str) -> tuple[list[Value | None], float]:
-    """Value of each trial or None where ``name`` explains what is left over, and what they gain together (negative)."""
-    return _lag(some, name, longest) if name in LAGS else _fitted(some, name)
-
-
-def _lag(some: Sequence[Signals], name: str, longest: float) -> tuple[list[Value | None], float]:
-    """Lag [s] of each trial or None, and what they gain together (negative)."""
+def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
+    """Lags [s] of what ``name`` says is late, up to the ``longest``."""
     plain = np.array([nats(s) for s in some])
 
-    def costs(grid: np.ndarray) -> np.ndarray:
+    def over_none(grid: np.ndarray) -> np.ndarray:
         return np.array([nats_of_lags(s, name, grid) for s in some]) - plain[:, None]
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
-    table = costs(grid)
+    table = over_none(grid)
     for step in (longest / TRIED, longest / TRIED / FINER):
         apart = table.min(axis=1) < -APART
         centres = {float(grid[int(np.argmin(row))]) for row in (table.sum(axis=0), *table[apart][:MOST_CENTRES])}
         more = np.array(sorted({round(c + k * step / FINER, 9) for c in centres for k in range(-FINER, FINER + 1)}))
         more = more[np.abs(more) <= longest]
-        grid, table = np.concatenate([grid, more]), np.concatenate([table, costs(more)], axis=1)
+        grid, table = np.concatenate([grid, more]), np.concatenate([table, over_none(more)], axis=1)
     inner = np.abs(np.abs(grid) - longest) > 1e-9
-    chosen, total = _together(np.where(inner, table, np.maximum(table, 0.0)))
-    return [None if i is None else float(grid[i]) for i in chosen], total
+    costs = np.where(inner, table, np.maximum(table, 0.0))
+    chosen, total = _together(costs)
+    alone = [float(grid[np.argmin(row)]) if row.min() < -COST else None for row in costs]
+    return Explanation([None if i is None else float(grid[i]) for i in chosen], total, alone)
 
 
-def _fitted(some: Sequence[Signals], name: str) -> tuple[list[Value | None], float]:
-    """Value of least squares of each trial, or of all of them, or None; and what they gain together (negative)."""
+def _fitted(some: Sequence[Signals], name: str) -> Explanation:
+    """Values of least squares of each trial, or of all of them."""
     normal = [_normal(s, name) for s in some]
     joint = sum(n[0] for n in normal), sum(n[1] for n in normal)
     values: list[Value] = [_solved(joint, name), *(_solved(n, name) for n in normal)]
@@ -196,7 +199,7 @@ def _fitted(some: Sequence[Signals], name: str) -> tuple[list[Value | None], flo
         nats(s, value, name) - usual for s, value, usual in zip(some, values[1:], plain, strict=True)
     ]
     chosen, total = _together(costs)
-    return [None if i is None else values[i] for i in chosen], total
+    return Explanation([None if i is None else values[i] for i in chosen], total, values[1:])
 
 
 def _solved(normal: tuple[complex | float, float], name: str) -> Value:

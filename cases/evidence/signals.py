@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -225,3 +226,18 @@ def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -
     inside = high - low > 0.25 * step
     mean = (np.interp(high, t, total) - np.interp(low, t, total)) / np.where(inside, high - low, 1.0)
     return np.where(inside, mean, np.interp(clock, t, values))
+
+
+def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) -> np.ndarray:
+    """Standard deviation (6,) of the white noise of logged states, each in its own unit; 0 where it is not known.
+
+    stretches: neighbouring samples (N, 6) each; needed: columns without which a sample does not count. Robust: by the
+    median size of third differences, in which the motion leaves little: 0.6745 sqrt(20) for white noise of size 1.
+    """
+    thirds = [np.diff(stretch, n=3, axis=0) for stretch in stretches if len(stretch) > 3]
+    d = np.vstack([*thirds, np.empty((0, 6))])
+    d = d[np.isfinite(d[:, needed]).all(axis=1)]
+    known = np.isfinite(d).any(axis=0)
+    noise = np.zeros(6)
+    noise[known] = np.nanmedian(np.abs(d[:, known]), axis=0) / 0.6745 / np.sqrt(20.0)
+    return noise

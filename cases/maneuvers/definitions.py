@@ -17,11 +17,11 @@ import numpy as np
 
 from cases.io.units import as_number
 from cases.maneuvers import orders
-from cases.maneuvers.controller import Controller, Limits
-from cases.maneuvers.engine import Engine, engine_of, stopping_factors
-from cases.maneuvers.orders import Orders
+from cases.maneuvers.engine import Engine, engine_of, engine_words, stopping_factors
+from cases.maneuvers.orders import Controller, Limits, Orders
 from cases.maneuvers.self_propulsion import TEST_FROUDE, approach, own_speed
 from mmg.errors import BadValue, Missing, OutOfRange, UnknownName, UserError
+from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -32,6 +32,8 @@ FORMS = (
 """What ``parse_maneuver`` understands; a negative angle begins to port."""
 STOPS = ("crash-stop", "coasting")
 """Manoeuvres in which the engine is stopped or reversed."""
+STOPPING_CODES = ("assumed_engine", "stopping_resistance")
+"""Of the messages on the engine and the resistance that are assumed of a ship that is stopped."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,16 @@ class Maneuver:
     def start(self) -> np.ndarray:
         """Initial state (6,): at the origin heading north with the approach speed."""
         return np.array([0.0, 0.0, 0.0, self.speed, 0.0, 0.0])
+
+
+def stopping_notices(plan: Maneuver) -> list[Message]:
+    """What the manoeuvre ``plan`` assumes of engine and resistance; empty for one that stops no ship."""
+    words = engine_words(plan.engine) if plan.engine else ""
+    found = [Message(f"{plan.kind}: {words}", STOPPING_CODES[0])] if words else []
+    for symbol, share in plan.factors.items():
+        said = f"{symbol} is {share:g} of that of the ship file (stopping_resistance)"
+        found.append(Message(f"{plan.kind}: {said}, so the approach is at {plan.n:.4g} rps", STOPPING_CODES[1]))
+    return found
 
 
 def _with_factors(ship: Ship, factors: Mapping[str, float]) -> Ship:

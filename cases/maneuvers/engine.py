@@ -65,22 +65,22 @@ class Engine:
     """An engine, or M of them: numbers, or arrays (M,).
 
     n_mcr: revolutions at maximum continuous rating [1/s]; speed [m/s], n [1/s]: of the approach, where its torque is
-    known; advance: tangent of the advance angle there, on the scale of the series; delay: from the order until the fuel
-    is cut [s]; restart: share of n_mcr below which air brakes; astern_revolutions, astern_torque: most astern, shares
-    of n_mcr and Q_MCR; rise: time in which the revolutions may rise by n_mcr [s]; inertia: 2 pi I n_mcr / Q_MCR [s];
-    assumed: particulars that the ship file does not give.
+    known; advance: tangent of the advance angle there, on the scale of the series; engine_delay: from the order until
+    the fuel is cut [s]; restart: share of n_mcr below which air brakes; astern_revolutions, astern_torque: most astern,
+    shares of n_mcr and Q_MCR; engine_rise: time in which the revolutions may rise by n_mcr [s]; engine_inertia:
+    2 pi I n_mcr / Q_MCR [s]; assumed: particulars that the ship file does not give.
     """
 
     n_mcr: float
     speed: float
     n: float
     advance: float
-    delay: float | np.ndarray
+    engine_delay: float | np.ndarray
     restart: float | np.ndarray
     astern_revolutions: float | np.ndarray
     astern_torque: float | np.ndarray
-    rise: float | np.ndarray
-    inertia: float | np.ndarray
+    engine_rise: float | np.ndarray
+    engine_inertia: float | np.ndarray
     assumed: tuple[str, ...] = ()
 
     def drawn(self, count: int, seed: int, itself: bool = False) -> Engine:
@@ -90,15 +90,15 @@ class Engine:
         values: dict[str, Any] = {}
         for name, (_, std, low, high) in USUAL.items():
             draw = rng.standard_normal(count)
-            own = np.full(count, float(getattr(self, _FIELDS[name])))
-            values[_FIELDS[name]] = np.clip(own + std * draw, low, high) if name in self.assumed else own
+            own = np.full(count, float(getattr(self, name)))
+            values[name] = np.clip(own + std * draw, low, high) if name in self.assumed else own
             if itself:
-                values[_FIELDS[name]] = np.append(own[:1], values[_FIELDS[name]])
+                values[name] = np.append(own[:1], values[name])
         return replace(self, **values)
 
     def repeated(self, copies: int) -> Engine:
         """The M engines one after the other, ``copies`` times: (copies M,)."""
-        tiled: dict[str, Any] = {n: np.tile(np.atleast_1d(getattr(self, n)), copies) for n in _FIELDS.values()}
+        tiled: dict[str, Any] = {n: np.tile(np.atleast_1d(getattr(self, n)), copies) for n in USUAL}
         return replace(self, **tiled)
 
     def torque(self, share: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -111,16 +111,6 @@ class Engine:
     def shaft(self, ships: int = 1) -> Shaft:
         """The shaft lines of so many ``ships``, turning at the approach."""
         return Shaft(self, np.full(ships, self.n / self.n_mcr))
-
-
-_FIELDS = {
-    "engine_delay": "delay",
-    "restart": "restart",
-    "astern_revolutions": "astern_revolutions",
-    "astern_torque": "astern_torque",
-    "engine_rise": "rise",
-    "engine_inertia": "inertia",
-}
 
 
 @dataclass(frozen=True)
@@ -153,14 +143,14 @@ class Shaft:
             q_p = e.torque(share, u)
             begun = ran >= 0
             if wanted < 0:
-                target = -np.minimum(limit, np.maximum(ran, 0.0) / e.rise)
+                target = -np.minimum(limit, np.maximum(ran, 0.0) / e.engine_rise)
                 running = np.clip(q_p - FRICTION + GAIN * (target - share), -np.asarray(e.astern_torque), 0.0)
                 air = np.where(share <= e.restart, -AIR, 0.0)
                 q_e = np.where(begun, running, air)
             else:
                 q_e = np.zeros_like(share)
-            rate = (q_e - q_p - FRICTION * np.tanh(share / 0.02)) / e.inertia
-            after = np.where(waited >= e.delay, share + h * rate, share)
+            rate = (q_e - q_p - FRICTION * np.tanh(share / 0.02)) / e.engine_inertia
+            after = np.where(waited >= e.engine_delay, share + h * rate, share)
             ran = np.where(begun, ran + h, np.where((wanted < 0) & (after <= 0), 0.0, ran))
             total += 0.5 * h * (share + after)
             share, waited = after, waited + h
@@ -182,10 +172,11 @@ def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
     for name, (_, _, low, high) in USUAL.items():
         if name in p and not low <= p[name] <= high:
             raise OutOfRange(f"{ship.name}: {name} = {p[name]:g} must be between {low:g} and {high:g}")
-    n_mcr = p.get("n_MCR", 0.0) or _at_rating(ship, speed, n)
+    at_rating = n * p.get("U_0", speed) / speed / MCR  # by the propeller law: U_0 takes 90 % of the power
+    n_mcr = p.get("n_MCR", 0.0) or at_rating
     if not 0.2 * n < n_mcr < 20 * n:
         raise OutOfRange(f"{ship.name}: n_MCR = {n_mcr:g} 1/s does not fit n = {n:.3g} 1/s at {speed:.3g} m/s")
-    values = {_FIELDS[name]: p.get(name, usual[0]) for name, usual in USUAL.items()}
+    values = {name: p.get(name, usual[0]) for name, usual in USUAL.items()}
     assumed = tuple(name for name in USUAL if name not in p)
     return Engine(n_mcr=n_mcr, speed=speed, n=n, advance=_advance(ship, speed, n), assumed=assumed, **values)
 
@@ -206,13 +197,8 @@ def engine_words(engine: Engine) -> str:
     if not engine.assumed:
         return ""
     units = {"engine_delay": " s", "engine_rise": " s", "engine_inertia": " s"}
-    listed = ", ".join(f"{name} {getattr(engine, _FIELDS[name]):g}{units.get(name, '')}" for name in engine.assumed)
+    listed = ", ".join(f"{name} {getattr(engine, name):g}{units.get(name, '')}" for name in engine.assumed)
     return f"a direct-reversible diesel engine is assumed ({listed}; n_MCR {engine.n_mcr:.3g} 1/s)"
-
-
-def _at_rating(ship: Ship, speed: float, n: float) -> float:
-    """n_MCR [1/s] by the propeller law from the approach at ``speed`` [m/s] with ``n`` [1/s]: U_0 takes 90 % of MCR."""
-    return n * ship.particulars.get("U_0", speed) / speed / MCR
 
 
 def _advance(ship: Ship, speed: float, n: float) -> float:

@@ -98,7 +98,6 @@ class EngineRevolutions:
     def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
         assert maneuver.engine is not None
         self.orders, self.shaft = orders, maneuver.engine.shaft(ships)
-        self.speed: np.ndarray | None = None
 
     @property
     def n(self) -> np.ndarray:
@@ -115,13 +114,6 @@ class EngineRevolutions:
             return first
         self.shaft, second = self.shaft.moved(self.orders.after, state[3], dt - before)
         return (before * first + (dt - before) * second) / dt
-
-    def all_over(self, t: float, state: np.ndarray) -> bool:
-        """Whether at t [s] every ship has lost her way, states (S, M), or her motion is no number."""
-        if t < self.orders.lead - TINY:
-            return False
-        self.speed = state[3] if self.speed is None else self.speed
-        return bool((~(state[3] > self.orders.least * self.speed)).all())
 
 
 class ZigzagRudders:

@@ -14,9 +14,8 @@ import numpy as np
 
 from cases.inputs import actuator_columns, step_means
 from cases.io.files import replaced
-from cases.maneuvers.definitions import Maneuver
+from cases.maneuvers.definitions import Maneuver, stopping_notices
 from cases.maneuvers.self_propulsion import actuator_positions
-from cases.maneuvers.stopping import stopping_notices
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
 from cases.trial import UNITS, Trial

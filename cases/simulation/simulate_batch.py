@@ -8,7 +8,7 @@ zigzag each ship reverses her rudder at her own time; all of them are stepped si
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,15 @@ from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
+
+HALF_TURN = math.radians(190.0)
+"""Change of heading behind which no figure of a turning circle is read but its steady turn [rad]."""
+READ = 4
+"""Executes of the rudder of a zigzag after which its first two overshoots are over."""
+
+Push = Callable[[int, np.ndarray], np.ndarray]
+"""Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,
+M) at its begin."""
 
 
 @dataclass(frozen=True)
@@ -70,35 +79,77 @@ def simulate_batch(
     steady turn. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
-    ship = simulator.ship
-    if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
-        raise OutOfRange(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
-    theta = coefficients_in(maneuver, ship, coefficients)
-    six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
-    start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
-    orders, N = maneuver.orders(), math.floor(maneuver.duration / dt + TINY)
-    t = np.round(dt * np.arange(N + 1), 9)
-    if isinstance(orders, StepOrders):
-        raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
-    if isinstance(orders, Zigzag):
-        return _zigzag(simulator, maneuver, orders, start, theta, t, threads)
-    if isinstance(orders, StopOrders) and maneuver.engine is not None:
-        return _stopping(simulator, maneuver, orders, start, theta, t, threads)
+    ship, batch = simulator.ship, _Batch.of(simulator, maneuver, coefficients, dt)
+    orders, t = batch.orders, batch.t
+    if isinstance(orders, Zigzag) or (isinstance(orders, StopOrders) and maneuver.engine is not None):
+        return _side_by_side(batch, threads)
     moves = ramps(maneuver, orders, t)
     means = np.vstack([moves.means(t), moves.at(t[-1:])])
     if held or "pitch" in ship.actuators:
         parts = integration_steps(ship, dt)
         controls = np.repeat(input_array(ship, means[:-1], t[:-1]), parts, axis=0)
         steps: float | np.ndarray = dt / parts
-        keep = np.arange(1, N * parts + 1) % parts == 0
+        keep = np.arange(1, (len(t) - 1) * parts + 1) % parts == 0
     else:
         fine, keep = moves.grid(t, longest_step(ship))
         controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
     linear = len(controls) > len(keep)
-    out = simulator.run(start, controls, steps, theta, linear=linear, keep=keep, threads=threads)
+    out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep, threads=threads)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
     inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
     return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
+
+
+def simulate_pushed(
+    simulator: Simulator,
+    maneuver: Maneuver,
+    coefficients: Mapping[str, np.ndarray],
+    dt: float,
+    push: Push,
+    threads: int = 1,
+) -> SimulatedRuns:
+    """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
+    its own in each run, as gusts or what a model leaves out would give.
+
+    simulator: of the ship; maneuver, dt, threads: as for ``simulate_batch``. With accelerations of zero it is that with
+    held inputs, but ends when all runs have been through half a turn, two overshoots, or lost their headway, and each
+    zigzag stands still once it has been read. Raises UserError for spiral and pull-out.
+    """
+    return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), threads, push)
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """M runs that are to be made: orders of one of them, theta (P,) or (P, M), start (S, M), t (N + 1,) [s]."""
+
+    simulator: Simulator
+    maneuver: Maneuver
+    orders: Orders
+    theta: np.ndarray
+    start: np.ndarray
+    dt: float
+    t: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        simulator: Simulator,
+        maneuver: Maneuver,
+        coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None,
+        dt: float,
+    ) -> _Batch:
+        """Of a ``maneuver`` with ``coefficients`` as for ``simulate_batch``; raises what that says."""
+        ship, orders = simulator.ship, maneuver.orders()
+        if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
+            longest = f"no longer than the manoeuvre ({maneuver.duration:g} s)"
+            raise OutOfRange(f"dt = {dt:g} s must be positive and {longest}")
+        if isinstance(orders, StepOrders):
+            raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
+        theta = coefficients_in(maneuver, ship, coefficients)
+        six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
+        start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
+        t = np.round(dt * np.arange(math.floor(maneuver.duration / dt + TINY) + 1), 9)
+        return cls(simulator, maneuver, orders, theta, start, dt, t)
 
 
 def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None) -> np.ndarray:
@@ -121,10 +172,8 @@ def coefficients_in(
 ) -> np.ndarray:
     """Coefficients (P,) or (P, M) that a ``ship`` has in a ``maneuver``. given: as for ``coefficient_array``."""
     theta = coefficient_array(ship, given)
-    if not maneuver.factors:
-        return theta
     factors = np.array([maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols])
-    return theta * (factors[:, None] if theta.ndim == 2 else factors)
+    return (theta.T * factors).T if maneuver.factors else theta
 
 
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -152,67 +201,85 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
         origin = states[k - 1, 2] + share * (states[k, 2] - states[k - 1, 2])
         over = np.abs(states[:, 2] - origin) >= FULL_TURN
     elif isinstance(orders, StopOrders):
-        first = states[min(int(np.searchsorted(t, orders.lead - TINY)), N), 3]
+        first = states[_ordered(orders, t), 3]
         over = (states[:, 3] <= orders.least * first) & (t >= orders.lead - TINY)[:, None]
     else:
         return np.full(states.shape[2], N)
     return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
 
 
-def _stopping(
-    simulator: Simulator,
-    maneuver: Maneuver,
-    orders: StopOrders,
-    start: np.ndarray,
-    theta: np.ndarray,
-    t: np.ndarray,
-    threads: int,
-) -> SimulatedRuns:
-    """All ships side by side, a sample at a time, their engines with them, until all have stopped."""
-    ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
+def _side_by_side(batch: _Batch, threads: int, push: Push | None = None) -> SimulatedRuns:
+    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample.
+
+    push: accelerations; with them the runs end once they have been read.
+    """
+    ship, orders, theta, t, dt = batch.simulator.ship, batch.orders, batch.theta, batch.t, batch.dt
+    state, M, N = batch.start, batch.start.shape[1], len(t) - 1
     parts = integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
-    engines, state = EngineRevolutions(maneuver, orders, M), start
-    for k in range(N + 1):
-        states[k], inputs[k, 0] = state[:6], engines.n
-        if k == N or engines.all_over(float(t[k]), state):
-            break
-        inputs[k, 0] = engines.means(float(t[k]), dt, state)
-        held = np.repeat(input_array(ship, inputs[[k]], t[[k]]), parts, axis=0)
-        state = simulator.run(state, held, dt / parts, theta, keep=keep, threads=threads)[-1]
-    t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]
-    return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
-
-
-def _zigzag(
-    simulator: Simulator,
-    maneuver: Maneuver,
-    orders: Zigzag,
-    start: np.ndarray,
-    theta: np.ndarray,
-    t: np.ndarray,
-    threads: int,
-) -> SimulatedRuns:
-    """All ships side by side, a sample at a time."""
-    ship, M, N, dt = simulator.ship, start.shape[1], len(t) - 1, float(t[1] - t[0])
-    rudders, parts = ZigzagRudders(orders, maneuver.limits.rudder_rate, M), integration_steps(ship, dt)
-    keep = np.arange(1, parts + 1) == parts
-    states, inputs = np.empty((N + 1, 6, M)), np.empty((N + 1, 2, M))
-    inputs[:, 0], last, state = maneuver.n, np.full(M, N), start
+    rudders = ZigzagRudders(orders, batch.maneuver.limits.rudder_rate, M) if isinstance(orders, Zigzag) else None
+    engines = (
+        EngineRevolutions(batch.maneuver, orders, M)
+        if isinstance(orders, StopOrders) and batch.maneuver.engine
+        else None
+    )
+    if rudders is None and engines is None:
+        moves = ramps(batch.maneuver, orders, t)
+        inputs[:] = np.vstack([moves.means(t), moves.at(t[-1:])])[:, :, None]
+    elif rudders is not None:
+        inputs[:, 0] = batch.maneuver.n
+    everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)
     for k in range(N + 1):
 
         def advance(
-            delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, when: np.ndarray = t[[k]]
+            delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, k: int = k, done: np.ndarray = done
         ) -> np.ndarray:
-            held = input_array(ship, np.stack([np.full(M, maneuver.n), delta])[None, :, which], when)
-            held, own = np.repeat(held, parts, axis=0), theta if theta.ndim == 1 else theta[:, which]
-            return simulator.run(state[:, which], held, dt / parts, own, keep=keep, threads=threads)[-1]
+            moving = which & ~done
+            held = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
+            own = theta if theta.ndim == 1 else theta[:, moving]
+            found = state[:, which]
+            found[:, moving[which]] = batch.simulator.run(
+                state[:, moving], np.repeat(held, parts, axis=0), dt / parts, own, keep=keep, threads=threads
+            )[-1]
+            return found
 
         states[k] = state[:6]
-        rudders.observe(float(t[k]), state)
-        last = np.where(rudders.over & (last == N), k, last)
-        inputs[k, 1] = rudders.delta
-        if k < N:
+        if rudders is not None:
+            rudders.observe(float(t[k]), state)
+            over = rudders.over if push is None else rudders.count >= READ
+            last = np.where(over & (last == N), k, last)
+            inputs[k, 1] = rudders.delta
+        elif engines is not None:
+            inputs[k, 0] = engines.n
+        if k == N or ((push or engines) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
+            break
+        kick = 0.0 if push is None else dt * push(k, state[:6])
+        if rudders is not None:
+            done = over if push else done
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
-    return SimulatedRuns(t, states, inputs, last)
+            state[3:6] += np.where(done, 0.0, kick)
+        else:
+            if engines is not None:
+                inputs[k, 0] = engines.means(float(t[k]), dt, state)
+            state = advance(inputs[k, 1], everyone)
+            state[3:6] += kick
+    t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]
+    return SimulatedRuns(t, states, inputs, np.minimum(last, k) if rudders is not None else ends_of(orders, t, states))
+
+
+def _all_read(orders: Orders, t: np.ndarray, states: np.ndarray, rudders: ZigzagRudders | None) -> bool:
+    """Whether no run (N + 1, 6, M) until now has a figure to come: half a turn, two overshoots, lost headway."""
+    lost = ~np.isfinite(states[-1]).all(axis=0)
+    if rudders is not None:
+        return bool((lost | (rudders.count >= READ)).all())
+    if not isinstance(orders, (Turning, StopOrders)) or t[-1] <= orders.lead + TINY:
+        return False
+    if isinstance(orders, StopOrders):
+        return bool((lost | (states[-1, 3] <= orders.least * states[_ordered(orders, t), 3])).all())
+    return bool((lost | (np.abs(states[-1, 2] - states[0, 2]) >= HALF_TURN)).all())
+
+
+def _ordered(orders: StopOrders, t: np.ndarray) -> int:
+    """First row of the times t (N + 1,) at which a stop is ordered."""
+    return min(int(np.searchsorted(t, orders.lead - TINY)), len(t) - 1)

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematic_words import ALIKE, TRACK, TURN, Quantity
-from cases.evidence.kinematics import Kinematics
+from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, Quantity
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters

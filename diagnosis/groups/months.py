@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from cases.io.unit_sanity import implausible
-from cases.operation.cutting import Cut, cut_log, window_rows
-from cases.operation.parts import OperationLog, read_log
+from cases.operation.log import Cut, OperationLog, cut_log, read_log, window_rows
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from diagnosis.groups.over_time import DAY, Changes, DatedChange, find_changes

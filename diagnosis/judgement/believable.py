@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.checks.sampling import VELOCITIES, spikes
+from cases.checks.single import VELOCITIES, spikes
 from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES

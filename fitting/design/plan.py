@@ -16,8 +16,8 @@ from itertools import combinations
 
 import numpy as np
 
-from cases.maneuvers.controller import Limits
 from cases.maneuvers.engine import engine_of
+from cases.maneuvers.orders import Limits
 from cases.maneuvers.self_propulsion import own_speed, revolutions_for
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.maneuvers.controller import Limits
+from cases.maneuvers.orders import Limits
 
 SHORTEST = 0.2
 """A stretch has at least about this share of the mean length of stretches."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.motion import white_noise
+from cases.evidence.signals import white_noise
 from cases.evidence.tails import student_quantile
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation, adapt

@@ -15,16 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.assessment import Assessment
-from cases.criteria.batch_figures import figures_of_each, since_each
 from cases.criteria.figures import Since
-from cases.criteria.imo import FAIL, OPEN, PASS, Row, with_value
+from cases.criteria.imo import FAIL, OPEN, PASS, Assessment, Row, with_value
 from cases.criteria.scatter import draw_coefficients
-from cases.criteria.standard_runs import Run
+from cases.criteria.standard_runs import Run, figures_of_each, since_each
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.simulation.pushed_batch import simulate_pushed
-from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
+from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch, simulate_pushed
 from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
@@ -88,7 +85,7 @@ def with_intervals(
 ) -> JudgedFigures:
     """An assessment of simulated runs with median, 90 % interval and probability of meeting the criterion.
 
-    found: of ``cases.criteria.assessment.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
+    found: of ``cases.criteria.imo.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
     content: of the result.json of a calibration, {}: the standard deviations of the ship file stand alone, and are
     independent; count, seed: of the draws; workers: processes over which the manoeuvres are spread. Raises UserError
     for a count that makes no sense, and for a ship without standard deviations.

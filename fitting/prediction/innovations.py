@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from cases.inputs import model_inputs
-from cases.operation.cutting import USUAL
+from cases.operation.log import USUAL
 from cases.shipfiles.effects import parameters, with_effects
 from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial

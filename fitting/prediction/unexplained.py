@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cases.maneuvers.definitions import STOPS, Maneuver
-from cases.simulation.pushed_batch import Push
-from cases.simulation.simulate_batch import SimulatedRuns, input_array
+from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array
 from fitting.prediction.bands import Bands, acceleration_sizes
 from fitting.prediction.novelty import HeldMotion
 from mmg.ship import Ship

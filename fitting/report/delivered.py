@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.assessment import imo_figures, imo_figures_of_trials
-from cases.criteria.imo import FAIL, OPEN, PASS, Row
+from cases.criteria.imo import FAIL, OPEN, PASS, Row, imo_figures, imo_figures_of_trials
 from cases.criteria.standard_runs import Run
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope

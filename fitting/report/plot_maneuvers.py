@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.criteria.figures import Since, since
-from cases.criteria.spiral import spiral_curve
+from cases.criteria.figures import Since, since, spiral_curve
 from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure
 
@@ -153,7 +152,7 @@ def _spiral(ax: Axes, runs: Sequence[Run]) -> None:
     """Steady turn rate r L / V against rudder angle, both ways."""
     run = runs[0]
     dress(ax, "rudder / deg", "r L / V", run.name)
-    curve = spiral_curve(run.trial, run.order_time)
+    curve = spiral_curve(since(run.trial, run.order_time))
     if curve is not None:
         unit = run.length / run.speed
         rudder, rate, turn = np.degrees(curve.rudder), curve.rate * unit, curve.turn

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematic_words import TRACK, TURN, Quantity
-from cases.evidence.kinematics import Kinematics, kinematics_of
+from cases.evidence.kinematics import TRACK, TURN, Kinematics, Quantity, kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial

@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cases.checks.duplicates import duplicates
+from cases.checks.trusted import duplicates
 from cases.trial import Trial
 from fitting.nlp.fisher_information import Information
 from fitting.nlp.problem import Problem

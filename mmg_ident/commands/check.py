@@ -113,7 +113,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
     """A table with one line per file, and what is wrong, for all files that share it (``every``: and all else)."""
     rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
     rows += [(path.stem, "unreadable", *[""] * 6) for path in unreadable]
-    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag u v r, s|n", "wind/U|n", "n, rps|n"), rows)
+    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag uv r, s|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
     for error in unreadable.values() if len(unreadable) > 1 else ():
         cli.print_wrapped("  !! ", str(error))
@@ -137,8 +137,9 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
 def _cells(report: CheckReport) -> list[str]:
     """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
     sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
-    channels = report.numbers["kinematics"]["channels"]
-    lags = [channels[c]["lag_s"] if c in channels else None for c in "uvr"]
+    late = report.numbers["kinematics"]["lag_s"]
+    velocities = late["u, v"] if late["x, y"] is None else -late["x, y"]  # over ground, turned by the present heading
+    lags = (velocities, late["r"])
     low, high = excitation.get("n_range_rps", (None, None))
     return [
         str(sampling["rows"]),

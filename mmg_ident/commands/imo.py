@@ -15,8 +15,8 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from cases.criteria.assessment import Assessment
     from cases.criteria.figures import Since
+    from cases.criteria.imo import Assessment
     from mmg.ship import Ship
 
 
@@ -56,7 +56,7 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+    from cases.criteria.imo import imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
     from cases.criteria.trial_correction import WaterVelocity
     from cases.shipfiles.ship_file import load_ship

@@ -57,7 +57,7 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
-    from cases.checks.held_out import training_trials
+    from cases.checks.trusted import training_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, reserved
     from residual.result import CALIBRATED, read_training

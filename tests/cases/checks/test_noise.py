@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.checks.motion import white_noise
+from cases.evidence.signals import white_noise
 
 
 def test_the_noise_on_a_slow_motion_is_recovered_and_unmeasured_columns_have_none():

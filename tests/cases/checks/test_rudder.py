@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.checks import check
-from cases.checks.rudder import following
+from cases.checks.single import following
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cases.checks import check
-from cases.checks.held_out import MOST_LISTED, shared_rows, training_trials
-from cases.checks.sampling import spikes
+from cases.checks.single import spikes
+from cases.checks.trusted import MOST_LISTED, shared_rows, training_trials
 from tests.support.trial_files import make_trial, motion_columns
 
 

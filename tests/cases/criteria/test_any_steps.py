@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.file_faults.fleet import SETS
 from benchmarks.file_faults.plant import Plant, Weather, run
-from cases.criteria.assessment import imo_figures_of_trials
+from cases.criteria.imo import imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers, nominal
 from cases.criteria.standard_runs import measured_runs
 from cases.maneuvers.definitions import parse_maneuver

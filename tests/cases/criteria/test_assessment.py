@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from cases.criteria.assessment import imo_figures, imo_figures_of_trials
+from cases.criteria.imo import imo_figures, imo_figures_of_trials
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import UnknownName, UserError
 from mmg.messages import has_code

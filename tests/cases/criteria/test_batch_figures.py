@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.criteria.batch_figures import figures_of_each
-from cases.criteria.standard_runs import figures_of
+from cases.criteria.standard_runs import figures_of, figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.pushed_batch import simulate_pushed
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
 from mmg.errors import Unsupported
 from mmg.rollout import Simulator
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.criteria.assessment import imo_figures_of_trials
+from cases.criteria.imo import imo_figures_of_trials
 from cases.io.leave_out import Span, left_out
 from cases.trial import Trial
 from mmg.errors import UserError

@@ -26,7 +26,7 @@ from cases.criteria.imo import (
     worst,
 )
 from cases.criteria.measured_maneuvers import Execute
-from cases.criteria.standard_runs import Run, approach_speed, measured_run, simulated_run
+from cases.criteria.standard_runs import Run, approach_speed, measured_runs, simulated_run
 from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -196,7 +196,7 @@ def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -
 
 
 def test_no_number_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35",))
     screen = io.StringIO()
     monkeypatch.setattr(screen, "isatty", lambda: True, raising=False)
     monkeypatch.setattr(sys, "stdout", screen)
@@ -238,7 +238,7 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
 
 
 def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35",))
     told = {
         tuple(options): " ".join(json.loads(mmg("imo", "kvlcc2_l7", *options, "--json").stdout)["notices"])
         for options in ([], ["--rudder-rate", "5"])
@@ -284,7 +284,7 @@ def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
 
 def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rudder that hardly moves: turn and zigzag are not judged, the stop still is, and the ship does not pass."""
-    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:-35", "zigzag:20/20", "crash-stop"))
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:-35", "zigzag:20/20", "crash-stop"))
     result = mmg("imo", "esso_osaka_3m", "--rudder-rate", "1e-5", "--scale", "108.33", "--json")
     assert result.exit_code == 0, result.exception
     data = json.loads(result.stdout)
@@ -300,6 +300,6 @@ def test_a_ship_with_two_rudders_is_judged_by_their_mean() -> None:
         pytest.skip("no ship vectwin_3m in the library")
     run = simulated_run(load_ship("vectwin_3m"), "turning:35", 0.4)
     assert "delta" not in run.trial and run.figures["advance"] > 0
-    measured = measured_run(run.trial, run.length)
+    measured = measured_runs(run.trial, run.length)[0]
     assert measured.rudder == pytest.approx(math.radians(35), abs=0.01)
     assert measured.figures["advance"] == pytest.approx(run.figures["advance"], rel=0.02)

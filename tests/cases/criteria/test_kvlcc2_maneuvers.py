@@ -8,7 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from cases.criteria.figures import turning_figures, zigzag_figures
+from cases.criteria.figures import since, turning_figures
+from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
@@ -52,7 +53,7 @@ def maneuvered(name: str, text: str, dt: float) -> tuple[Maneuver, Trial]:
 def test_turning_circles(name: str, rudder_angle: int) -> None:
     """Advance, transfer, tactical diameter by L within 1 % of the reference simulation; 0.05 % measured."""
     maneuver, trial = maneuvered(name, f"turning:{rudder_angle}", 0.005)
-    figures = turning_figures(trial, maneuver.parameters["rudder"], maneuver.parameters["order_time"])
+    figures = turning_figures(since(trial, maneuver.parameters["order_time"]), maneuver.parameters["rudder"])
     L = load_ship(name).particulars["L"]
     got = [figures[key] / L for key in ("advance", "transfer", "tactical_diameter")]
     np.testing.assert_allclose(got, TURNS[name, rudder_angle], rtol=0.01)
@@ -116,7 +117,7 @@ def test_zigzag_overshoots_of_the_library(name: str, degrees: int) -> None:
     same to 0.2 %.
     """
     maneuver, trial = maneuvered(name, f"zigzag:{degrees}/{abs(degrees)}", 0.004)
-    figures = zigzag_figures(trial, *(maneuver.parameters[key] for key in ("rudder", "heading", "order_time")))
+    figures = figures_of(trial, maneuver)
     got = np.degrees([figures["overshoot_1"], figures["overshoot_2"]])
     np.testing.assert_allclose(got, ZIGZAGS[name, degrees], rtol=0.03)
     np.testing.assert_allclose(got, overshoots(name, degrees, 0.002), rtol=0.01)

@@ -10,8 +10,8 @@ import pytest
 from scipy.signal import savgol_filter
 
 from cases.criteria.figures import parabolic
-from cases.criteria.measured_maneuvers import find_maneuver
-from cases.criteria.standard_runs import figures_of, measured_run
+from cases.criteria.measured_maneuvers import find_maneuvers
+from cases.criteria.standard_runs import figures_of, measured_runs
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -50,7 +50,7 @@ ZIGZAGS = {
 def test_turning_runs_are_cut_where_the_rudder_goes_over(name: str, frt: Path) -> None:
     trial = read_trial(frt / "turning" / f"{name}.csv")
     time, degrees = TURNS[name]
-    execute = find_maneuver(trial, 3.0)
+    execute = find_maneuvers(trial, 3.0)[0]
     assert execute.kind == "turning" and execute.reversals == ()
     assert execute.order_time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
@@ -64,7 +64,7 @@ def test_turning_runs_are_cut_where_the_rudder_goes_over(name: str, frt: Path) -
 @pytest.mark.parametrize("name", ZIGZAGS)
 def test_zigzag_runs_are_cut_at_every_reversal(name: str, frt: Path) -> None:
     time, degrees, reversals = ZIGZAGS[name]
-    execute = find_maneuver(read_trial(frt / "zigzag" / f"{name}.csv"), 3.0)
+    execute = find_maneuvers(read_trial(frt / "zigzag" / f"{name}.csv"), 3.0)[0]
     assert execute.kind == "zigzag"
     assert execute.order_time == pytest.approx(time, abs=1.0)
     assert math.degrees(execute.rudder) == pytest.approx(degrees, abs=1.0)
@@ -77,11 +77,11 @@ def test_measured_turning_figures_are_those_of_a_turning_circle(frt: Path) -> No
     """35 deg of rudder: tighter than 20 deg on the same day; a random run is refused unless read as something."""
     runs = {}
     for name in ("turn_14-Sep-2020_13_51_45", "turn_14-Sep-2020_15_58_08"):
-        runs[name] = measured_run(read_trial(frt / "turning" / f"{name}.csv"), 3.0)
+        runs[name] = measured_runs(read_trial(frt / "turning" / f"{name}.csv"), 3.0)[0]
     hard, soft = (run.figures["tactical_diameter"] / 3.0 for run in runs.values())
     assert 2.0 < hard < 3.0 < 4.0 < soft < 4.6
     with pytest.raises(UnknownName):
-        find_maneuver(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)
+        find_maneuvers(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)[0]
 
 
 @pytest.mark.parametrize("text", ["turning:35", "turning:-20", "zigzag:20/20", "zigzag:-10/10", "crash-stop"])
@@ -92,7 +92,7 @@ def test_noisy_runs_after_a_wandering_approach_give_the_figures_of_the_clean_one
     maneuver = parse_maneuver(text, SHIP, rudder_rate=rudder_rate)
     clean = simulate(SHIP, maneuver)
     noisy = with_approach(add_noise(clean, SensorNoise.for_length(3.0), 4), 60.0)
-    run = measured_run(noisy, 3.0)
+    run = measured_runs(noisy, 3.0)[0]
     p, truth = maneuver.parameters, figures_of(clean, maneuver)
     assert run.kind == maneuver.kind
     assert run.order_time == pytest.approx(60.0 + p["order_time"], abs=0.25)
@@ -129,22 +129,22 @@ def test_an_accelerating_or_turning_approach_is_named() -> None:
     u, r = noisy["u"].copy(), noisy["r"].copy()
     rows = noisy.t < 65.0
     u[rows] *= 0.6 + 0.4 * noisy.t[rows] / 65.0
-    assert "+1" in find_maneuver(noisy.with_columns(u=u), 3.0).notes[0]
+    assert "+1" in find_maneuvers(noisy.with_columns(u=u), 3.0)[0].notes[0]
     r[rows] += 0.02
     late = Trial("late", {name: a[noisy.t > 62.0] for name, a in noisy.columns.items()})
-    assert find_maneuver(noisy.with_columns(r=r), 3.0).notes and find_maneuver(late, 3.0).caveats
+    assert find_maneuvers(noisy.with_columns(r=r), 3.0)[0].notes and find_maneuvers(late, 3.0)[0].caveats
 
 
 def test_what_is_not_in_the_data_is_not_found() -> None:
     straight = with_approach(simulate(SHIP, parse_maneuver("straight", SHIP, duration=20)), 60.0)
     calm = straight.with_columns(delta=0.3 * straight["delta"])
     with pytest.raises(Missing):
-        find_maneuver(calm, 3.0)
+        find_maneuvers(calm, 3.0)[0]
     with pytest.raises(Missing):
-        find_maneuver(straight, 3.0, "crash-stop")
+        find_maneuvers(straight, 3.0, "crash-stop")[0]
     turn = simulate(SHIP, parse_maneuver("turning:35", SHIP, duration=100))
     with pytest.raises(Missing):
-        find_maneuver(turn, 3.0, "zigzag")
+        find_maneuvers(turn, 3.0, "zigzag")[0]
 
 
 @pytest.mark.parametrize("count", [9, 10, 40])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cases.criteria.imo import assess
-from cases.criteria.measured_maneuvers import find_maneuver
-from cases.criteria.ordered_steps import nominal
-from cases.criteria.standard_runs import measured_run
+from cases.criteria.measured_maneuvers import find_maneuvers
+from cases.criteria.rudder_steps import nominal
+from cases.criteria.standard_runs import measured_runs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.orders import Zigzag
 from cases.shipfiles.ship_file import load_ship
@@ -58,7 +58,7 @@ def test_a_late_helm_does_not_make_another_zigzag(
 ) -> None:
     run, length = late_run(name, steps, reaction, dt, seed)
     rudder, heading = steps.split("/")
-    execute = find_maneuver(run, length)
+    execute = find_maneuvers(run, length)[0]
     assert execute.title == f"zigzag {rudder}/{heading}"
     assert math.degrees(execute.heading) > float(heading) + 0.3  # the heading itself is told as it was
 
@@ -68,7 +68,7 @@ def test_a_late_helm_does_not_make_another_zigzag(
 def test_a_record_of_few_samples_does_not_make_another_zigzag(name: str, dt: float, steps: str) -> None:
     ship = load_ship(name)
     run = simulate(ship, parse_maneuver(f"zigzag:{steps}", ship), dt)
-    assert find_maneuver(run, ship.particulars["L"]).title == f"zigzag {steps}"
+    assert find_maneuvers(run, ship.particulars["L"])[0].title == f"zigzag {steps}"
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_a_record_of_few_samples_does_not_make_another_zigzag(name: str, dt: flo
 def test_an_unusual_heading_is_believed_where_every_reversal_shows_it(name: str, dt: float, steps: str) -> None:
     """After a reaction she would have turned less far at the first reversal, where her yaw rate is least."""
     run, length = late_run(name, steps, 0.0, dt)
-    assert find_maneuver(run, length).title == f"zigzag {steps}"
+    assert find_maneuvers(run, length)[0].title == f"zigzag {steps}"
 
 
 def test_a_usual_step_is_found_late_rather_than_early_and_that_of_the_rudder_first() -> None:
@@ -90,7 +90,7 @@ def test_a_usual_step_is_found_late_rather_than_early_and_that_of_the_rudder_fir
 
 def test_a_zigzag_of_the_standard_that_was_reversed_too_late_says_so() -> None:
     run, length = late_run("mariner", "10/10", 3.5, 0.5)
-    measured = measured_run(run, length)
+    measured = measured_runs(run, length)[0]
     assert measured.steps == (10, 10) and math.degrees(measured.heading) > 12
     whys = {row.why for row in assess(measured) if row.figure.startswith("overshoot")}
     assert all("2 deg" in why for why in whys)

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from cases.criteria.completeness import check_completeness
-from cases.criteria.figures import pull_out_figures, rudder_holds
-from cases.criteria.spiral import spiral_curve, spiral_figures
+from cases.criteria.figures import pull_out_figures, rudder_holds, since, spiral_curve, spiral_figures
+from cases.criteria.simulated_trial import check_completeness
 from cases.criteria.standard_runs import simulated_run
 from cases.maneuvers.definitions import STEADY_CHANGE, parse_maneuver
 from cases.maneuvers.orders import StepOrders, spiral_angles
@@ -50,7 +49,7 @@ def esso() -> Trial:
 
 def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38)
-    holds = rudder_holds(esso, maneuver.parameters["order_time"])
+    holds = rudder_holds(since(esso, maneuver.parameters["order_time"]))
     expected = [15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15]
     np.testing.assert_allclose(np.degrees([h.rudder for h in holds]), expected, atol=0.01)
     assert check_completeness(esso, maneuver) == ()
@@ -63,14 +62,14 @@ def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
 def test_spiral_of_a_ship_stable_on_course_has_no_loop_and_rises_with_the_rudder(esso: Trial) -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38)
     order_time = maneuver.parameters["order_time"]
-    figures = spiral_figures(esso, order_time)
+    figures = spiral_figures(since(esso, order_time))
     assert figures["loop_height"] * 3.0 / 0.38 < 0.01
     assert math.degrees(figures["loop_width"]) < 0.5
-    curve = spiral_curve(esso, order_time)
+    curve = spiral_curve(since(esso, order_time))
     assert curve is not None and curve.turn == 6
     for rudder, rate in curve.branches:
         assert (np.diff(rudder) > 0).all() and (np.diff(rate) > 0).all()
-    assert spiral_figures(simulated_run(SHIP, "turning:35", 0.38).trial, order_time) == {}
+    assert spiral_figures(since(simulated_run(SHIP, "turning:35", 0.38).trial, order_time)) == {}
 
 
 def hysteresis(step: float, half_width: float, height: float, side: float = 1.0) -> Trial:
@@ -94,19 +93,19 @@ def hysteresis(step: float, half_width: float, height: float, side: float = 1.0)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_loop_of_an_unstable_ship_has_the_height_and_width_it_was_made_with(side: float) -> None:
     """Branches 0.1 apart; each jumps between 4 and 5 deg on the other side, where it crosses zero."""
-    figures = spiral_figures(hysteresis(1.0, 4.5, 0.05, side), 0.0)
+    figures = spiral_figures(since(hysteresis(1.0, 4.5, 0.05, side), 0.0))
     assert figures["loop_height"] == pytest.approx(0.1)
     assert 8.0 <= math.degrees(figures["loop_width"]) <= 10.0
     assert figures["rate_at_midships"] == pytest.approx(0.0, abs=1e-12)
-    narrow = spiral_figures(hysteresis(1.0, 1.5, 0.05), 0.0)
+    narrow = spiral_figures(since(hysteresis(1.0, 1.5, 0.05), 0.0))
     assert 2.0 <= math.degrees(narrow["loop_width"]) <= 4.0
 
 
 def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:
     whole = hysteresis(2.0, 2.5, 0.05)
     there = Trial("there", {name: a[: 11 * 100] for name, a in whole.columns.items()})
-    assert spiral_curve(there, 0.0) is not None
-    assert spiral_figures(there, 0.0) == {}
+    assert spiral_curve(since(there, 0.0)) is not None
+    assert spiral_figures(since(there, 0.0)) == {}
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -123,10 +122,10 @@ def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
     r = np.where(t < 100, 0.05, 0.01 + 0.04 * np.exp(-(t - 100) / 5))
     nothing = np.zeros(len(t))
     columns = {"t": t, "psi": nothing, "u": nothing + 1, "v": nothing, "r": r, "delta": np.where(t < 100, 0.3, 0.0)}
-    figures = pull_out_figures(Trial("pull-out", columns), 0.0)
+    figures = pull_out_figures(since(Trial("pull-out", columns), 0.0))
     assert figures == pytest.approx({"steady_rate": 0.05, "residual_rate": 0.01, "residual_share": 0.2}, rel=1e-6)
     steady = {**columns, "delta": nothing + 0.3}
-    assert pull_out_figures(Trial("turn", steady), 0.0) == {}
+    assert pull_out_figures(since(Trial("turn", steady), 0.0)) == {}
 
 
 def test_a_spiral_cut_short_by_its_duration_says_so() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.simulated_trial import simulated_trial
-from cases.evidence.shifts import LAGS, nats, nats_of_lags, shifts
+from cases.evidence.shifts import LAGS, candidates, nats, nats_of_lags, shifts
 from cases.evidence.signals import Signals, signals
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -62,9 +62,9 @@ def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None
     trials = coarse_trials()
     known = [s for t in trials if (s := signals(t)) is not None]
     assert len(known) == len(trials)
-    assert shifts(known, 40.0) == [None] * len(trials)
+    assert shifts(candidates(known, 40.0)) == [None] * len(trials)
     late = [s.shifted(-12.0, "place") for s in known]
-    found = [shift for shift in shifts(late, 40.0) if shift is not None]
+    found = [shift for shift in shifts(candidates(late, 40.0)) if shift is not None]
     assert len(found) == len(trials) and {shift.name for shift in found} == {"place"}
     assert [float(np.real(shift.value)) for shift in found] == pytest.approx([12.0] * len(trials), abs=1.5)
 

@@ -8,17 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria.assessment import imo_figures
-from cases.criteria.batch_figures import figures_of_each
-from cases.criteria.standard_runs import figures_of, simulated_run
-from cases.maneuvers.definitions import parse_maneuver
+from cases.criteria.imo import imo_figures
+from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_run
+from cases.maneuvers.definitions import parse_maneuver, stopping_notices
 from cases.maneuvers.engine import USUAL, ZERO_THRUST, Engine, engine_of, engine_words
 from cases.maneuvers.self_propulsion import approach
-from cases.maneuvers.stopping import stopping_notices
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
 from mmg.components.propeller.four_quadrant import A_Q, B_Q
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -142,10 +139,10 @@ def test_coasting_ends_at_its_share_of_the_speed_by_the_resistance_alone() -> No
 def test_what_is_assumed_is_drawn_and_what_is_given_is_not() -> None:
     e = engine(restart=0.25, engine_delay=5.0)
     drawn = e.drawn(2000, 3)
-    assert (np.asarray(drawn.restart) == 0.25).all() and (np.asarray(drawn.delay) == 5.0).all()
+    assert (np.asarray(drawn.restart) == 0.25).all() and (np.asarray(drawn.engine_delay) == 5.0).all()
     assert np.std(drawn.astern_torque) == pytest.approx(USUAL["astern_torque"][1], rel=0.1)
     assert "restart" not in engine_words(e) and "astern_torque" in engine_words(e)
-    assert np.asarray(drawn.repeated(2).rise).shape == (4000,)
+    assert np.asarray(drawn.repeated(2).engine_rise).shape == (4000,)
 
 
 def test_models_have_a_motor_and_nonsense_is_one_line() -> None:

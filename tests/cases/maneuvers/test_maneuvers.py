@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria.completeness import check_completeness
 from cases.criteria.figures import (
     figure_unit,
     initial_turning_figures,
     overshoot_figures,
+    since,
     stopping_figures,
     turning_figures,
     zigzag_figures,
 )
-from cases.maneuvers.controller import Controller, Limits
+from cases.criteria.simulated_trial import check_completeness
 from cases.maneuvers.definitions import parse_maneuver
-from cases.maneuvers.orders import Zigzag, random_telegraph
+from cases.maneuvers.orders import Controller, Limits, Zigzag, random_telegraph
 from cases.maneuvers.self_propulsion import revolutions_for, speed_for
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
@@ -134,7 +134,8 @@ def test_overshoots_hardly_depend_on_the_sampling_interval(text: str) -> None:
     maneuver = parse_maneuver(text, SHIP)
     p = maneuver.parameters
     coarse, fine = (
-        zigzag_figures(simulate(SHIP, maneuver, dt), p["rudder"], p["heading"], p["order_time"]) for dt in (0.5, 0.05)
+        zigzag_figures(since(simulate(SHIP, maneuver, dt), p["order_time"]), p["rudder"], p["heading"])
+        for dt in (0.5, 0.05)
     )
     for name in ("overshoot_1", "overshoot_2", "overshoot_3"):
         assert math.degrees(coarse[name]) == pytest.approx(math.degrees(fine[name]), abs=0.03)
@@ -200,7 +201,7 @@ def test_crash_stop_ends_when_headway_is_lost() -> None:
     trial = simulate(SHIP, maneuver)
     assert trial["u"][-1] <= 0 < trial["u"][-2]
     assert trial["n"][-1] == pytest.approx(-maneuver.n)
-    figures = stopping_figures(trial, maneuver.parameters["order_time"])
+    figures = stopping_figures(since(trial, maneuver.parameters["order_time"]))
     assert figures["track_reach"] >= figures["head_reach"] > 0
 
 
@@ -225,7 +226,7 @@ def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:
     psi = np.linspace(0, 4, 401)
     columns = {"x": 7 * np.sin(psi), "y": 7 * (1 - np.cos(psi)), "psi": psi, "t": np.arange(401.0)}
     columns |= dict.fromkeys(("u", "v", "r", "n", "delta"), np.zeros(401))
-    figures = turning_figures(Trial("circle", columns), 0.6, 0.0)
+    figures = turning_figures(since(Trial("circle", columns), 0.0), 0.6)
     assert figures["advance"] == pytest.approx(7, rel=1e-4) == figures["transfer"]
     assert figures["tactical_diameter"] == pytest.approx(14, rel=1e-4)
     assert figures["time_180"] == pytest.approx(100 * math.pi, rel=1e-6)
@@ -235,7 +236,7 @@ def test_overshoots_of_a_sine_are_its_amplitude_beyond_the_switch_heading() -> N
     t = np.arange(0.0, 100.0, 0.1)
     columns = {"t": t, "psi": -0.5 * np.sin(0.2 * t)}
     columns |= dict.fromkeys(("x", "y", "u", "v", "r", "n", "delta"), np.zeros(len(t)))
-    figures = zigzag_figures(Trial("sine", columns), -0.3, 0.35, 0.0)
+    figures = zigzag_figures(since(Trial("sine", columns), 0.0), -0.3, 0.35)
     assert len(figures) == 6
     np.testing.assert_allclose(list(figures.values()), 0.15, atol=1e-4)
 
@@ -256,7 +257,7 @@ def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:
     psi = np.maximum(t - 4.8, 0.0) * 0.01
     columns = {"t": t, "psi": psi, "u": np.full(len(t), 0.07), "v": np.zeros(len(t)), "r": np.zeros(len(t)),
                "delta": np.zeros(len(t)), "n": np.zeros(len(t))}  # fmt: skip
-    figures = initial_turning_figures(Trial("circle", columns), 0.2, 5.0)
+    figures = initial_turning_figures(since(Trial("circle", columns), 5.0), 0.2)
     assert figures["initial_turning_track"] == pytest.approx(7 * math.radians(10), rel=2e-3)
     assert figures["time_10"] == pytest.approx(100 * math.radians(10), rel=2e-3)
 

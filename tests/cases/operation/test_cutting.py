@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from cases.operation.cutting import Cut, cut_log, window_rows
+from cases.operation.log import Cut, cut_log, window_rows
 from tests.support.operation_logs import sailed
 
 LENGTH = 3.0

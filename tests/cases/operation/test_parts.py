@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cases.operation.parts import OperationLog, read_log
+from cases.operation.log import OperationLog, read_log
 from mmg.errors import Missing, Unreadable, UserError
 from tests.support.operation_logs import write_log
 from tests.support.trial_files import motion_columns

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.criteria.figures import turning_figures
+from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.estimates import resistance
 from cases.shipfiles.new_ship import ORDER, complete, new_ship, parse_particulars
@@ -47,7 +47,7 @@ def test_kvlcc2_from_eight_particulars_turns_like_kvlcc2(hull: str) -> None:
     ship = new_ship("mine", KVLCC2, hull)
     plan = parse_maneuver("turning:35", ship)
     assert plan.speed == 1.179
-    found = turning_figures(simulate(ship, plan), plan.parameters["rudder"], plan.parameters["order_time"])
+    found = figures_of(simulate(ship, plan), plan)
     assert found["tactical_diameter"] / 7.0 == pytest.approx(3.33, rel=0.30)
     assert found["advance"] / 7.0 == pytest.approx(3.09, rel=0.15)
 

@@ -7,8 +7,7 @@ import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.pushed_batch import simulate_pushed
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
 from mmg.rollout import Simulator
 
 COUNT = 12

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from cases.criteria.assessment import imo_figures
+from cases.criteria.imo import imo_figures
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import calibrate
 from fitting.calibration import estimate_coefficients

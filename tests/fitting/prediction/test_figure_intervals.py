@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.criteria.assessment import Assessment, imo_figures
-from cases.criteria.batch_figures import figures_of_each
-from cases.criteria.imo import assess, with_value
+from cases.criteria.imo import Assessment, assess, imo_figures, with_value
 from cases.criteria.scatter import draw_coefficients
+from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate_batch import simulate_batch

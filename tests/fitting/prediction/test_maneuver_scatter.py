@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.criteria.assessment import imo_figures
+from cases.criteria.imo import imo_figures
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship
 from fitting.prediction.figure_intervals import with_intervals

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 import fitting.report.delivered as module
-from cases.criteria.assessment import imo_figures
+from cases.criteria.imo import imo_figures
 from fitting.prediction.figure_intervals import correlation_in
 from fitting.report.delivered import Delivered, delivery_sections, drawn_maneuvers, standard_figures
 from tests.support.calibrated import small_result

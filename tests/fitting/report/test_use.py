@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from cases.criteria.assessment import Assessment, imo_figures
+from cases.criteria.imo import Assessment, imo_figures
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial

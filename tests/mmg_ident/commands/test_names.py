@@ -84,7 +84,7 @@ def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path)
 
 
 def test_imo_figures_are_headed_by_the_calibration(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cases.criteria.assessment.STANDARD", ("turning:35",))
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35",))
     data = json.loads(mmg("imo", folder / "a", "--json"))
     assert data["heading"].startswith(load_ship(folder / "a").title)
 

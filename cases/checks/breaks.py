@@ -1,0 +1,379 @@
+"""Stretches of a record that are not to be believed by themselves: frozen or repeated values, trains of spikes, and a
+turn rate that swings without cause.
+
+Frozen: the same value again and again while the rest of the record says that it must change; repeated: a logger that
+writes its last sample, or the seconds before, once more. Motion without cause: with inputs at rest the turn rate of a
+ship goes to its steady value, past it at most once; one that swings to and fro, faster than her own rudder ever makes
+it change, was made by something that the record does not hold: a hand, a line, the bank.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from cases.inputs import integral
+from cases.trial import RUDDERS, Trial
+
+Break = tuple[int, int, str, tuple[str, ...]]
+"""First and last row, what, channels."""
+
+COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
+"""Mismatch -> its own columns, and the rates whose integral they are compared with."""
+
+
+def mismatches(trial: Trial) -> dict[str, np.ndarray]:
+    """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
+
+    "psi" [rad]; "position" [m], north + i east, where there are positions.
+    """
+    t, psi = trial.t, filled(trial.psi_unwrapped)
+    found = {"psi": psi - integral(t, filled(trial["r"]))}
+    if trial.has_position:
+        w = filled(trial["u"]) + 1j * filled(trial["v"])
+        found["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
+    return found
+
+
+def filled(values: np.ndarray) -> np.ndarray:
+    """``values`` (N,) with missing samples by straight lines: a gap is no break."""
+    good = np.isfinite(values)
+    if good.all() or not good.any():
+        return np.where(good, values, 0.0)
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[good], values[good])
+
+
+def grain(values: np.ndarray) -> float:
+    """Least difference between neighbours of ``values`` (N,), which a rounded column cannot tell apart; 0 where all of
+    them are the same."""
+    steps = np.abs(np.diff(values))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return float(np.quantile(steps, 0.01)) if len(steps) else 0.0
+
+
+def resolution(trial: Trial, columns: Sequence[str]) -> float:
+    """``grain`` of the ``columns`` of ``trial`` together."""
+    return math.hypot(*(grain(trial[name]) for name in columns))
+
+
+def runs(flags: np.ndarray) -> np.ndarray:
+    """First row and the row after the last of each run of true ``flags`` (M,), (runs, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(int))).reshape(-1, 2)
+
+
+LONGEST = 4.0
+"""A value is frozen when it is repeated this many times as often as the longest repetition that is usual."""
+
+USUAL = 0.8
+"""Share of the samples that lie in repetitions of usual length."""
+
+LEAST_ROWS, LEAST_S = 5, 1.2
+"""Fewer repetitions, or fewer seconds, are a matter of rounding."""
+
+JUMP = 3.0
+"""A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
+that does not was steady."""
+
+NOISY = 0.25
+"""Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that
+it never repeats itself for long."""
+
+GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
+
+
+def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
+    """First and last row, what, and columns of each frozen stretch of ``trial``.
+
+    signals: its ``mismatches``, each (N,).
+    """
+    speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
+    moves = {"psi": turn, "r": np.abs(np.gradient(trial.psi_unwrapped, trial.t)), "x": speed, "u": speed}
+    for group in GROUPS:
+        if any(name not in trial for name in group):
+            continue
+        same = np.all([np.diff(trial[name]) == 0 for name in group], axis=0)
+        edges = runs(same)
+        if not len(edges):
+            continue
+        lengths = edges[:, 1] - edges[:, 0]
+        least = max(LEAST_ROWS, LEAST_S / trial.dt)
+        motion = moves[group[0]]
+        awake = 0.3 * float(np.nanmedian(motion))
+        for k in np.flatnonzero(lengths >= least):
+            first, last = edges[k]
+            if lengths[k] < LONGEST * usual_length(np.delete(lengths, k), len(trial) - lengths[k]):
+                continue
+            moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
+            awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
+            awoken = awoken and _lacks(trial, signals, group, first, last)
+            if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
+                yield int(first), int(last), f"{', '.join(group)} frozen", group
+
+
+def frozen_share(trial: Trial) -> dict[str, float]:
+    """Columns, in words, that stand still for a part of ``trial`` -> share of its time."""
+    out: dict[str, float] = {}
+    for first, last, _, group in frozen(trial, mismatches(trial)):
+        name = ", ".join(group)
+        out[name] = out.get(name, 0.0) + float(trial.t[last] - trial.t[first]) / max(trial.duration, 1e-9)
+    return out
+
+
+def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ...], first: int, last: int) -> bool:
+    """Whether more of the motion is missing between the rows than rounded columns do not show.
+
+    What the rates are off by throughout the rest of the record is not missing.
+    """
+    name = next(name for name, columns in COLUMNS.items() if group in columns)
+    if name not in signals or not resolution(trial, group):
+        return False
+    own, since = signals[name], trial.t[first : last + 1] - trial.t[first]
+    off, rest = own[first : last + 1] - own[first], trial.duration - since[-1]
+    drift = (own[-1] - own[0] - off[-1]) / rest if rest > since[-1] else 0.0
+    missing = min(float(np.abs(off).max()), float(np.abs(off - drift * since).max()))
+    place, rate = (resolution(trial, columns) for columns in COLUMNS[name])
+    return missing > place + rate * float(since[-1])
+
+
+def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
+    """Whether a column of the ``group`` has noise, or jumps after the row ``last``."""
+    for name in group:
+        change = np.diff(trial[name])
+        moved = change[np.abs(change) > 0]
+        if len(moved) < 2:
+            continue
+        if np.mean(np.sign(moved[1:]) != np.sign(moved[:-1])) > NOISY:
+            return True
+        if last < len(change) and np.abs(change[last]) > JUMP * np.percentile(np.abs(moved), 95):
+            return True
+    return False
+
+
+def usual_length(lengths: np.ndarray, rows: int) -> float:
+    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed.
+
+    lengths: of its repetitions (M,), in rows.
+    """
+    if not len(lengths):
+        return 1.0
+    lengths = np.sort(lengths)
+    within = rows - lengths.sum() + np.cumsum(lengths)
+    return (
+        float(lengths[np.searchsorted(within, USUAL * rows).clip(max=len(lengths) - 1)])
+        if (rows - lengths.sum() < USUAL * rows)
+        else 1.0
+    )
+
+
+def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) -> bool:
+    """Whether columns beside those of the ``group`` change between the rows: a record that repeats is a gap."""
+    others = [name for names in GROUPS if names != group for name in names if name in trial]
+    return any(np.any(np.diff(trial[name][first : last + 1]) != 0) for name in others)
+
+
+NAMES = ("x", "y", "psi", "u", "v", "r")
+
+CHANGES = 0.5
+"""Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long."""
+
+
+def repeated(trial: Trial) -> Iterator[Break]:
+    """First and last row, what, and columns of each stretch of ``trial`` in which all states are repeated."""
+    names = tuple(name for name in NAMES if name in trial)
+    rows = np.column_stack([trial[name] for name in names])
+    same = (rows[1:] == rows[:-1]).all(axis=1)
+    least = max(LEAST_ROWS, round(LEAST_S / trial.dt))
+    yield from _held(trial, names, same, least)
+    yield from _replayed(trial, names, rows, same, least)
+
+
+def _held(trial: Trial, names: tuple[str, ...], same: np.ndarray, least: int) -> Iterator[Break]:
+    held = runs(same)
+    if not len(held):
+        return
+    speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
+    awake = (speed > 0.3 * np.nanmedian(speed)) | (turn > 0.3 * np.nanmedian(turn))
+    longest = LONGEST * usual_length(held[:, 1] - held[:, 0], len(trial))
+    for first, last in held[held[:, 1] - held[:, 0] >= max(least, longest)]:
+        if awake[first] and last + 1 < len(trial):
+            yield int(first), int(last), "the last sample of all states is repeated", names
+
+
+def _replayed(trial: Trial, names: tuple[str, ...], rows: np.ndarray, same: np.ndarray, least: int) -> Iterator[Break]:
+    good = np.isfinite(rows).all(axis=1)
+    key = np.nan_to_num(rows) @ np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0][: rows.shape[1]])  # the same for the same row
+    which = np.unique(key, return_inverse=True)[1]
+    order = np.argsort(which, kind="stable")
+    lag = np.zeros(len(rows), int)
+    twins = which[order][1:] == which[order][:-1]
+    lag[order[1:][twins]] = (order[1:] - order[:-1])[twins]
+    lag[~good] = 0
+    follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)
+    for first, last in runs(follows):
+        moving = float(np.mean(~same[first:last])) if last > first else 0.0
+        if last - first >= least and moving > CHANGES:
+            yield int(first), int(last), "earlier samples are repeated", names
+
+
+SURE = 8.0
+"""Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike."""
+
+LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}
+"""Least size: share of the rms speed (u, v) or of the rms turn rate."""
+
+LEAST = 4
+"""So many spikes make a train; fewer are the outliers that a robust loss is for."""
+
+APART = 3.0
+"""s, or so many samples: longest time between spikes of a train."""
+
+RARE = 0.05
+"""Share of samples from which spikes are the noise of the channel."""
+
+PIECE = 100000
+"""Rows that are looked at at once."""
+
+REACH = 3
+"""Neighbours on each side."""
+
+
+def spike_trains(trial: Trial) -> Iterator[Break]:
+    """First and last row, what, and column of each train of spikes of ``trial``."""
+    for name in LEAST_SPIKE:
+        values = trial[name]
+        if not np.isfinite(values).all():
+            continue
+        rms = float(np.sqrt(np.mean(values**2 + (0.0 if name == "r" else _other(trial, name)))))
+        off = _off(values)
+        usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
+        rows = np.flatnonzero(off > max(SURE * usual, LEAST_SPIKE[name] * rms))
+        if len(rows) > RARE * len(values):
+            continue
+        apart = max(APART, APART * trial.dt)
+        for train in np.split(rows, np.flatnonzero(np.diff(trial.t[rows]) > apart) + 1):
+            if len(train) >= LEAST:
+                yield int(train[0]), int(train[-1]), f"spikes of {name}", (name,)
+
+
+def _off(values: np.ndarray) -> np.ndarray:
+    """Distance of each of the ``values`` from the median of its neighbours, (N,), in pieces that need little memory."""
+    padded = np.pad(values, REACH, mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1)
+    pieces = [np.median(around[i : i + PIECE], axis=1) for i in range(0, len(values), PIECE)]
+    return np.abs(values - np.concatenate(pieces))
+
+
+def _other(trial: Trial, name: str) -> np.ndarray:
+    """Square of the other velocity beside u or v, 0 where it is missing, (N,)."""
+    return np.nan_to_num(trial["v" if name == "u" else "u"]) ** 2
+
+
+PODS = tuple(f"{name}_{i}" for i in (2, 3, 4) for name in ("n_azimuth", "azimuth"))
+STEERING = (*RUDDERS, "n_bow", "n_stern", "n_azimuth", "azimuth", *PODS)
+"""What turns a ship. The propeller does so by its flow on the rudder, and pushes her on."""
+
+SWINGING = "the turn rate swings while rudder and propeller rest"
+"""What is said of such a spell."""
+
+SWINGS = 2
+"""So many swings beyond the first, which the last order may have caused."""
+
+SWING = 0.5
+"""A swing changes the turn rate by this share of its root mean square over the record."""
+
+MOST = 0.9
+"""Share of the record beyond which a spell leaves no orders to compare with."""
+
+BEYOND_NOISE = 6.0
+"""And by so many standard deviations of its own noise, after smoothing."""
+
+QUICKER = 1.0
+"""It does so faster, by this factor, than 95 % of the record."""
+
+STOPPED = 0.15
+"""The same factor where the propeller is stopped as well: nothing of the ship's own is left that turns her."""
+
+SHORTER = 0.4
+"""So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
+
+AGREED = 0.5
+"""The heading turns with it, by at least this share: else the gyro swings, not the ship."""
+
+PROPELLERS = ("n", "n_2", "n_3", "n_4")
+
+
+def without_cause(trial: Trial) -> Iterator[Break]:
+    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings.
+
+    The spell counts from its beginning: when the hand took hold is not in the record.
+    """
+    width = max(5, round(1.0 / trial.dt)) | 1
+    r = trial["r"]
+    if not np.isfinite(r).all() or len(trial) < 10 * width:
+        return
+    moved = np.zeros(len(trial) - 1, bool)
+    for name in STEERING:
+        if name in trial:
+            values = trial[name]
+            moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
+    smooth = _mean(r, width)
+    rate = np.abs(np.gradient(smooth, trial.t))
+    turning = _mean(np.gradient(trial.psi_unwrapped, trial.t), width)
+    noise = float(np.std(r - smooth)) / np.sqrt(width)
+    size, quick = (
+        max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise),
+        QUICKER * float(np.quantile(rate, 0.95)),
+    )
+    for first, last in runs(~moved):
+        if last - first < 3 * width or last - first > MOST * len(r):
+            continue
+        stopped = last - first <= SHORTER * len(r) and _stopped(trial, first, last)
+        fast = quick * (STOPPED / QUICKER if stopped else 1.0)
+        turns = _extrema(smooth[first : last + 1], size)
+        swings = [
+            (i, j)
+            for i, j in pairwise(turns)
+            if abs(smooth[first + j] - smooth[first + i]) > fast * (trial.t[first + j] - trial.t[first + i])
+            and (turning[first + j] - turning[first + i]) / (smooth[first + j] - smooth[first + i]) > AGREED
+        ]
+        if len([pair for pair in swings if pair[0] > 0]) >= SWINGS:
+            yield int(first), int(last), SWINGING, ("u", "v", "r")
+
+
+def _mean(values: np.ndarray, width: int) -> np.ndarray:
+    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
+
+
+def _stopped(trial: Trial, first: int, last: int) -> bool:
+    """Whether every propeller of ``trial`` is at rest between the rows."""
+    names = [name for name in PROPELLERS if name in trial]
+    return bool(names) and all(
+        float(np.nanmax(np.abs(trial[name][first : last + 1]))) <= 0.02 * float(np.nanmax(np.abs(trial[name])))
+        for name in names
+    )
+
+
+def _extrema(values: np.ndarray, size: float) -> list[int]:
+    """Rows where ``values`` turn back by more than ``size``, with the first row, and the last extremum."""
+    low = high = 0
+    found, up = [0], None
+    for i, value in enumerate(values.tolist()):
+        if value > values[high]:
+            high = i
+        if value < values[low]:
+            low = i
+        if up is not False and value < values[high] - size:
+            if up:
+                found.append(high)
+            up, low, high = False, i, i
+        elif up is not True and value > values[low] + size:
+            if up is False:
+                found.append(low)
+            up, low, high = True, i, i
+    if up is not None:
+        found.append(high if up else low)
+    return found

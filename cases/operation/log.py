@@ -1,0 +1,372 @@
+"""A log of months in the Parquet files of a folder: read in pieces, never as a whole, cut into windows.
+
+A part that is damaged is left out and said: overwritten bytes are seen where its writer kept a checksum of each page
+(``write_page_checksum`` of pyarrow), else where they cannot be decoded. So is what overlaps or runs backwards in time.
+Headers, units and the sidecar ``trials.toml`` are those of trial files (docs/reference/trials.md).
+
+No window lies across a gap, moored, with a broken or a touched stretch. It is manoeuvring where rudder, revolutions or
+turn rate changed in it; the others are steady. A window lasts as long as the ship takes for ``WINDOW`` lengths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from cases.checks.breaks import SWINGING
+from cases.checks.stretches import broken_stretches
+from cases.io.conventions import converted
+from cases.io.headers import match_headers
+from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
+from cases.io.trial_table import checked_header
+from cases.io.units import to_si
+from cases.trial import RUDDERS, Trial
+from mmg.errors import BadValue, Missing, Unreadable, UserError
+from mmg.messages import Message
+from mmg.motion.froude import reference_speed
+
+PIECE = 100_000
+"""Most rows that are held at a time."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One Parquet file of a log. path: of it; begin: time of its first row [s]."""
+
+    path: Path
+    begin: float
+
+
+@dataclass
+class OperationLog:
+    """The readable parts of a ``folder``, in order of time.
+
+    notices: what was converted or dropped, each sentence once; left_out: a sentence on every part that cannot be read.
+    """
+
+    folder: Path
+    parts: list[Part] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def pieces(self) -> Iterator[dict[str, np.ndarray]]:
+        """Canonical columns (N,) of at most PIECE rows: SI, radians, frames of the product, time increasing.
+
+        All have the columns of the first part; one that a later part lacks is NaN there. A part that turns out to be
+        damaged is left out from there on, which is said in ``left_out``. Raises UserError
+        where no row is left.
+        """
+        last, any_row, names = -math.inf, False, list[str]()
+        for part in self.parts:
+            try:
+                for columns in self._of(part):
+                    names = names or list(columns)
+                    if absent := [name for name in names if name not in columns]:
+                        self._say(f"{part.path.name} has no {', '.join(absent)}, which parts before it have")
+                    columns = {name: columns.get(name, np.full(len(columns["t"]), math.nan)) for name in names}
+                    t = columns["t"]
+                    good = np.isfinite(t)
+                    good &= t > np.maximum.accumulate(np.concatenate([[last], np.where(good, t, -math.inf)[:-1]]))
+                    if not good.all():
+                        self._say(f"{part.path.name}: rows without a time, or at a time that is past, are dropped")
+                        columns = {name: values[good] for name, values in columns.items()}
+                    if len(columns["t"]):
+                        last, any_row = float(columns["t"][-1]), True
+                        yield columns
+            except UserError as error:
+                self._leave_out(str(error))
+        if not any_row:
+            raise Unreadable(f"{self.folder}: no row can be read; {'; '.join(self.left_out[:3])}")
+
+    def _of(self, part: Part) -> Iterator[dict[str, np.ndarray]]:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        path, notices = part.path, list[Message]()
+        entry = _entry(self.folder, path)
+        try:
+            file = pq.ParquetFile(path, page_checksum_verification=True)
+            header = checked_header(path, list(file.schema_arrow.names))
+            matched = match_headers(path, header, entry, notices)
+            wanted = {name: header[index] for name, (index, _) in matched.items()}
+            factors = {name: to_si(name, unit, f"{path}: column '{wanted[name]}'")
+                       for name, (_, unit) in matched.items()}  # fmt: skip
+            for batch in file.iter_batches(PIECE, columns=list(wanted.values())):
+                if pa.types.is_timestamp(batch.column(wanted["t"]).type):
+                    factors["t"] = 1.0
+                columns = {
+                    name: _numbers(path, cell, batch.column(cell)) * factors[name] for name, cell in wanted.items()
+                }
+                if entry.sentinels:
+                    for name, values in columns.items():
+                        values[np.isin(values, np.array(entry.sentinels) * factors[name])] = np.nan
+                if not {*RUDDERS} & set(columns):
+                    columns["delta"] = np.zeros(len(columns["t"]))
+                for begin, end in entry.exclude or ():
+                    keep = (columns["t"] < begin) | (columns["t"] > end)
+                    columns = {name: values[keep] for name, values in columns.items()}
+                if len(columns["t"]) > 1:
+                    yield converted(columns, entry, notices)
+        except (OSError, ValueError, pa.ArrowException) as error:
+            raise Unreadable(f"{path}: is damaged ({_short(error)})") from None
+        finally:
+            for notice in notices:
+                self._say(str(notice))
+
+    def _say(self, sentence: str) -> None:
+        if sentence not in self.notices:
+            self.notices.append(sentence)
+
+    def _leave_out(self, sentence: str) -> None:
+        if sentence not in self.left_out:
+            self.left_out.append(sentence)
+
+
+def read_log(folder: str | Path) -> OperationLog:
+    """The log in the Parquet files of ``folder`` and of the folders in it.
+
+    Raises UserError where the folder does not exist, holds no Parquet file, or none that can be read.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise Missing(f"{folder}: no such folder; give the folder of the Parquet files of the log")
+    log = OperationLog(folder)
+    files = sorted(path for path in folder.rglob("*.parquet") if path.is_file())
+    if not files:
+        raise Missing(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
+    for path in files:
+        try:
+            file = pq.ParquetFile(path, page_checksum_verification=True)
+            if not file.metadata.num_rows:
+                raise Unreadable(f"{path}: is damaged or empty (it has no rows)")
+            header = checked_header(path, list(file.schema_arrow.names))
+            index, unit = match_headers(path, header, _entry(folder, path), [])["t"]
+            first = next(file.iter_batches(1000, columns=[header[index]])).column(0)
+            times = _numbers(path, header[index], first)
+            scale = 1.0 if pa.types.is_timestamp(first.type) else to_si("t", unit, f"{path}: column '{header[index]}'")
+            begin = float(np.nanmin(times, initial=math.inf)) * scale
+            log.parts.append(Part(path, begin))
+        except UserError as error:
+            log.left_out.append(str(error))
+        except (OSError, ValueError, StopIteration, pa.ArrowException) as error:
+            log.left_out.append(f"{path}: is damaged ({_short(error)})")
+    if not log.parts:
+        raise Unreadable(f"{folder}: no part can be read; {log.left_out[0]}")
+    log.parts.sort(key=lambda part: (part.begin, part.path))
+    return log
+
+
+def _entry(folder: Path, path: Path) -> SidecarEntry:
+    """What the sidecar beside the part ``path``, or else in the ``folder`` of the log, says."""
+    if not (path.parent / NAME).exists() and (folder / NAME).exists():
+        return read_sidecar(folder / NAME).entry(path)
+    return sidecar_entry(path)
+
+
+def _numbers(path: Path, cell: str, values: object) -> np.ndarray:
+    """An Arrow array as floats (N,), NaN where it is null; time stamps become seconds since 1970."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = values.type  # type: ignore[attr-defined]
+    if pa.types.is_timestamp(kind):
+        stamps = pc.cast(pc.cast(values, pa.timestamp("us")), pa.int64())
+        return np.asarray(pc.cast(stamps, pa.float64(), safe=False).to_numpy(zero_copy_only=False)) / 1e6
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
+        raise BadValue(f"{path}: column '{cell}' holds {kind}, which is no number")
+    return np.array(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=float)
+
+
+def _short(error: object) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+WINDOW = 15.0
+"""Length of a window in ship lengths travelled at the usual speed."""
+
+USUAL = 0.15
+"""Usual speed of a ship as a Froude number."""
+
+STOPPED = 0.012
+"""A ship slower than this Froude number, u / sqrt(g L), for half a window is moored, at anchor or adrift."""
+
+GAP = 2.5
+"""A step in time so many usual steps long is a gap."""
+
+MOVED = {"rudder": 0.07, "n": 0.08, "turn": 0.1}
+"""A window is manoeuvring where the rudder moves by this angle [rad] between its 5 % and 95 % quantiles, the
+revolutions by this share of their largest value in the log, or the heading by this angle [rad]."""
+
+NEEDED = ("psi", "u", "v", "r", "n")
+
+
+@dataclass(frozen=True)
+class LogWindow:
+    """A window of a log. begin, end: [s] on its clock; manoeuvring: whether the ship was manoeuvred in it."""
+
+    begin: float
+    end: float
+    manoeuvring: bool
+
+
+@dataclass
+class Cut:
+    """How a log was cut.
+
+    step: usual time between rows [s]; length: of a window [s]; windows: in order of time; seconds: of what became of
+    the log, by words: "manoeuvring", "steady", "moored", "missing values", "too short", "gaps", and what was broken or
+    touched; rows, begin, end: of the log.
+    """
+
+    step: float = 0.0
+    length: float = 0.0
+    windows: list[LogWindow] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+    rows: int = 0
+    begin: float = np.nan
+    end: float = np.nan
+
+    def add(self, what: str, seconds: float) -> None:
+        """More ``seconds`` of ``what``."""
+        self.seconds[what] = self.seconds.get(what, 0.0) + seconds
+
+
+def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float) -> Cut:
+    """Returns how a log given in ``pieces`` of canonical columns (N,), of a ship of this ``length`` [m], is cut.
+
+    What is left over at the end of a piece is cut with the next one. The largest usual revolutions are those of what
+    was read so far.
+    """
+    cut, rest, revolutions = Cut(), dict[str, np.ndarray](), 0.0
+    slowest = STOPPED * reference_speed(length)
+    for piece in pieces:
+        t = piece["t"]
+        if not cut.rows:
+            cut.step, cut.begin = float(np.median(np.diff(t))) if len(t) > 1 else 1.0, float(t[0])
+            cut.length = max(WINDOW * length / (USUAL * reference_speed(length)), 30 * cut.step)
+        cut.rows, cut.end = cut.rows + len(t), float(t[-1])
+        columns = _after(rest, piece)
+        most = np.abs(columns["n"])
+        revolutions = max(revolutions, float(np.quantile(most[np.isfinite(most)], 0.95)) if len(most) else 0.0)
+        left = _cut_piece(columns, cut, slowest, revolutions)
+        rest = {name: values[left:].copy() for name, values in columns.items()}
+    if rest:
+        _cut_piece(rest, cut, slowest, revolutions, last=True)
+    return cut
+
+
+def _cut_piece(
+    columns: Mapping[str, np.ndarray], cut: Cut, slowest: float, revolutions: float, last: bool = False
+) -> int:
+    """Add the windows of ``columns`` (N,) to ``cut``; returns the row from which they are to be cut with what follows.
+
+    slowest: speed below which a ship does not sail [m/s]; revolutions: largest usual ones; last: nothing follows.
+    """
+    t, rows = columns["t"], len(columns["t"])
+    if not rows:
+        return 0
+    count = max(2, round(cut.length / cut.step))
+    gap = np.diff(t) > GAP * cut.step
+    needed = [name for name in columns if name in (*NEEDED, *RUDDERS, "wind_speed", "wind_direction")]
+    missing = ~np.all([np.isfinite(columns[name]) for name in needed], axis=0)
+    speed = np.nan_to_num(np.hypot(columns["u"], columns["v"]))
+    moored = _mean(speed, max(1, count // 2)) < slowest
+    state = np.where(moored, 1, np.where(missing, 2, 0))
+    left = rows
+    for first, end in _runs(state, gap):
+        seconds = (end - first) * cut.step
+        if state[first]:
+            cut.add("moored" if state[first] == 1 else "missing values", seconds)
+            continue
+        left = _windows_of(columns, first, end, cut, count, revolutions, open_end=end == rows and not last)
+    cut.add("gaps", float(np.diff(t)[gap].sum()))
+    return left
+
+
+def _windows_of(
+    columns: Mapping[str, np.ndarray], first: int, end: int, cut: Cut, count: int, revolutions: float, open_end: bool
+) -> int:
+    """Add the windows of the rows ``first`` to ``end`` under way; returns the row from which they go on."""
+    trial = Trial("log", {name: values[first:end] for name, values in columns.items()})
+    bad = np.zeros(end - first, dtype=int)
+    words = [""]
+    for stretch in broken_stretches(trial) if end - first > count else ():
+        words.append("touched: " + stretch.what if SWINGING in stretch.what else "broken: " + stretch.what)
+        bad[(trial.t >= stretch.begin_s) & (trial.t <= stretch.end_s)] = len(words) - 1
+    left = len(columns["t"])
+    for a, b in _runs(bad, np.zeros(max(len(bad) - 1, 0), bool)):
+        if bad[a]:
+            cut.add(words[bad[a]], (b - a) * cut.step)
+            continue
+        whole = (b - a) // count
+        for k in range(whole):
+            rows = slice(first + a + k * count, first + a + (k + 1) * count)
+            moved = _manoeuvring({name: values[rows] for name, values in columns.items()}, revolutions)
+            begin = float(columns["t"][rows.start])
+            cut.windows.append(LogWindow(begin, float(columns["t"][rows.stop - 1]), moved))
+            cut.add("manoeuvring" if moved else "steady", count * cut.step)
+        if open_end and b == len(bad):
+            left = first + a + whole * count
+        else:
+            cut.add("too short", (b - a - whole * count) * cut.step)
+    return left
+
+
+def _manoeuvring(rows: Mapping[str, np.ndarray], revolutions: float) -> bool:
+    """Whether the ship is manoeuvred in these rows."""
+
+    def span(values: np.ndarray) -> float:
+        low, high = np.quantile(values, (0.05, 0.95))
+        return float(high - low)
+
+    rudder = max(span(rows[name]) for name in RUDDERS if name in rows)
+    return (
+        rudder > MOVED["rudder"]
+        or span(rows["n"]) > MOVED["n"] * max(revolutions, 1e-9)
+        or span(np.unwrap(rows["psi"])) > MOVED["turn"]
+    )
+
+
+def _runs(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of each stretch of equal ``state`` (N,) without a ``gap`` (N - 1,)."""
+    edges = np.flatnonzero((np.diff(state) != 0) | gap) + 1
+    bounds = [0, *edges.tolist(), len(state)]
+    yield from ((a, b) for a, b in pairwise(bounds) if b > a)
+
+
+def _after(rest: Mapping[str, np.ndarray], piece: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The columns (N,) of a ``piece`` behind the ``rest`` of the one before, which may be empty."""
+    return {name: np.concatenate([rest[name], values]) if rest else values for name, values in piece.items()}
+
+
+def _mean(values: np.ndarray, width: int) -> np.ndarray:
+    """Means of ``values`` (N,) over ``width`` neighbours."""
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    rows = np.arange(len(values))
+    low, high = np.maximum(rows - width // 2, 0), np.minimum(rows + width // 2 + 1, len(values))
+    return (sums[high] - sums[low]) / (high - low)
+
+
+def window_rows(
+    pieces: Iterable[Mapping[str, np.ndarray]], windows: Sequence[LogWindow]
+) -> Iterator[tuple[LogWindow, dict[str, np.ndarray]]]:
+    """Each of the ``windows``, in order of time, with its columns (N,), from a log given in ``pieces``."""
+    rest, at = dict[str, np.ndarray](), 0
+    for piece in pieces:
+        if at == len(windows):
+            return
+        columns = _after(rest, piece)
+        t = columns["t"]
+        while at < len(windows) and windows[at].end <= t[-1]:
+            rows = slice(int(np.searchsorted(t, windows[at].begin)), int(np.searchsorted(t, windows[at].end, "right")))
+            yield windows[at], {name: values[rows] for name, values in columns.items()}
+            at += 1
+        keep = int(np.searchsorted(t, windows[at].begin)) if at < len(windows) else len(t)
+        rest = {name: values[keep:].copy() for name, values in columns.items()}
