@@ -27,7 +27,7 @@ GONE: dict[str | tuple[str, str], str] = {
     "auto_limit": f"--auto-limit is gone with --auto: {_CHOICE}",
     "try_disturbance": "--try-disturbance is gone: it made no left-out run better; mmg predict --adapt and mmg "
     "diagnose estimate a slowly varying force",
-    "horizon": "--horizon is gone: it made no left-out run better; give the length of a window yourself with --window",
+    "horizon": "--horizon is gone: give --window, as long as what is to be predicted; that gains as much",
     ("loss", "auto"): "--loss auto is gone: the Gaussian loss is the default; huber and student suit outliers",
     **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN.split()},
 }

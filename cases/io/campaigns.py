@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cases.io.groups import dates_in, day_of, folders_of
+from cases.io.groups import dates_in, day_of, folders_of, no_dates_in
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import Conflict, UnknownName
@@ -27,7 +27,8 @@ MOST_LISTED = 3
 
 @dataclass(frozen=True)
 class Campaigns:
-    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on copies."""
+    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on names with a
+    date that is none, and on copies."""
 
     names: tuple[str, ...]
     number: tuple[int, ...]
@@ -53,7 +54,8 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
     for trial, folder in zip(trials, folders, strict=True):
         _refuse_contradiction(trial, trial.meta.get("campaign", ""), day_of(trial), folder, folders)
     names = tuple(sorted(set(labels)))
-    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(_copies(trials, labels)))
+    messages = [*_no_dates(trials, labels), *_copies(trials, labels)]
+    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
 
 
 def campaign_labels(trials: Sequence[Trial]) -> list[str]:
@@ -158,6 +160,18 @@ def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folder
             f"{trial.name}: the sidecar says campaign {said}, but the file lies in folder {folder}, and {said} is "
             f"another folder of these trials; move the file, or correct {where}"
         )
+
+
+def _no_dates(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
+    """A message on each of ``trials`` in whose name stands a date that is none, and nothing else tells the day."""
+    found = []
+    for trial, label in zip(trials, labels, strict=True):
+        wrong = no_dates_in(trial.path.stem if trial.path is not None else trial.name)
+        if wrong and not (trial.meta.get("campaign") or day_of(trial)):
+            line = line_for(trial.path, trial.name, 'campaign = "..."')
+            words = f"{wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
+            found.append(Message(f"{trial.name}: {words}", "no_date"))
+    return found
 
 
 def _copies(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:

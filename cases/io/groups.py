@@ -99,10 +99,21 @@ def day_of(trial: Trial) -> str:
 
 def dates_in(text: str) -> list[str]:
     """The days that ``text`` names, as ISO 8601 writes them; what is no day of the calendar is passed over."""
+    return [day for day, _ in _written(text) if day]
+
+
+def no_dates_in(text: str) -> list[str]:
+    """What in ``text`` is written as a date with its parts apart, and is no day of the calendar (2026-02-30)."""
+    return [words for day, words in _written(text) if not day and not words.isdigit()]
+
+
+def _written(text: str) -> list[tuple[str, str]]:
+    """Dates in a ``text``: the day, "" for what is none, and how it is written."""
     found = []
     for match in (match for pattern in DATES for match in pattern.finditer(text)):
-        month = match["m"].lower()[:3]
+        month, day = match["m"].lower()[:3], ""
         number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
         with contextlib.suppress(ValueError):
-            found.append(date(int(match["y"]), number, int(match["d"])).isoformat())
+            day = date(int(match["y"]), number, int(match["d"])).isoformat()
+        found.append((day, match[0]))
     return found

@@ -36,7 +36,7 @@ from fitting.selection.campaigns import (
 )
 from fitting.selection.left_out_runs import estimates_without
 from fitting.settings import Settings
-from fitting.solvers import leading
+from fitting.solvers import condensing
 from fitting.solvers.ipopt import Guess, Solution
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -131,7 +131,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
 ) -> None:
     judged: list[int] = []
     certified: list[int] = []
-    solve = leading.solve
+    solve = condensing.solve
 
     def watched(problem: Problem, start: Any, *rest: Any) -> Solution:
         certified.extend([problem.P] if isinstance(start, Guess) else [])
@@ -148,7 +148,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     begun: list[tuple[bool, int]] = []
     monkeypatch.setattr(pipeline, "by_campaign", noted)
     monkeypatch.setattr(calibration, "outlying_runs", counted)
-    monkeypatch.setattr(leading, "solve", watched)
+    monkeypatch.setattr(condensing, "solve", watched)
     lags = LAGS if differ else (0.0, 0.0)
     trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
