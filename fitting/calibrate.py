@@ -18,17 +18,18 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
-from fitting.prediction.band_calibration import Without, fit_bands
+from fitting.prediction.adaptation import adaptation_worth
+from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import scores_by_set
 from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
-from fitting.prediction.worth_of_past import adaptation_worth
 from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
+from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.settings import Settings, check_estimator
@@ -36,7 +37,6 @@ from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
 from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
-from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -115,7 +115,8 @@ def calibrate(
         found = made.get("second estimate", found)
 
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    sets, apart = {"validation": validation, "training": trials}, without_trials(found, trials)
+    sets = {"validation": validation, "training": trials}
+    apart = coefficients_without(found, each_alone(len(trials)))
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
         "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"], found, fit.own),
@@ -246,19 +247,19 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
 
 
 def prediction_bands(
-    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: Without
+    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: np.ndarray
 ) -> dict[str, Any] | None:
     """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
-    ``apart`` (``without_trials``)."""
+    ``apart`` (``coefficients_without``)."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
 
 
 def _worth_of_past(
-    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: Without
+    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: np.ndarray
 ) -> dict[str, Any] | None:
     """What the past of a window brings to predictions of ``simulator`` on ``validation`` trials, or where there are
     none on its own ``trials``, each left out in turn: ``apart``."""
     if any(t.has_position for t in validation):
         return adaptation_worth(simulator, validation)
-    return adaptation_worth(simulator, trials, apart.run)
+    return adaptation_worth(simulator, trials, apart)

@@ -83,7 +83,6 @@ BANDS = {
     "no factors": {"factor": 1.0},
     "no novelty": {"held": None},
     "no coefficients": {"root": 0.0},
-    "no campaign part": {"campaign": None},
 }
 """Parts of the bands that are left out, by what becomes of them; measured at the first switch."""
 METRICS = ("30 s", "100 s", "30 s, past", "100 s, past")

@@ -11,7 +11,7 @@ covariance, simulated. The measurement: noise of the start and of the sample com
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -130,10 +130,6 @@ class Bands:
     process: Process
     root: np.ndarray
     held: HeldMotion | None = None
-
-    def with_process(self, process: Process) -> Bands:
-        """The same with another ``process``."""
-        return replace(self, process=process)
 
     @np.errstate(over="ignore", invalid="ignore")  # where a prediction runs away its band is infinite, or no number
     def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""How far a predicted motion is from what the trials of a calibration held, and how much wider a band must be there.
+"""How far a predicted motion is from what the trials of a calibration held, and how much wider a band is there.
 
 Motion is what the forces depend on: velocities through the ship's own axes, actuators, air relative to the hull. The
 trials are remembered as a few points that cover their rows (farthest-first traversal, Gonzalez 1985, Theoret Comput
@@ -28,8 +28,6 @@ ALIKE = 0.1
 """Least spread of a velocity or of revolutions by which a distance is measured, as a share of its rms."""
 ANGLE = 0.05
 """The same of a rudder angle [rad]."""
-TYPICAL = 1.0
-"""Growth where the trials are of one kind, so that none can be left out."""
 
 
 def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length: float) -> np.ndarray:
@@ -54,14 +52,13 @@ class HeldMotion:
     """Points of the motion that trials held, and what novelty does to a band.
 
     names: inputs of the ship (C,); scale: (F,) by which motion is divided; points: (K, F) so scaled; reach: distance
-    from which a row is new; growth: (6,) by which the standard deviation of the process grows per novelty.
+    from which a row is new.
     """
 
     names: tuple[str, ...]
     scale: np.ndarray
     points: np.ndarray
     reach: float
-    growth: np.ndarray
 
     def novelty(self, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
         """Novelty (n, M) of predicted states (n, 6, M) under inputs (n, C, M), 0: as in the trials; length [m]."""
@@ -70,12 +67,12 @@ class HeldMotion:
         return np.clip(far / self.reach - 1, 0.0, MOST)
 
     def widening(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
-        """Factor (n, 6, M) on the variance of the process at times (n, M) since the start, by the novelty met so far.
+        """Factor (n, 1, M) on the variance of the process at times (n, M) since the start, by the novelty met so far.
 
         states, inputs, length: as of ``novelty``.
         """
         met = met_so_far(times, self.novelty(states, inputs, length))
-        return 1 + self.growth[:, None] ** 2 * met[:, None]
+        return 1 + met[:, None]
 
 
 def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:
@@ -98,8 +95,7 @@ def inputs_at(batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
 
 
 def held_motion(records: Sequence[Record], names: Sequence[str], length: float) -> HeldMotion | None:
-    """What ``records`` of trials held, with TYPICAL growth; None where they hold nothing. The halves of a single trial
-    stand for two.
+    """What ``records`` of trials held; None where they hold nothing. The halves of a single trial stand for two.
 
     names: inputs of the ship; length: of the ship [m].
     """
@@ -119,7 +115,7 @@ def held_motion(records: Sequence[Record], names: Sequence[str], length: float) 
     far = [nearest(part, np.vstack([other for j, other in enumerate(parts) if j != i])) for i, part in enumerate(parts)]
     points = covering(rows / scale, POINTS)
     reach = float(np.quantile(np.concatenate(far), ORDINARY)) + float(nearest(rows / scale, points).max()) / 2
-    return HeldMotion(tuple(names), scale, points, max(reach, 1e-6), np.full(6, TYPICAL))
+    return HeldMotion(tuple(names), scale, points, max(reach, 1e-6))
 
 
 def _least(rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -149,7 +145,6 @@ def held_dict(held: HeldMotion) -> dict[str, Any]:
         "scale": held.scale.tolist(),
         "points": np.round(held.points, 3).tolist(),
         "reach": held.reach,
-        "growth": held.growth.tolist(),
     }
 
 
@@ -158,10 +153,10 @@ def held_of(content: Mapping[str, Any] | None, names: Sequence[str]) -> HeldMoti
     if content is None:
         return None
     try:
-        arrays = [np.asarray(content[key], dtype=np.float64) for key in ("scale", "points", "growth")]
+        arrays = [np.asarray(content[key], dtype=np.float64) for key in ("scale", "points")]
         reach, inputs = float(content["reach"]), tuple(content["inputs"])
     except (KeyError, TypeError, ValueError):
         return None
-    scale, points, growth = arrays
-    sound = points.ndim == 2 and len(points) and points.shape[1] == len(scale) and growth.shape == (6,) and reach > 0
-    return HeldMotion(inputs, scale, points, reach, growth) if sound and inputs == tuple(names) else None
+    scale, points = arrays
+    sound = points.ndim == 2 and len(points) and points.shape[1] == len(scale) and reach > 0
+    return HeldMotion(inputs, scale, points, reach) if sound and inputs == tuple(names) else None

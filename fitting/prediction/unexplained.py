@@ -60,7 +60,7 @@ def accelerations(
     novelty = np.full((len(size), 1), 0.0 if tried else 1.0)
     if bands is not None and bands.held is not None:
         novelty = bands.held.novelty(nominal.states, input_array(ship, nominal.inputs, nominal.t), L)
-        own = size * novelty * bands.held.growth[3:]
+        own = size * novelty
         slow = slow_speed(bands.held)
     share = np.zeros(len(size))
     if tried:

@@ -24,9 +24,9 @@ from cases.trial import Trial
 from fitting.parallel import run_all
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.kept import Kept
-from fitting.selection.subsequences import VELOCITIES, Penalties, SubsequenceObjective
+from fitting.selection.polynomial_regression import increments, regress
+from fitting.selection.subsequences import Penalties, SubsequenceObjective
 from mmg.errors import NotInstalled, OutOfRange, UnknownName, Unreadable, UserError
-from mmg.model import settled
 from mmg.progress import LOGGER
 
 OPTIMIZERS = ("gradient", "cmaes")
@@ -49,9 +49,8 @@ RESTARTS, EVERY = 9, 20
 """Most restarts of CMA-ES, and its generations between two points of the learning curve."""
 
 
-ROUNDS, STEPS, FACES = 12, 20, 10
-"""Of a step: most rounds, gradient steps in each, and exact solutions after these, each with further coefficients
-held."""
+STEPS, NEAR = 200, 1e-5
+"""Most gradient steps to the minimum of a quadratic, and relative change at which they end."""
 
 
 class TooLate(UserError):
@@ -256,7 +255,7 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], m
         problem.penalties = Penalties(sparsity=SPARSITY)
         evolve(learning, seed, limit, float("inf") if method.evaluations is None else method.evaluations)
     else:
-        start = regression(problem)
+        start = regression(problem, trials[0])
         if seed != method.seed:
             rng = np.random.default_rng([37, seed])
             start = np.clip(start + SPREAD * rng.standard_normal(problem.P), problem.lower, problem.upper)
@@ -305,38 +304,10 @@ def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> No
             break
 
 
-def regression(problem: SubsequenceObjective, block: int = 5) -> np.ndarray:
-    """Scaled coefficients p (P,) by ridge regression of changes of velocity along the measured motion.
-
-    problem: gives trials and prior; block: steps over which the change is taken. Weights of data and ridge follow from
-    the residuals, in three rounds. Coefficients are kept within their bounds.
-    """
-    data, slopes = problem.train, problem.slopes
-    theta = problem.coefficients(np.zeros(problem.P))
-    path = np.concatenate([data.start[None, VELOCITIES], data.measured])
-    heading = data.start[2] + np.concatenate([np.zeros((1, data.count)), np.cumsum(path[:-1, 2], axis=0) * data.h])
-    rates, rows = [], []
-    for k in range(len(data.controls)):
-        middle = 0.5 * (path[k] + path[k + 1])
-        six = np.concatenate([np.zeros((2, data.count)), heading[k][None], middle])
-        state = settled(problem.simulator.model, six, data.controls[k], theta)
-        rate, full = slopes.at(state[slopes.first :], data.controls[k], theta)
-        own = slice(VELOCITIES.start - slopes.first, VELOCITIES.stop - slopes.first)
-        rates.append(rate[own])
-        rows.append(full[:, own, slopes.Q :])
-    A, y = [], []
-    for k in range(0, len(rates) - block + 1, block):
-        there = data.weight[k + block - 1] > 0
-        y.append(((path[k + block] - path[k]) - data.h * np.sum(rates[k : k + block], axis=0)).T[there])
-        A.append(data.h * np.sum(rows[k : k + block], axis=0)[there])
-    sides, matrix = np.concatenate(y), np.concatenate(A) * problem.prior.std
-    p = np.zeros(problem.P)
-    for _ in range(3):
-        noise = (sides - matrix @ p).std(axis=0) + 1e-12
-        white = (matrix / noise[:, None]).reshape(-1, problem.P)
-        p = np.linalg.solve(np.eye(problem.P) + white.T @ white, white.T @ (sides / noise).reshape(-1))
-        p = np.clip(p, problem.lower, problem.upper)
-    return p
+def regression(problem: SubsequenceObjective, trials: Sequence[Trial]) -> np.ndarray:
+    """Scaled coefficients p (P,) of ``problem`` by regression on the velocities of its training ``trials``."""
+    found = regress(problem.ship, increments(problem.ship, trials)).values
+    return (np.array([found[s] for s in problem.prior.symbols]) - problem.prior.mean) / problem.prior.std
 
 
 def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator[np.ndarray]:
@@ -373,75 +344,28 @@ def minimise_quadratic(
 
     H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p.
     Accelerated proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) in variables scaled by
-    the diagonal tell which coefficients are zero or at a bound; the others are then solved for exactly.
+    the diagonal.
     """
     scale = 1 / np.sqrt(np.diag(H))
     A, b = H * np.outer(scale, scale), scale * g
     low, high, lam, origin = box[0] / scale, box[1] / scale, weight * scale, p / scale
-    largest = _largest_eigenvalue(A)
+    largest = float(np.linalg.eigvalsh(A)[-1])
 
     def value(x: np.ndarray) -> float:
         d = x - origin
         return float(b @ d + 0.5 * d @ (A @ d) + lam @ np.abs(x))
 
-    direct = np.clip(_shrunk(origin - np.linalg.solve(A, b), lam / largest), low, high)
-    best, least = min(((x, value(x)) for x in (direct, origin)), key=lambda pair: pair[1])
-    for _ in range(ROUNDS):
-        before = least
-        x = y = best
-        t = 1.0
-        for _ in range(STEPS):
-            new = np.clip(_shrunk(y - (b + A @ (y - origin)) / largest, lam / largest), low, high)
-            t = 1.0 if (y - new) @ (new - x) > 0 else t
-            later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))
-            y, x, t = new + (t - 1) / later * (new - x), new, later
-        for _ in range(FACES):
-            for point in (x, faced := _on_face(A, b, origin, x, (low, high), lam)):
-                if (found := value(point)) < least:
-                    best, least = point, found
-            if np.array_equal(faced != 0, x != 0) and np.array_equal(faced <= low, x <= low):
-                break
-            x = faced
-        if before - least <= 1e-9 * max(value(origin) - least, 1e-300):
+    x = y = origin
+    t = 1.0
+    for _ in range(STEPS):
+        free = y - (b + A @ (y - origin)) / largest
+        new = np.clip(np.sign(free) * np.maximum(np.abs(free) - lam / largest, 0), low, high)
+        if np.abs(new - x).max() < NEAR * np.abs(new).max():
             break
-    return best * scale
-
-
-def _shrunk(x: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Soft threshold."""
-    return np.sign(x) * np.maximum(np.abs(x) - by, 0)
-
-
-def _largest_eigenvalue(A: np.ndarray) -> float:
-    """An upper estimate by the power method."""
-    x = np.ones(len(A))
-    for _ in range(30):
-        x = A @ x
-        x /= np.linalg.norm(x)
-    return 1.05 * float(x @ (A @ x))
-
-
-def _on_face(
-    A: np.ndarray, b: np.ndarray, origin: np.ndarray, x: np.ndarray, box: tuple[np.ndarray, np.ndarray], lam: np.ndarray
-) -> np.ndarray:
-    """The minimum with the zeros, bounds and signs of ``x`` kept; x itself goes that way as far as they hold."""
-    sign = np.sign(x)
-    free = (x > box[0]) & (x < box[1]) & ((x != 0) | (lam == 0))
-    if not free.any():
-        return x
-    gradient = b + A @ (x - origin) + lam * sign
-    step = np.zeros_like(x)
-    step[free] = -np.linalg.solve(A[np.ix_(free, free)], gradient[free])
-    low, high = np.where((sign > 0) & (lam > 0), 0.0, box[0]), np.where((sign < 0) & (lam > 0), 0.0, box[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(step > 0, (high - x) / step, np.where(step < 0, (low - x) / step, np.inf))
-    share = float(room.min())
-    if share >= 1:
-        return x + step
-    moved = x + share * step
-    stopped = room <= share * (1 + 1e-12)
-    moved[stopped] = np.where(step > 0, high, low)[stopped]
-    return np.clip(moved, low, high)
+        t = 1.0 if (y - new) @ (new - x) > 0 else t
+        later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))
+        y, x, t = new + (t - 1) / later * (new - x), new, later
+    return min((x, origin), key=value) * scale
 
 
 def _cma() -> Any:

@@ -59,10 +59,10 @@ def score(
     from cases.checks.trusted import remarks
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
+    from fitting.prediction.adaptation import past_to_use
     from fitting.prediction.score import pooled_sigma
     from fitting.prediction.score import score as scored
     from fitting.prediction.units import window_for
-    from fitting.prediction.worth_of_past import past_to_use
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 

@@ -98,7 +98,7 @@ def test_a_learned_residual_is_the_same_at_equal_froude_number() -> None:
 
 def test_motions_are_as_new_to_the_ship_as_to_the_model() -> None:
     rng, names = np.random.default_rng(8), load_ship("esso_osaka_3m").inputs
-    held = HeldMotion(names, np.array([0.3, 0.1, 0.2, 5.0, 0.3, 2.0, 2.0]), rng.normal(size=(20, 7)), 0.4, np.ones(6))
+    held = HeldMotion(names, np.array([0.3, 0.1, 0.2, 5.0, 0.3, 2.0, 2.0]), rng.normal(size=(20, 7)), 0.4)
     content = {"acceleration_memory_s": {}, "error_decay_s": {}, "noise": {}, "held": held_dict(held)}
     content["acceleration_std"] = {"r": dict.fromkeys(SIZES, 1.0)}
     scaled = similar_bands(content, LAW)
