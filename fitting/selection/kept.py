@@ -11,18 +11,20 @@ import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.report.run_folder import write_json
-from mmg.errors import Conflict, NotWritable, TargetExists
+from mmg.errors import Conflict, NotWritable, TargetExists, Unreadable
 from mmg.ship import Ship
 
 ASKED = "choice.json"
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,21 @@ class Kept:
 
     folder: Path | None = None
 
-    def get(self, name: str) -> dict[str, Any] | None:
-        """What was kept of the part ``name``, None where it is not finished. Raises UserError for a broken file."""
+    def get(self, name: str, kind: type[T]) -> T | None:
+        """What was kept of the part ``name``, a dataclass of this ``kind``; None where it is not finished. Raises
+        UserError for a broken file."""
         path = self.path(f"{name}.json")
-        return read_json(path) if path is not None and path.exists() else None
+        if path is None or not path.exists():
+            return None
+        try:
+            return TypeAdapter(kind).validate_python(read_json(path))
+        except ValidationError as error:
+            raise Unreadable(f"{path}: cannot be read ({error}); start without --resume") from None
 
-    def put(self, name: str, content: dict[str, Any]) -> None:
-        """Keeps the ``content`` of the part ``name``, plain values."""
+    def put(self, name: str, part: Any) -> None:
+        """Keeps a ``part``, a dataclass of plain values, under its ``name``."""
         if (path := self.path(f"{name}.json")) is not None:
-            write_json(path, content)
+            write_json(path, part)
 
     def path(self, file: str) -> Path | None:
         """A ``file`` in the folder, None where there is none."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,12 @@ import numpy as np
 from cases.io.files import replace_text
 from cases.trial import Trial
 from fitting.parallel import run_all
+from fitting.report.run_folder import Real
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.kept import Kept
 from fitting.selection.polynomial_regression import increments, regress
 from fitting.selection.subsequences import Penalties, SubsequenceObjective
-from mmg.errors import NotInstalled, OutOfRange, UnknownName, Unreadable, UserError
+from mmg.errors import NotInstalled, OutOfRange, UnknownName
 from mmg.progress import LOGGER
 
 OPTIMIZERS = ("gradient", "cmaes")
@@ -47,14 +48,8 @@ TOLERANCE = 1e-4
 """Relative decrease of the objective in three steps below which it has converged."""
 RESTARTS, EVERY = 9, 20
 """Most restarts of CMA-ES, and its generations between two points of the learning curve."""
-
-
 STEPS, NEAR = 200, 1e-5
 """Most gradient steps to the minimum of a quadratic, and relative change at which they end."""
-
-
-class TooLate(UserError):
-    """The time limit of a run had passed before anything was evaluated."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +57,7 @@ class Method:
     """How candidates are learned.
 
     optimizer: one of OPTIMIZERS; seeds: runs of each candidate, from ``seed`` on; workers: processes over which runs
-    are spread; time_limit: of each [s]; evaluations: most of CMA-ES, None: as the time limit allows; compiled: use a C
-    compiler if there is one.
+    are spread; time_limit: of each [s]; compiled: use a C compiler if there is one.
     """
 
     optimizer: str = "gradient"
@@ -71,7 +65,6 @@ class Method:
     seed: int = 0
     workers: int = 1
     time_limit: float | None = None
-    evaluations: int | None = None
     compiled: bool = True
 
     def __post_init__(self) -> None:
@@ -88,33 +81,28 @@ class Lesson:
     """One point of a learning curve.
 
     evaluations: simulations of all training subsequences so far; seconds: of the optimiser so far; objective: J of its
-    current point; training, validation: E of it, the latter NaN without validation trials.
+    current point; training, validation: E of it.
     """
 
     evaluations: int
     seconds: float
-    objective: float
-    training: float
-    validation: float
+    objective: Real
+    training: Real
+    validation: Real
 
 
-@dataclass
 class Learning:
     """The learning curve of one run of an optimiser on ``objective``, which began at ``began`` by the clock of
     ``time.perf_counter``.
 
-    lessons: the curve; best, p: least objective and where; chosen, p_chosen: the least validation error and where,
-    without validation trials as best and p.
+    lessons: the curve; best, p: least objective and where; chosen, p_chosen: the least validation error and where.
     """
 
-    objective: SubsequenceObjective
-    began: float = field(default_factory=lambda: time.perf_counter())
-    lessons: list[Lesson] = field(default_factory=list)
-    best: float = float("inf")
-    chosen: float = float("inf")
-
-    def __post_init__(self) -> None:
-        self.p = self.p_chosen = np.zeros(self.objective.P)
+    def __init__(self, objective: SubsequenceObjective, began: float | None = None) -> None:
+        self.objective, self.began = objective, time.perf_counter() if began is None else began
+        self.lessons: list[Lesson] = []
+        self.best = self.chosen = float("inf")
+        self.p = self.p_chosen = np.zeros(objective.P)
 
     @property
     def seconds(self) -> float:
@@ -126,15 +114,13 @@ class Learning:
         problem = self.objective
         evaluations = problem.evaluations
         value = float(problem.values(p[:, None])[0])
-        training = float(problem.errors(p[:, None], problem.train)[0])
-        validation = float(problem.errors(p[:, None], problem.validate)[0]) if problem.validate else float("nan")
+        training, validation = (float(problem.errors(p[:, None], d)[0]) for d in (problem.train, problem.validate))
         problem.evaluations = evaluations
         lesson = Lesson(evaluations, self.seconds, value, training, validation)
         self.lessons.append(lesson)
         self.offer(p, value)
-        judged = validation if problem.validate else value
-        if judged < self.chosen:
-            self.chosen, self.p_chosen = judged, p.copy()
+        if validation < self.chosen:
+            self.chosen, self.p_chosen = validation, p.copy()
         return lesson
 
     def offer(self, p: np.ndarray, value: float) -> None:
@@ -143,20 +129,21 @@ class Learning:
             self.best, self.p = value, p.copy()
 
 
-def write_learning(curves: Sequence[tuple[str, int, Sequence[Lesson]]], path: Path) -> None:
-    """Writes learning curves as CSV to ``path``: candidate, seed and lessons of each of ``curves``."""
+def write_learning(runs: Sequence[Learned], path: Path) -> None:
+    """Writes the learning curves of ``runs`` as CSV to ``path``."""
     rows = ["candidate,seed,evaluations,seconds,objective,training,validation"]
-    for name, seed, lessons in curves:
+    for run in runs:
         rows += [
-            f"{name},{seed},{s.evaluations},{s.seconds:.3f},{s.objective:.9g},{s.training:.9g},{s.validation:.9g}"
-            for s in lessons
+            f"{run.name},{run.seed},{s.evaluations},{s.seconds:.3f},{s.objective:.9g},{s.training:.9g},"
+            f"{s.validation:.9g}"
+            for s in run.lessons
         ]
     replace_text(path, "\n".join(rows) + "\n")
 
 
 @dataclass(frozen=True)
 class Learned:
-    """The best run of a candidate.
+    """The best point of one run of a candidate.
 
     values: of its free coefficients, by symbol; vanished: generated terms that are zero; training, validation: E of the
     objective; objective: least J; seconds, evaluations: of the run; seed; lessons: learning curve.
@@ -166,24 +153,12 @@ class Learned:
     seed: int
     values: dict[str, float]
     vanished: tuple[str, ...]
-    training: float
-    validation: float
-    objective: float
+    training: Real
+    validation: Real
+    objective: Real
     seconds: float
     evaluations: int
     lessons: tuple[Lesson, ...]
-
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> Learned:
-        """From plain values, as ``to_dict`` gives them. Raises KeyError or TypeError for anything else."""
-        lessons = tuple(Lesson(int(row[0]), *(float("nan") if x is None else x for x in row[1:]))
-                        for row in content["lessons"])  # fmt: skip
-        numbers = {k: float("nan") if content[k] is None else content[k] for k in ("training", "validation")}
-        return cls(**{**content, **numbers, "vanished": tuple(content["vanished"]), "lessons": lessons})
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self) | {"lessons": [list(asdict(lesson).values()) for lesson in self.lessons]}
 
 
 SeededRun = tuple[StructureCandidate, int]
@@ -195,57 +170,32 @@ def learn_all(
     trials: tuple[Sequence[Trial], Sequence[Trial]],
     method: Method,
     kept: Kept | None = None,
-) -> dict[str, tuple[Learned, ...]]:
-    """Runs of each of the candidates ``given`` by name, the one with the least validation error first; none for one
-    that came too late.
+) -> dict[str, list[Learned]]:
+    """Runs of each of the candidates ``given`` by name, the one with the least validation error first.
 
     trials: to train on and to validate; method: how; kept: finished runs, which are taken from there, and to which
-    others are added as they come. Raises UserError for trials from which nothing can be learned, TooLate where all
-    candidates came too late.
+    others are added as they come. Raises UserError for trials from which nothing can be learned.
     """
-    kept = kept or Kept()
-    runs = {f"{one.name}_seed{seed}": (one, seed)
-            for one in given for seed in range(method.seed, method.seed + method.seeds)}  # fmt: skip
-    contents = {name: content for name in runs if (content := kept.get(name)) is not None}
-    missing = [name for name in runs if name not in contents]
+    kept, seeds = kept or Kept(), range(method.seed, method.seed + method.seeds)
+    runs = {f"{one.name}_seed{seed}": (one, seed) for one in given for seed in seeds}
+    found = {name: run for name in runs if (run := kept.get(name, Learned)) is not None}
+    missing = [name for name in runs if name not in found]
 
-    def keep(content: dict[str, Any]) -> None:
-        if late := content.get("too_late"):
-            LOGGER.warning(late)
-            return
-        kept.put(f"{content['name']}_seed{content['seed']}", content)
-        LOGGER.info(
-            f"{content['name']}, seed {content['seed']}: J {content['objective']:.4g}, validation "
-            f"{content['validation']:.4g} after {content['seconds']:.0f} s"
-        )
+    def keep(run: Learned) -> None:
+        kept.put(f"{run.name}_seed{run.seed}", run)
+        LOGGER.info(f"{run.name}, seed {run.seed}: J {run.objective:.4g}, validation {run.validation:.4g} after "
+                    f"{run.seconds:.0f} s")  # fmt: skip
 
-    task = partial(_in_time, trials=trials, method=method)
-    done = run_all(task, [runs[name] for name in missing], method.workers, keep, "models")
-    contents |= dict(zip(missing, done, strict=True))
-    late = [content["too_late"] for content in contents.values() if "too_late" in content]
-    if late and len(late) == len(runs):
-        raise TooLate(late[0])
-    try:
-        learned = [Learned.of(contents[name]) for name in runs if "too_late" not in contents[name]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise Unreadable(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
-    learned.sort(key=lambda row: row.validation if row.validation >= 0 else float("inf"))
-    return {one.name: tuple(row for row in learned if row.name == one.name) for one in given}
+    task = partial(learn_one, trials=trials, method=method)
+    found |= zip(missing, run_all(task, [runs[name] for name in missing], method.workers, keep, "models"), strict=True)
+    best = sorted(found.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
+    return {one.name: [run for run in best if run.name == one.name] for one in given}
 
 
-def _in_time(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """As ``learn_one``; of a run that came too late why."""
-    try:
-        return learn_one(run, trials, method)
-    except TooLate as error:
-        return {"too_late": str(error)}
+def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> Learned:
+    """One ``run`` on ``trials`` to train on and to validate, by ``method``.
 
-
-def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """One ``run`` on ``trials`` to train on and to validate, by ``method``: plain values of ``Learned``.
-
-    The time limit counts from here: compiling and preparing belong to it. Raises TooLate where it had passed before
-    anything was evaluated.
+    The time limit counts from here, compiling and preparing belong to it; a first point is evaluated in any case.
     """
     began, (one, seed) = time.perf_counter(), run
     problem = SubsequenceObjective(one.ship, *trials, compiled=method.compiled)
@@ -253,20 +203,14 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], m
     limit = float("inf") if method.time_limit is None else method.time_limit
     if method.optimizer == "cmaes":
         problem.penalties = Penalties(sparsity=SPARSITY)
-        evolve(learning, seed, limit, float("inf") if method.evaluations is None else method.evaluations)
+        evolve(learning, seed, limit)
     else:
         start = regression(problem, trials[0])
         if seed != method.seed:
             rng = np.random.default_rng([37, seed])
             start = np.clip(start + SPREAD * rng.standard_normal(problem.P), problem.lower, problem.upper)
         follow(learning, start, limit)
-    if not learning.lessons:
-        raise TooLate(
-            f"{one.name}: nothing was evaluated within --time-limit {limit:g}: compiling and preparing took "
-            f"{learning.seconds:.0f} s; give more"
-        )
-    p, symbols, validate = learning.p_chosen, problem.prior.symbols, problem.validate
-    assert validate is not None
+    p, symbols = learning.p_chosen, problem.prior.symbols
     ship = problem.ship_at(p)
     return Learned(
         name=one.name,
@@ -274,12 +218,12 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], m
         values={s: ship.coefficients[s].value for s in symbols},
         vanished=tuple(s for s, x, sparse in zip(symbols, p, problem.sparse, strict=True) if sparse and x == 0),
         training=float(problem.errors(p[:, None], problem.train)[0]),
-        validation=float(problem.errors(p[:, None], validate)[0]),
+        validation=float(problem.errors(p[:, None], problem.validate)[0]),
         objective=learning.best,
         seconds=learning.seconds,
         evaluations=learning.lessons[-1].evaluations,
         lessons=tuple(learning.lessons),
-    ).to_dict()
+    )
 
 
 def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> None:
@@ -402,16 +346,15 @@ def evolve(
         )  # fmt: skip
         while not strategy.stop():
             points = strategy.ask()
-            if learning.seconds > time_limit or spent + size > evaluations:
-                if learning.best < np.inf:
-                    learning.note(learning.p)
-                return
             values = problem.values(np.transpose(points))
             values = np.where(np.isfinite(values), values, np.finfo(float).max)  # as bad as a candidate can be
             strategy.tell(points, values.tolist())
             spent, generation = spent + size, generation + 1
             best = int(np.argmin(values))
             learning.offer(np.asarray(points[best]), float(values[best]))
+            if learning.seconds > time_limit or spent + size > evaluations:
+                learning.note(learning.p)
+                return
             if generation % EVERY == 0:
                 learning.note(np.asarray(strategy.result.xfavorite))
         learning.note(learning.p)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,16 +24,17 @@ from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
+from fitting.report.run_folder import plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.kept import Kept
 from fitting.selection.learning import Learned, Method, learn_all
-from fitting.selection.polynomial_regression import STEP, increments, regress
+from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.components.expansion.series import STALL, speed_scale
 from mmg.components.expansion.words import Word, parse_monomial
-from mmg.errors import Missing, NoSolution, TooFewData, Unreadable
+from mmg.errors import Missing, NoSolution, TooFewData
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
@@ -123,36 +125,26 @@ class Tried:
     sequences: int = 0
     left_out: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, NaN as None."""
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
-
 
 @dataclass(frozen=True)
 class StructureChoice:
-    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability; by
-    candidate its runs on the objective of the paper, if there were any."""
+    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability;
+    runs on the objective of the paper, if there were any."""
 
     chosen: str
     result: FitResult
     table: tuple[Tried, ...]
     test: dict[str, float]
     stability: Stability
-    runs: dict[str, tuple[Learned, ...]] = field(default_factory=dict)
+    runs: tuple[Learned, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of selection.json."""
-        test = {name: value if np.isfinite(value) else None for name, value in self.test.items()}
+        """Content of selection.json, numbers that are not finite as None."""
         keys = ("name", "seed", "objective", "training", "validation", "evaluations", "seconds")
-        learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)}
-                   for some in self.runs.values() for run in some]  # fmt: skip
-        return {
-            "chosen": self.chosen,
-            "candidates": [row.to_dict() for row in self.table],
-            "test": test,
-            "stability": asdict(self.stability),
-            **({"learned": learned} if learned else {}),
-        }
+        learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)} for run in self.runs]
+        found = {"chosen": self.chosen, "candidates": self.table, "test": self.test, "stability": self.stability}
+        content: dict[str, Any] = plain(found | ({"learned": learned} if learned else {}))
+        return content
 
 
 @dataclass(frozen=True)
@@ -191,29 +183,29 @@ def choose_structure(
     train, validate, test = trials
     _check(train, validate, ship.inputs)
     work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
-    fitted: list[_Fitted] = []
     able, table = _able(given, train, named)
     table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
-    runs: dict[str, tuple[Learned, ...]] = {}
+
+    def say(task: str, number: int) -> None:
+        if progress:
+            progress(Progress(task, number, len(given)))
+
+    runs: dict[str, list[Learned]] = {}
     if learned:
-        if progress:
-            progress(Progress(f"learning {len(able)} candidates", 0, len(given)))
+        say(f"learning {len(able)} candidates", 0)
         runs = learn_all([work.prepared(one) for one in able if one.order], (train, validate), learned, kept)
-    calibrated: Ship | None = None
+    fitted: list[_Fitted] = []
     for number, one in enumerate(able):
-        if progress:
-            progress(Progress(f"fitting {one.name}", number, len(given)))
+        say(f"fitting {one.name}", number)
         if not one.order:
             fitted += work.shots([(one, {})])
-            calibrated = fitted[-1].ship
         elif learned:
-            fitted += [work.learned(one, best) for best in runs[one.name][:1]]
-            table += [] if runs[one.name] else [_row(one, left_out="nothing was evaluated within its time limit")]
+            fitted.append(work.learned(one, runs[one.name][0]))
         else:
-            fitted += work.regressed(_based_on(one, calibrated))
+            own = next((f.ship for f in fitted if f.row.name == GIVEN), None)
+            fitted += work.regressed(_based_on(one, own))
     if not learned:
-        if progress:
-            progress(Progress("refining the best polynomials", len(given), len(given)))
+        say("refining the best polynomials", len(given))
         better, no_better = work.refined(fitted)
         fitted += better
         table += no_better
@@ -229,15 +221,15 @@ def choose_structure(
     if table[0].validation < best.row.validation:  # false where the ship as given diverges
         worse = f"the ship as given predicts the validation trials better ({table[0].validation:.4g}): keep her"
         result = replace(result, messages=(MessageRow("warning", "worse_after", worse), *result.messages))
-    others = {f.row.name: f.ship for f in fitted if f.row.name == GIVEN}
-    models = {START: ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
+    others = {f"{GIVEN} calibrated": f.ship for f in fitted if f.row.name == GIVEN}
+    models = {START: ship, **others, "chosen": result.ship}
     errors = {name: _window_error(model, test, work.sigma) for name, model in models.items()} if test else {}
     final = stability(result.ship, SEQUENCES, work.settings.seed, work.settings.compiled)
     if final.diverged:
         words = f"the chosen model diverges in {final.diverged} of {final.sequences} random harbour sequences"
         advice = "no candidate stays stable in all: keep to motions of the trials, or give more trials"
         result = replace(result, messages=(MessageRow("warning", "diverges", f"{words}; {advice}"), *result.messages))
-    return StructureChoice(best.row.name, result, (*rows, *table), errors, final, runs)
+    return StructureChoice(best.row.name, result, (*rows, *table), errors, final, tuple(chain(*runs.values())))
 
 
 def _able(
@@ -342,22 +334,26 @@ class _Work:
     def learned(self, one: StructureCandidate, best: Learned) -> _Fitted:
         """A polynomial by its best run on the objective of the paper, without the terms that are zero."""
         ship = with_instruments(self.prepared(one).ship, INSTRUMENTS, self.train)
-        rows = {s: c for s, c in ship.coefficients.items() if s not in best.vanished}
-        values = {s: x for s, x in best.values.items() if s in rows}
-        start = replace(one, ship=replace(ship, coefficients=rows))
+        values = {s: x for s, x in best.values.items() if s not in best.vanished}
+        start = replace(one, ship=Regression(values, {}, best.vanished).ship(ship))
         model = start.ship.with_values(values)
-        row = self.row(start, model, converged=True, seconds=best.seconds)
-        return _Fitted(row, model, start, values, True)
+        return _Fitted(self.row(start, model, converged=True, seconds=best.seconds), model, start, values, True)
 
     def shots(self, given: Sequence[tuple[StructureCandidate, dict[str, float]]]) -> list[_Fitted]:
         """Candidates fitted by multiple shooting, each from its values by symbol, unless they are kept already."""
         named = [(replace(one, name=one.name + SHOT) if values else one, values) for one, values in given]
-        found = {one.name: self.kept.get(one.name) for one, _ in named}
-        left = [(one, values) for one, values in named if found[one.name] is None]
+        found = {one.name: shot for one, _ in named if (shot := self.kept.get(one.name, _Shot)) is not None}
+        left = [(one, values) for one, values in named if one.name not in found]
         task = partial(_shot, work=self)
-        for content in run_all(task, left, self.settings.workers, lambda c: self.kept.put(c["name"], c), "models"):
-            found[content["name"]] = content
-        return [self._taken_up(one, values, found[one.name] or {}) for one, values in named]
+        for shot in run_all(task, left, self.settings.workers, lambda s: self.kept.put(s.name, s), "models"):
+            found[shot.name] = shot
+        fitted = []
+        for one, values in named:
+            shot = found[one.name]
+            ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(shot.values)
+            row = self.row(one, ship, converged=shot.converged, seconds=shot.seconds)
+            fitted.append(_Fitted(row, ship, one, values, False))
+        return fitted
 
     def refined(self, fitted: Sequence[_Fitted]) -> tuple[list[_Fitted], list[Tried]]:
         """The best polynomials by multiple shooting: those that predict their trials better, and rows on others."""
@@ -371,31 +367,26 @@ class _Work:
                 no_better.append(after.row)
         return better, no_better
 
-    def _taken_up(self, one: StructureCandidate, values: dict[str, float], content: dict[str, Any]) -> _Fitted:
-        """A candidate with the outcome of ``_shot``."""
-        try:
-            ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(content["values"])
-            row = self.row(one, ship, converged=bool(content["converged"]), seconds=float(content["seconds"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise Unreadable(
-                f"{self.kept.path(one.name)}.json: cannot be read ({error}); start without --resume"
-            ) from None
-        return _Fitted(row, ship, one, values, False)
+
+@dataclass(frozen=True)
+class _Shot:
+    """What multiple shooting made of the candidate ``name``: values by symbol, whether it converged, seconds."""
+
+    name: str
+    values: dict[str, float]
+    converged: bool
+    seconds: float
 
 
-def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> dict[str, Any]:
-    """A candidate fitted by multiple shooting from values: plain values of what came out."""
+def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> _Shot:
+    """A candidate fitted by multiple shooting from values."""
     (one, values), began = task, time.perf_counter()
     start = with_instruments(one.ship, INSTRUMENTS, work.train)
     found = estimate_coefficients(start, work.train, work.settings_of(one), warm=started_from(start, values))
     if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
         raise KeyboardInterrupt
-    return {
-        "name": one.name,
-        "values": {s: found.ship.coefficients[s].value for s in start.free},
-        "converged": found.converged,
-        "seconds": time.perf_counter() - began,
-    }
+    coefficients = {s: found.ship.coefficients[s].value for s in start.free}
+    return _Shot(one.name, coefficients, found.converged, time.perf_counter() - began)
 
 
 def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:

@@ -198,7 +198,7 @@ class Quadratic:
 class SubsequenceObjective:
     """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
 
-    train, validate: trials, the latter perhaps none; penalties: weights; step: of simulation [s], None:
+    train, validate: trials; penalties: weights; step: of simulation [s], None:
     ``default_step``; compiled: use a C compiler if there is one. Scaled coefficients p are (P,) or, for K candidates,
     (P, K); p = 0 are the values of the ship. Raises UserError for trials without motion or without a piece long enough.
     """
@@ -207,7 +207,7 @@ class SubsequenceObjective:
         self,
         ship: Ship,
         train: Sequence[Trial],
-        validate: Sequence[Trial] = (),
+        validate: Sequence[Trial],
         penalties: Penalties | None = None,
         step: float | None = None,
         compiled: bool = True,
@@ -219,8 +219,8 @@ class SubsequenceObjective:
         self.step, self.length = step or default_step(train, L), LENGTH * time_scale(L)
         self.sigma = spread_of(train)
         self.train = subsequences(train, self.step, self.length, ship.inputs)
-        self.validate = subsequences(validate, self.step, self.length, ship.inputs) if validate else None
-        self.extremes: Extremes = extremes_of(ship, train)
+        self.validate = subsequences(validate, self.step, self.length, ship.inputs)
+        self.extremes = extremes_of(ship, train)
         self.lower, self.upper = self.prior.scaled_bounds
         own = ship.monomials
         self.sparse = np.array([s in own for s in self.prior.symbols], dtype=float)

@@ -212,15 +212,14 @@ def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
 
     found = choice.to_dict()
     write_json(folder / "selection.json", found)
-    runs = [run for some in choice.runs.values() for run in some]
-    if runs:
-        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+    if choice.runs:
+        write_learning(choice.runs, folder / "learning.csv")
     if not report:
         return
     figures = FigureFolder(folder / "figures")
     figures.write("structures", lambda: structure_plot(found["candidates"], choice.chosen), "Structure", "")
-    if runs:
-        curves = {f"{run.name}, seed {run.seed}": run.lessons for run in runs}
+    if choice.runs:
+        curves = {f"{run.name}, seed {run.seed}": run.lessons for run in choice.runs}
         figures.write("learning", lambda: learning_plot(curves), "Learning curves", "")
 
 
@@ -234,13 +233,12 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))
     print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
-    for runs in choice.runs.values():
-        for run in runs:
-            print(
-                f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
-                f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
-                f"{len(run.vanished)} terms left out"
-            )
+    for run in choice.runs:
+        print(
+            f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
+            f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "
+            f"{len(run.vanished)} terms left out"
+        )
     for name, error in choice.test.items():
         print(f"test trials, 30 s windows, {name}: {in_words(error)}")
     s = choice.stability

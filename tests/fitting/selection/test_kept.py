@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -24,7 +23,8 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     wanted = fingerprint(ESSO, [harbour()]) | {"--seed": 1}
     assert kept_beside(out, wanted, resume=False).done_if_empty()
     kept = kept_beside(out, wanted, resume=False)
-    kept.put("one", {"values": [0.1 + 0.2, 1e-17]})
+    part = Learned("one", 1, {"X_u": 0.1 + 0.2}, (), 1e-17, float("nan"), 1.0, 2.0, 3, ())
+    kept.put("one", part)
     with pytest.raises(UserError, match=r"run.unfinished.*--resume"):
         kept_beside(out, wanted, resume=False)
     with pytest.raises(UserError, match="--seed"):
@@ -32,8 +32,8 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     with pytest.raises(Conflict):
         kept_beside(out, wanted | fingerprint(ESSO, [harbour()[:2]]), resume=True)
     again = kept_beside(out, wanted, resume=True)
-    assert again.get("one") == {"values": [0.1 + 0.2, 1e-17]}
-    assert again.get("two") is None
+    assert repr(again.get("one", Learned)) == repr(part)
+    assert again.get("two", Learned) is None
     assert not again.done_if_empty()
     again.done()
     assert not (tmp_path / "run.unfinished").exists()
@@ -65,11 +65,11 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
         assert {run.seed for run in whole[name]} == {0, 1}
 
 
-def test_a_learned_run_survives_its_file_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
-    runs = harbour()
-    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method())["sm1-order1"][0]
-    assert Learned.of(json.loads(json.dumps(one.to_dict()))) == one
+    runs, kept = harbour(), kept_beside(tmp_path / "run", {}, resume=False)
+    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method(), kept)["sm1-order1"][0]
+    assert kept.get("sm1-order1_seed0", Learned) == one
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
 
 
