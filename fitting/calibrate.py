@@ -22,8 +22,7 @@ from fitting.prediction.adaptation import adaptation_worth
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import scores_by_set
-from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
+from fitting.prediction.score import NO_SCORES, ScorePair, score_pairs, scores_by_set
 from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from cases.inputs import assumed
 from cases.trial import Trial
@@ -24,6 +25,11 @@ MOST_NAMED = 5
 """Of trials in one message."""
 PAPER_WINDOW = 100.0
 WINDOW, STRIDE = 30.0, 15.0
+NOTED = 0.005
+"""Share of an error by which it must change for that to be said."""
+UNDESCRIBED = 0.5
+"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
+calibrated ship does not follow the trials; real ships of good trials have 0.1."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class Score:
             "window": self.window,
             "trials": [t.to_dict() for t in self.trials],
             "notes": list(self.notes),
-            "units": self.units.to_dict() if self.units else None,
+            "units": asdict(self.units) if self.units else None,
             "past_s": self.past_s,
         }
 
@@ -92,7 +98,7 @@ class Score:
                 for t, (of, many) in zip(row["trials"], counts, strict=True)
             )  # fmt: skip
             sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
-            units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
+            units = TypeAdapter(UnitErrors).validate_python(row["units"]) if row.get("units") else None
             paper, window = (_number(row[key], sum(c[j] for c in counts)) for j, key in enumerate(("paper", "window")))
             return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
         except (KeyError, TypeError, OverflowError) as error:
@@ -255,3 +261,88 @@ def score(
     used = past.seconds if past else 0.0
     said = tuple(dict.fromkeys(notes))
     return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)
+
+
+def in_words(error: float | None) -> str:
+    """An ``error`` with four digits behind the point, "-" of nothing, "diverges" where the prediction gave none."""
+    if error is None or np.isinf(error):
+        return "diverges"
+    return "-" if np.isnan(error) else f"{error:.4f}"
+
+
+def is_worse(before: float, after: float) -> bool:
+    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
+    return after > (1 + NOTED) * before + 1e-6
+
+
+@dataclass(frozen=True)
+class ScorePair:
+    """Scores of the same trials, predicted by a model before and after it was changed."""
+
+    before: Score
+    after: Score
+
+    def worse(self, name: str) -> list[Message]:
+        """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
+        windows = ("30 s windows", self.before.window, self.after.window)
+        restarts = ("100 s restarts", self.before.paper, self.after.paper)
+        return [
+            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {in_words(after)}", "worse_after")
+            for label, before, after in (windows, restarts)
+            if is_worse(before, after)
+        ]
+
+    @property
+    def worse_runs(self) -> tuple[str, ...]:
+        """Runs that became worse, with their errors in units before and after, in words.
+
+        Judged by 30 s windows, and by the share of change where the windows that suit the ship are longer.
+        """
+        units, found = (self.before.units, self.after.units), []
+        for k, (before, after) in enumerate(zip(self.before.trials, self.after.trials, strict=True)):
+            numbers, words = (before.window, after.window), f"{in_words(before.window)} -> {in_words(after.window)}"
+            if units[0] and units[1]:
+                b, a = units[0].runs[k], units[1].runs[k]
+                numbers = (b.share_of_change, a.share_of_change) if units[1].window_s > WINDOW else numbers
+                words = f"position {b.position_m:.3g} -> {a.position_m:.3g} m, "
+                words += f"heading {b.heading_deg:.3g} -> {a.heading_deg:.3g} deg"
+            if is_worse(*numbers):
+                found.append(f"{after.name} ({words})")
+        return tuple(found)
+
+    def worse_by_run(self, name: str) -> list[Message]:
+        """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
+        runs = self.worse_runs
+        if not runs:
+            return []
+        words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
+        return [Message(words, "worse_runs")]
+
+    def failed(self, name: str) -> list[Message]:
+        """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
+        names = self.after.diverged
+        if not names:
+            return []
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        where = ", ".join(names[:MOST_NAMED]) + more
+        return [Message(f"no score of the {name} trials: the prediction diverges on {where}", NO_SCORE)]
+
+    def undescribed(self) -> list[Message]:
+        """A message where the ship does not follow the trials that she was calibrated on."""
+        if not self.after.window > UNDESCRIBED:
+            return []
+        share = (self.after.window / len(STATES)) ** 0.5
+        words = (
+            f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does not "
+            "follow them; see that they are hers and in her size, and what mmg check says of them"
+        )
+        return [Message(words, "not_described")]
+
+
+NO_SCORES: Mapping[str, ScorePair] = {}
+"""Scores of no set of trials."""
+
+
+def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict[str, ScorePair]:
+    """Scores ``before`` and ``after`` a change of the model, as of ``scores_by_set``, by set of trials."""
+    return {name: ScorePair(before[name], found) for name, found in after.items() if name in before}

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from fitting.prediction.score_words import is_worse
+from fitting.prediction.score import is_worse
 from mmg.ship import Ship
 
 

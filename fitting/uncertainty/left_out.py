@@ -13,9 +13,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import information
 from fitting.nlp.run_constants import Own
-from fitting.prediction.score import score
-from fitting.prediction.score_pairs import ScorePair
-from fitting.prediction.score_words import in_words
+from fitting.prediction.score import ScorePair, in_words, score
 from fitting.solvers.preparation import prepared
 from mmg.errors import Conflict, UserError
 from mmg.messages import Message

@@ -149,8 +149,8 @@ def _worth(
 ) -> list[Message]:
     """What the stretches left out of ``scores`` were worth: the same scores with them, of the first of the models."""
     from cases.checks.trusted import as_they_are
+    from fitting.prediction.score import in_words
     from fitting.prediction.score import score as scored
-    from fitting.prediction.score_words import in_words
     from mmg.messages import Message
 
     name, simulator = next(iter(models.items()))
@@ -215,7 +215,7 @@ def past_in_words(scores: Mapping[str, Score]) -> str:
 
 def _cell(found: Score | TrialScore) -> str:
     """Both metrics of one trial or of all."""
-    from fitting.prediction.score_words import in_words
+    from fitting.prediction.score import in_words
 
     return f"{in_words(found.paper)} | {in_words(found.window)}"
 
@@ -226,8 +226,8 @@ def _print_units(scores: Mapping[str, Score]) -> None:
     if not units:
         return
     first = next(iter(units.values()))
-    times = f", {first.lengths:.1f} L/U" if first.lengths else ""
-    title = f"rms errors over {first.window:g} s windows{times}: position | heading | u | r | share of change"
+    times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
+    title = f"rms errors over {first.window_s:g} s windows{times}: position | heading | u | r | share of change"
     rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
     rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
     print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
@@ -248,17 +248,16 @@ def _print_units(scores: Mapping[str, Score]) -> None:
 def _units(run: RunErrors) -> str:
     if not run.windows:
         return "-"
-    e = run.errors
-    if not math.isfinite(e["position"]):
+    if not math.isfinite(run.position_m):
         return "diverges"
-    numbers = (e["position"], e["heading"], e["u"], e["r"], 100 * run.share)
+    numbers = (run.position_m, run.heading_deg, run.u_m_s, run.r_deg_s, 100 * run.share_of_change)
     return " | ".join(f"{value:.3g}" for value in numbers)
 
 
 def worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
     compared with the first of all."""
-    from fitting.prediction.score_pairs import ScorePair
+    from fitting.prediction.score import ScorePair
 
     first, *others = scores
     lines = []

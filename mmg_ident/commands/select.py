@@ -224,7 +224,7 @@ def _beside(choice: StructureChoice, folder: Path, report: bool) -> None:
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
-    from fitting.prediction.score_words import in_words
+    from fitting.prediction.score import in_words
 
     rows = []
     for row in choice.table:

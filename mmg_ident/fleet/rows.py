@@ -13,7 +13,7 @@ from mmg.effects import EFFECTS
 if TYPE_CHECKING:
     from diagnosis.groups.findings import Between
     from diagnosis.result import Diagnosis
-    from fitting.prediction.score_pairs import ScorePair
+    from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from mmg_ident.fleet.plan import PlannedShip
 
@@ -86,9 +86,9 @@ def _scores(pair: ScorePair) -> dict[str, Any]:
     }
     units = pair.after.units
     if units:
-        found["window_s"] = units.window
-        found["position_m"] = units.pooled.errors["position"]
-        found["heading_deg"] = units.pooled.errors["heading"]
+        found["window_s"] = units.window_s
+        found["position_m"] = units.pooled.position_m
+        found["heading_deg"] = units.pooled.heading_deg
         found["figures"] = [
             {"run": run.name, "maneuver": m.title, "figure": f.figure, "unit": f.unit, "measured": f.measured,
              "predicted": f.predicted}
