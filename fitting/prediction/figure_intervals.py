@@ -18,9 +18,10 @@ import numpy as np
 from cases.criteria.assessment import Assessment
 from cases.criteria.batch_figures import figures_of_each, since_each
 from cases.criteria.figures import Since
-from cases.criteria.imo import FAIL, OPEN, PASS, Row, with_value
-from cases.criteria.scatter import draw_coefficients
-from cases.criteria.standard_runs import Run
+from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Row, assess, with_value
+from cases.criteria.scatter import ManeuverScatter, draw_coefficients
+from cases.criteria.scatter import scatter as scattered
+from cases.criteria.standard_runs import Run, planned_run
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.pushed_batch import simulate_pushed
@@ -29,6 +30,7 @@ from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import bands_of
 from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
 from fitting.prediction.unexplained import accelerations, drawn_resistance
+from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
@@ -68,6 +70,27 @@ class FigureScatter:
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     widened: bool = True
 
+    def of(self, figure: str, factor: float = 1.0, limit: float | None = None) -> dict[str, Any]:
+        """Median, 90 % intervals of the ship and of a single trial, and probability of staying within ``limit`` (None:
+        no limit) of a ``figure`` by its draws, each times ``factor``: fields of a row. A draw that never comes so far
+        lies beyond every value."""
+        nowhere = np.array([math.nan])
+        values, trial = self.ship.get(figure, nowhere), self.trial.get(figure, nowhere)
+        never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
+        low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
+        ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
+        chance = None if limit is None else float((never <= limit).mean())
+        return {"median": middle, "interval_90": (low, high), "interval_90_trial": ends, "probability": chance}
+
+    def share(self, figure: str) -> float:
+        """Share of the draws that reach a ``figure``."""
+        return float(np.isfinite(self.ship.get(figure, np.array([math.nan]))).mean())
+
+    def notice(self, name: str, kind: str) -> list[Message]:
+        """What to know of a manoeuvre of this ``name`` and ``kind`` that leaves the trials."""
+        words = outside_words(name, kind, self.outside, self.widened) if self.outside else ""
+        return [Message(words, "outside_the_trials")] if words else []
+
 
 @dataclass(frozen=True)
 class JudgedFigures:
@@ -106,8 +129,7 @@ def with_intervals(
     made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
     scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
     for run, one in zip(judged, made, strict=True):
-        if one.outside:
-            notices.append(Message(outside_words(run.name, run.kind, one.outside, one.widened), "outside_the_trials"))
+        notices += one.notice(run.name, run.kind)
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
@@ -241,22 +263,56 @@ def linearised(
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
     """The ``row`` of a ``run`` by its draws, ``scatter``: their median is its value, by which it is judged where trials
     support the manoeuvre."""
-    factor = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit)
-    outside, nowhere = None if scatter.outside is None else bool(scatter.outside), np.array([math.nan])
+    factor, outside = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit), scatter.outside
+    extrapolated = None if outside is None else bool(outside)
     if factor is None:
-        return replace(row, extrapolated=outside)
-    values, trial = scatter.ship.get(row.figure, nowhere), scatter.trial.get(row.figure, nowhere)
-    # a draw that never comes so far lies beyond every value
-    never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
-    low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
-    ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
-    is_judged = row.limit is not None and row.verdict in (PASS, FAIL)
-    chance = float((never <= row.limit).mean()) if is_judged else None
+        return replace(row, extrapolated=extrapolated)
+    found = scatter.of(row.figure, factor, row.limit if row.verdict in (PASS, FAIL) else None)
     if row.value is not None:
-        row = with_value(row, middle if math.isfinite(middle) else None)
-    if row.verdict in (PASS, FAIL) and (why := untried(run.kind, scatter.outside or ())):
+        row = with_value(row, found["median"] if math.isfinite(found["median"]) else None)
+    if row.verdict in (PASS, FAIL) and (why := untried(run.kind, outside or ())):
         row = replace(row, verdict=OPEN, why=why)
-    return replace(
-        row, median=middle, interval_90=(low, high), interval_90_trial=ends, probability=chance,
-        reached=float(np.isfinite(values).mean()), extrapolated=outside,
+    return replace(row, **found, reached=scatter.share(row.figure), extrapolated=extrapolated)
+
+
+def maneuver_scatter(
+    ship: Ship, plan: Maneuver, content: Mapping[str, Any], count: int, seed: int = 0, dt: float | None = None
+) -> tuple[ManeuverScatter, Run | None, FigureScatter | None]:
+    """A manoeuvre ``plan`` of ``count`` ships drawn about one, with medians, intervals and criteria of its figures.
+
+    ship: as it is, without her instruments; content: of the result.json of her calibration, {} where she has none: her
+    coefficients alone are drawn then, but in a stop also its deceleration, as for a manoeuvre that is none of
+    ``JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws
+    are those of ``with_intervals`` the manoeuvre of the ship as it is and the draws behind it.
+    Raises UserError as ``cases.criteria.scatter.scatter``.
+    """
+    judged = plan.kind in (JUDGED if content else STOPS)
+    if judged:
+        ship = _seen_exactly(ship)
+    found = scattered(ship, plan, count, seed, correlation_in(content), dt)
+    if not judged:
+        return found, None, None
+    run = planned_run(ship, plan)
+    drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt, count)
+    limits = {
+        row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
+        for row in assess(run, ship.particulars.get("scale"))
+        if row.limit is not None and row.verdict not in (OPEN, NONE)
+    }
+    rows = tuple(
+        replace(row, **drawn.of(row.figure, limit=limits.get(row.figure)), share=drawn.share(row.figure),
+                limit=limits.get(row.figure))
+        if row.figure in drawn.ship else row
+        for row in found.rows
     )  # fmt: skip
+    notices = (*found.notices, *drawn.notice(plan.name, plan.kind))
+    kept = np.isfinite(trials.states).all(axis=(0, 1))
+    trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
+    return replace(found, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
+
+
+def _seen_exactly(ship: Ship) -> Ship:
+    """The ``ship`` without effects of her instruments: figures are those of the motion."""
+    for name in ship.effects:
+        ship = ship.without_effect(name) if EFFECTS[name].measures else ship
+    return ship

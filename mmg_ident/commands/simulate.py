@@ -125,7 +125,7 @@ def _scatter(
     as_json: bool,
 ) -> None:
     """Draws (how many and their seed), prints the table, and writes the motions and the figure to ``files``."""
-    from fitting.prediction.maneuver_scatter import maneuver_scatter
+    from fitting.prediction.figure_intervals import maneuver_scatter
     from fitting.report.plot_maneuvers import save_figure
     from fitting.report.run_folder import content_on
 
