@@ -2,8 +2,7 @@
 
 Runs are resampled, never samples: residuals of one run belong together (block bootstrap, Kuensch 1989; by cluster,
 Cameron, Gelbach & Miller 2008). Each replicate also draws the prior's centres anew from the prior, so that the spread
-includes the uncertainty of the prior; without that, a coefficient that no run excites would look certain. A replicate
-is one Gauss-Newton step on the stored informations (milliseconds), or a refit from the estimate, spread over processes.
+includes the uncertainty of the prior; without that, a coefficient that no run excites would look certain.
 """
 
 from __future__ import annotations
@@ -29,12 +28,11 @@ CHUNK = 5
 class Replicates:
     """Estimates of changed data, scaled and relative to the original prior.
 
-    p: (replicates, P), NaN where a refit failed; failures: (number, reason) of those; method: "step" or "refit".
+    p: (replicates, P), NaN where a refit failed; failures: (number, reason) of those.
     """
 
     p: np.ndarray
     failures: tuple[tuple[str, str], ...]
-    method: str
 
     @property
     def good(self) -> np.ndarray:
@@ -110,32 +108,22 @@ def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np
 
 
 def bootstrap(
-    info: Information,
-    replicates: int = 100,
-    seed: int = 0,
-    problem: Problem | None = None,
-    x: np.ndarray | None = None,
-    workers: int = 1,
+    info: Information, replicates: int, seed: int, problem: Problem, x: np.ndarray, workers: int = 1
 ) -> Replicates:
-    """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior.
+    """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior, and
+    refits over ``workers`` processes.
 
-    One Gauss-Newton step each, from ``info``; refits over ``workers`` processes when the ``problem`` and its solution x
-    (n,) are given. The draws depend on the ``seed`` only, not on the method or the number of workers. A single run is
-    replaced by its windows.
+    info: of the windows of the ``problem`` at its solution x (n,). The draws depend on the ``seed`` only, not on the
+    number of workers. A single run is replaced by its windows.
     """
     rng = np.random.default_rng([11, seed])
     clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))
     counts = drawn_runs(clusters, replicates, rng)
-    shifts = rng.standard_normal((replicates, len(info.p)))
-    if problem is not None and x is not None:
-        lower, upper = problem.p_bounds()
-        inside = np.clip(shifts, lower, upper)  # a centre outside the bounds is no prior of this ship
-        parts = -(-replicates // CHUNK) if width(workers) > 1 else 1
-        shared = Shared((problem, x))
-        tasks = [(shared, counts[i], inside[i]) for i in np.array_split(np.arange(replicates), parts)]
-        outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
-        failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
-        return Replicates(np.array([p for p, _ in outcomes]), failures, "refit")
-    H = np.einsum("bw,wij->bij", counts.astype(float), info.fisher, optimize=True) + info.prior_information
-    slope = counts @ info.score + info.prior_score - shifts
-    return Replicates(info.p - np.linalg.solve(H, slope[:, :, None])[:, :, 0], (), "step")
+    # a centre outside the bounds is no prior of this ship
+    shifts = np.clip(rng.standard_normal((replicates, len(info.p))), *problem.p_bounds())
+    parts = -(-replicates // CHUNK) if width(workers) > 1 else 1
+    shared = Shared((problem, x))
+    tasks = [(shared, counts[i], shifts[i]) for i in np.array_split(np.arange(replicates), parts)]
+    outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
+    failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
+    return Replicates(np.array([p for p, _ in outcomes]), failures)

@@ -81,7 +81,7 @@ def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> di
     prior = calibration.prior
     std, interval = np.sqrt(np.diag(found.covariance)), found.interval()
     return {
-        "method": found.method,
+        "method": "refit",
         "replicates": len(found.p),
         "failed": [{"replicate": label, "reason": why} for label, why in found.failures],
         "coefficients": {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,9 @@ from fitting.nlp.grid import default_step
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
-from fitting.selection.sisters import SisterEvidence, UncertainMean, with_whole_prior
+from fitting.selection.sisters import SisterEvidence, SisterStart, with_whole_prior
 from fitting.settings import Settings
 from mmg.errors import Conflict, NotCalibrated, UserError
-from mmg.ship import Ship
 from mmg_ident.api import calibrate
 from mmg_ident.fleet.plan import FleetTable, PlannedShip
 from mmg_ident.fleet.rows import ship_row
@@ -44,16 +43,6 @@ SHIPS, DIAGNOSIS, PARTS = "ships", "diagnosis", "parts"
 SITE = "site.toml"
 COARSER = 2.0
 """Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time."""
-
-
-@dataclass(frozen=True)
-class SisterStart:
-    """What her sisters say of a ship. ship: to start from; values: from which the solver begins; mean: how uncertain
-    that of her prior is."""
-
-    ship: Ship
-    values: Mapping[str, float]
-    mean: UncertainMean
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ import numpy as np
 
 from fitting.parallel import run_all
 from fitting.report.run_folder import plain, versions
-from fitting.selection.sisters import SisterEvidence, SisterWidths, estimates_of, mean_of, sister_start, sister_widths
+from fitting.selection.sisters import SisterEvidence, SisterWidths, sister_start, sister_widths
 from mmg.errors import NotWritable
 from mmg.progress import LOGGER, OnProgress, Progress
-from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, SisterStart, finish_ship, fit_alone, key_of
+from mmg_ident.fleet.job import PARTS, FleetTask, ShipOutcome, finish_ship, fit_alone, key_of
 from mmg_ident.fleet.plan import FleetPlan, PlannedShip
 
 
@@ -187,8 +187,7 @@ def _with_sisters(task: FleetTask, groups: Mapping[str, SisterGroup]) -> FleetTa
     if group is None:
         return task
     w, number = group.widths, group.ships.index(name)
-    start = sister_start(task.ship.start, w, group.ships)
-    sister = SisterStart(start, estimates_of(w, number), mean_of(w))
+    sister = sister_start(task.ship.start, w, group.ships, number)
     more = {"mean": w.mean, "covariance": w.mean_covariance, "width": w.used_width, "values": sister.values}
     key = key_of(task.ship, task.options, more)
     return FleetTask(task.ship, task.options, task.folder, key, task.command, sister)
