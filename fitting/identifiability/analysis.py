@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from fitting.identifiability.clusters import Cluster, Direction, clusters, directions, order
 from fitting.nlp.problem import Prior
 
 DETERMINED, PARTLY = 0.1, 0.7
@@ -38,6 +37,9 @@ MOST_PARTNERS = 4
 LEAST_GAIN = 0.1
 """Partners named at most, and the part of the variance that knowing one more must remove."""
 
+CORRELATED = 0.9
+"""Absolute posterior correlation from which two coefficients belong to one cluster."""
+
 KINDS = {
     "determined": "determined by the data",
     "partly": "partly determined",
@@ -53,6 +55,26 @@ KINDS = {
 ALONG, PAIR = 0.15, 0.8
 """Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
 from which their combination is named at all."""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Coefficients linked by posterior correlations of at least ``CORRELATED``; strongest: the largest of these."""
+
+    symbols: tuple[str, ...]
+    strongest: float
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction on which the data hold less information than the prior although each of its coefficients is excited.
+
+    information: of the data, in units of the prior's; weights: of ``symbols`` in prior standard deviations.
+    """
+
+    information: float
+    symbols: tuple[str, ...]
+    weights: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -268,3 +290,55 @@ def _factor(symbol: str, value: float) -> tuple[str, float]:
     if sign:
         return f"(1 {'-' if sign < 0 else '+'} {symbol})", sign / (1 + sign * value)
     return symbol, 1 / value if value else 0.0
+
+
+def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
+    """Connected groups of the coefficients ``symbols`` whose ``correlation`` (P, P) is strong, strongest first."""
+    off = np.abs(correlation) - np.eye(len(symbols))
+    near = off >= CORRELATED
+    found, seen = [], np.zeros(len(symbols), dtype=bool)
+    for first in range(len(symbols)):
+        if seen[first]:
+            continue
+        group = np.arange(len(symbols)) == first
+        while (more := near[group].any(axis=0) & ~group).any():
+            group |= more
+        seen |= group
+        members = np.flatnonzero(group)
+        if len(members) > 1:
+            strongest = float(off[np.ix_(members, members)].max())
+            found.append(Cluster(tuple(symbols[k] for k in members), strongest))
+    return tuple(sorted(found, key=lambda c: -c.strongest))
+
+
+def directions(
+    symbols: tuple[str, ...], values: np.ndarray, vectors: np.ndarray, excited: np.ndarray, most: int = 4
+) -> tuple[Direction, ...]:
+    """Eigen-directions with less information than the prior's, of coefficients of which each alone has more.
+
+    values (P,), vectors (P, P): of the data's information, in rising order; excited: its diagonal (P,); most: symbols
+    named in each.
+    """
+    found = []
+    for value, v in zip(values, vectors.T, strict=True):
+        if value >= 1.0:
+            break
+        members = np.argsort(-np.abs(v))[: max(2, int(np.sum(v**2 > 0.05)))][:most]
+        if (excited[members] > 1.0).all() and float((v[members] ** 2).sum()) > 0.8:
+            v = v * np.sign(v[members[0]])
+            weights = tuple(float(round(v[k], 3)) for k in members)
+            found.append(Direction(float(max(value, 0.0)), tuple(symbols[k] for k in members), weights))
+    return tuple(found)
+
+
+def order(correlation: np.ndarray) -> np.ndarray:
+    """Coefficients (P,) in the order of the leaves of average linkage on 1 - abs(``correlation``), (P, P)."""
+    if len(correlation) < 3:
+        return np.arange(len(correlation))
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    distance = np.clip(1 - np.abs(correlation), 0, None)
+    np.fill_diagonal(distance, 0)
+    distance = 0.5 * (distance + distance.T)
+    return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))

@@ -22,24 +22,16 @@ BEYOND = 0.05
 """Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
 ANGLE = math.radians(2.0)
 """Least excess of a rudder or drift angle that is said [rad]."""
+DEGREES = math.degrees(1.0)
 QUANTITIES = {
-    "u": "surge velocity",
-    "v": "sway velocity",
-    "r": "yaw rate",
-    DRIFT: "drift angle",
-    "n": "revolutions",
-    "delta": "rudder angle",
+    "u": ("surge velocity", "m/s", 1.0),
+    "v": ("sway velocity", "m/s", 1.0),
+    "r": ("yaw rate", "deg/s", DEGREES),
+    DRIFT: ("drift angle", "deg", DEGREES),
+    "n": ("revolutions", "1/s", 1.0),
+    "delta": ("rudder angle", "deg", DEGREES),
 }
-"""What is compared with the trials."""
-SHOWN_IN = {
-    "u": ("m/s", 1.0),
-    "v": ("m/s", 1.0),
-    "r": ("deg/s", math.degrees(1.0)),
-    DRIFT: ("deg", math.degrees(1.0)),
-    "n": ("1/s", 1.0),
-    "delta": ("deg", math.degrees(1.0)),
-}
-"""Unit in which a quantity is said, and its factor from SI and rad."""
+"""What is compared with the trials, in words, the unit in which it is said, and that unit's factor from SI and rad."""
 FAR = 2.0
 """Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
 quarter of the nonlinear forces, which go with the square or more, acted in them."""
@@ -53,10 +45,14 @@ def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[fl
     if not features.size:
         return {}
     found = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
-    u, v = (features[list(names).index(axis)] for axis in "uv")
+    beta = _drift(*(features[list(names).index(axis)] for axis in "uv"))
+    return found | ({DRIFT: [float(beta.min()), float(beta.max())]} if len(beta) else {})
+
+
+def _drift(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Drift angles where the ship moves."""
     moving = np.hypot(u, v) > SLOW * np.abs(u).max()
-    beta = np.arctan2(-v[moving], u[moving])
-    return found | ({DRIFT: [float(beta.min()), float(beta.max())]} if moving.any() else {})
+    return np.arctan2(-v[moving], u[moving])
 
 
 def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]]:
@@ -80,10 +76,8 @@ def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
     """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
     rows = slice(0, int(runs.last[0]) + 1)
     u, v, r = runs.states[rows, 3:, 0].T
-    moving = np.hypot(u, v) > 0.1 * np.abs(u).max()
     n, delta = np.asarray(runs.inputs[rows, :, 0]).T
-    beta = np.arctan2(-v[moving], u[moving])
-    known = {"u": u, "v": v, "r": r, DRIFT: beta, "n": n, "delta": delta}
+    known = {"u": u, "v": v, "r": r, DRIFT: _drift(u, v), "n": n, "delta": delta}
     return {name: (float(known[name].min()), float(known[name].max())) for name in QUANTITIES if len(known[name])}
 
 
@@ -95,10 +89,10 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
             continue
         low, high = (float(x) for x in envelope[name])
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
-        unit, factor = SHOWN_IN[name]
+        words, unit, factor = QUANTITIES[name]
         for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
             if over:
-                found.append(f"{QUANTITIES[name]} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
+                found.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
     return tuple(found)
 
 
@@ -118,10 +112,10 @@ def untried(kind: str, outside: Sequence[str]) -> str:
 
     outside: how it leaves the trials, as of ``outside_of``.
     """
-    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"])]
+    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"][0])]
     if kind in STOPS and any(reached < limit for reached, limit in turns):
         return "stopping was not in the trials: these figures are the prior's"
-    turning = [_numbers_in(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
+    turning = [_numbers_in(words) for words in outside if words.startswith((QUANTITIES["r"][0], QUANTITIES[DRIFT][0]))]
     if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
         return f"no trial came near {TITLES.get(kind, 'such a manoeuvre')}: these figures are the prior's"
     return ""
