@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
+from fitting.prediction.predict import Forecaster, Window, predict_all, record_of, whole_windows
 from fitting.prediction.units import UnitErrors, errors_in_units
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
@@ -175,7 +175,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     Raises UserError for trials without positions, and where a state never changes.
     """
     located = [t for t in trials if t.has_position]
-    rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
+    rows = [np.column_stack([t[c] for c in STATES])[record_of(t, [n for n in INPUTS if n in t]).good] for t in located]
     if not rows:
         raise Missing("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     if not any(map(len, rows)):

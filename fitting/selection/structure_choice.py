@@ -1,7 +1,8 @@
 """Choice of a model's structure: fit every candidate, choose by validation, test the choice once.
 
 The ship as given is fitted by multiple shooting. A polynomial is estimated by regression on the velocities
-(``polynomial_regression``), whole and thinned out, in seconds; the best of them are also refined by multiple shooting.
+(``polynomial_regression``), whole and thinned out, in seconds. (Multiple shooting from there was no better on trials
+that neither saw, of ESSO OSAKA and of her simulation.)
 What is chosen must stay a ship under random harbour use of all its actuators (Miyauchi et al. 2023, req. 7).
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -19,9 +19,8 @@ import numpy as np
 from cases.shipfiles.model_changes import with_instruments
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.trial import Trial
-from fitting.calibrate import FitOptions, calibrate, started_from
+from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import estimate_coefficients
-from fitting.parallel import run_all
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
 from fitting.report.run_folder import plain
@@ -40,25 +39,23 @@ from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-WINDOW, REFINED_WINDOW = 100.0, 30.0
+WINDOW, SHORT = 100.0, 30.0
 """Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
-polynomial that is refined, that of the windows by which it is judged."""
+polynomial that is chosen, that of the windows by which it is judged."""
 INTERVAL = 10
 """Steps of a shooting interval of a polynomial, half as long as those of others: there are as many."""
 LARGEST = 1000
 """Most unknowns of a candidate that is tried without being named."""
-REFINED = 2
-"""Number of polynomials that are refined."""
 LARGEST_CHOSEN = 450
-"""Most unknowns of one of them, and of the choice while there are smaller ones: its errors by multiple shooting take
-gigabytes and minutes. Larger ones are chosen as thinned out."""
+"""Most unknowns of the choice while there are smaller ones: its errors by multiple shooting take gigabytes and minutes.
+Larger ones are chosen as thinned out."""
 START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
 """Factor on the best validation error up to which a model with fewer unknowns is preferred."""
 INSTRUMENTS = ("velocity_filter",)
-THINNED, SHOT = "-thinned", "-refined"
-"""Endings of the names of candidates."""
+THINNED = "-thinned"
+"""Ending of the names of candidates."""
 SEQUENCES, SECONDS = 1000, 400.0
 """Number of sequences and their length [s of a 3 m model]."""
 MOST = 4.0
@@ -149,13 +146,12 @@ class StructureChoice:
 
 @dataclass(frozen=True)
 class _Fitted:
-    """A candidate with its estimate. values: by regression, empty for the ship as given; held: no more than these."""
+    """A candidate with its estimate. values: of a polynomial, which are held; empty for the ship as given."""
 
     row: Tried
     ship: Ship
     start: StructureCandidate
     values: dict[str, float]
-    held: bool
 
 
 def choose_structure(
@@ -172,17 +168,15 @@ def choose_structure(
 
     trials: to fit on, to choose by, to test once; settings: of the fits; named: the candidates were named by the user,
     so that one that the trials cannot determine is an error; progress: called before each fit. Each polynomial is also
-    tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too;
-    that is chosen only where it predicts the trials of the fit better. Those on top of the ship's own forces take these
-    as calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour
-    sequences is not chosen while another one does not. learned: polynomials are learned by the objective of the paper
-    instead, and not refined; kept: finished fits, which are taken from there, and to which others are added;
-    settings.workers: processes over which fits are spread. Raises UserError where no candidate can be fitted, for
-    trials without positions, and for a named one that the trials cannot determine.
+    tried without the terms that its evidence speaks against. Those on top of the ship's own forces take these as
+    calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour sequences
+    is not chosen while another one does not. learned: polynomials are learned by the objective of the paper instead;
+    kept: finished runs of these, which are taken from there, and to which others are added. Raises UserError where no
+    candidate can be fitted, for trials without positions, and for a named one that the trials cannot determine.
     """
     train, validate, test = trials
     _check(train, validate, ship.inputs)
-    work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
+    work = _Work.of(ship, train, validate, settings or Settings())
     able, table = _able(given, train, named)
     table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
 
@@ -198,23 +192,18 @@ def choose_structure(
     for number, one in enumerate(able):
         say(f"fitting {one.name}", number)
         if not one.order:
-            fitted += work.shots([(one, {})])
+            fitted.append(work.shot(one))
         elif learned:
             fitted.append(work.learned(one, runs[one.name][0]))
         else:
             own = next((f.ship for f in fitted if f.row.name == GIVEN), None)
             fitted += work.regressed(_based_on(one, own))
-    if not learned:
-        say("refining the best polynomials", len(given))
-        better, no_better = work.refined(fitted)
-        fitted += better
-        table += no_better
     if not fitted:
         raise NoSolution(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
     small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted
     best, checked = _stable_best(small, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
-    options = FitOptions(start=best.values, hold=best.held, instruments=INSTRUMENTS, next_trial=False)
+    options = FitOptions(start=best.values, hold=bool(best.values), instruments=INSTRUMENTS, next_trial=False)
     result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
     if INTERRUPTED.requested:
         raise KeyboardInterrupt
@@ -275,8 +264,7 @@ def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> flo
 @dataclass(frozen=True)
 class _Work:
     """What all fits share: trials to fit on and to choose by, sigma of the errors, settings; scale of time, by a 3 m
-    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her; finished fits.
-    """
+    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her."""
 
     train: Sequence[Trial]
     validate: Sequence[Trial]
@@ -284,16 +272,15 @@ class _Work:
     settings: Settings
     scale: float
     own: frozenset[str]
-    kept: Kept
 
     @classmethod
-    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings, kept: Kept) -> _Work:
+    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings) -> _Work:
         scale = time_scale(ship.particulars["L"])
-        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free), kept)
+        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free))
 
     def settings_of(self, one: StructureCandidate) -> Settings:
         """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
-        window = self.settings.window or (REFINED_WINDOW if one.order else WINDOW) * self.scale
+        window = self.settings.window or (SHORT if one.order else WINDOW) * self.scale
         step = max(STEP * self.scale, min(t.dt for t in self.train)) if one.order else None
         interval = INTERVAL if one.order else self.settings.interval
         return replace(self.settings, window=window, step=self.settings.step or step, interval=interval)
@@ -324,7 +311,7 @@ class _Work:
             named = replace(one, name=one.name + THINNED, words=words) if sparse else one
             start = replace(named, ship=ship)
             model = ship.with_values(estimate.values)
-            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values, True))
+            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values))
         return found
 
     def prepared(self, one: StructureCandidate) -> StructureCandidate:
@@ -337,56 +324,16 @@ class _Work:
         values = {s: x for s, x in best.values.items() if s not in best.vanished}
         start = replace(one, ship=Regression(values, {}, best.vanished).ship(ship))
         model = start.ship.with_values(values)
-        return _Fitted(self.row(start, model, converged=True, seconds=best.seconds), model, start, values, True)
+        return _Fitted(self.row(start, model, converged=True, seconds=best.seconds), model, start, values)
 
-    def shots(self, given: Sequence[tuple[StructureCandidate, dict[str, float]]]) -> list[_Fitted]:
-        """Candidates fitted by multiple shooting, each from its values by symbol, unless they are kept already."""
-        named = [(replace(one, name=one.name + SHOT) if values else one, values) for one, values in given]
-        found = {one.name: shot for one, _ in named if (shot := self.kept.get(one.name, _Shot)) is not None}
-        left = [(one, values) for one, values in named if one.name not in found]
-        task = partial(_shot, work=self)
-        for shot in run_all(task, left, self.settings.workers, lambda s: self.kept.put(s.name, s), "models"):
-            found[shot.name] = shot
-        fitted = []
-        for one, values in named:
-            shot = found[one.name]
-            ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(shot.values)
-            row = self.row(one, ship, converged=shot.converged, seconds=shot.seconds)
-            fitted.append(_Fitted(row, ship, one, values, False))
-        return fitted
-
-    def refined(self, fitted: Sequence[_Fitted]) -> tuple[list[_Fitted], list[Tried]]:
-        """The best polynomials by multiple shooting: those that predict their trials better, and rows on others."""
-        small = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_CHOSEN), key=_error)[:REFINED]
-        found = self.shots([(f.start, f.values) for f in small])
-        better, no_better = [], []
-        for before, after in zip(small, found, strict=True):
-            if after.row.training <= before.row.training:
-                better.append(after)
-            else:  # no refinement: better by its own measure, not by that of the choice
-                no_better.append(after.row)
-        return better, no_better
-
-
-@dataclass(frozen=True)
-class _Shot:
-    """What multiple shooting made of the candidate ``name``: values by symbol, whether it converged, seconds."""
-
-    name: str
-    values: dict[str, float]
-    converged: bool
-    seconds: float
-
-
-def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> _Shot:
-    """A candidate fitted by multiple shooting from values."""
-    (one, values), began = task, time.perf_counter()
-    start = with_instruments(one.ship, INSTRUMENTS, work.train)
-    found = estimate_coefficients(start, work.train, work.settings_of(one), warm=started_from(start, values))
-    if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
-        raise KeyboardInterrupt
-    coefficients = {s: found.ship.coefficients[s].value for s in start.free}
-    return _Shot(one.name, coefficients, found.converged, time.perf_counter() - began)
+    def shot(self, one: StructureCandidate) -> _Fitted:
+        """The ship as given, fitted by multiple shooting."""
+        began, start = time.perf_counter(), with_instruments(one.ship, INSTRUMENTS, self.train)
+        found = estimate_coefficients(start, self.train, self.settings_of(one))
+        if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
+            raise KeyboardInterrupt
+        ship = start.with_values({s: found.ship.coefficients[s].value for s in start.free})
+        return _Fitted(self.row(one, ship, began, converged=found.converged), ship, one, {})
 
 
 def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:

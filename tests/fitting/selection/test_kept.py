@@ -6,12 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from fitting.selection import learning, structure_choice
+from fitting.selection import learning
 from fitting.selection.candidates import candidate
 from fitting.selection.kept import fingerprint, kept_beside
 from fitting.selection.learning import Learned, Method, learn_all
-from fitting.selection.structure_choice import choose_structure
-from fitting.settings import Settings
 from mmg.errors import Conflict, UserError
 from tests.fitting.selection.paper_problems import ESSO, harbour
 
@@ -73,26 +71,11 @@ def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monke
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
 
 
-@pytest.mark.slow
-def test_a_finished_fit_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs, ones = harbour(), [candidate(ESSO, name) for name in ("mmg", "sm1-order1")]
-    sets, settings = (runs[:2], runs[2:], []), Settings(passes=1, time_limit=60.0)
+def test_a_broken_part_is_one_line(tmp_path: Path) -> None:
     kept = kept_beside(tmp_path / "run", {}, resume=False)
-    first = choose_structure(ESSO, ones, sets, settings, kept=kept)
-
-    def never(*_: object, **__: object) -> None:
-        raise AssertionError("fitted again")
-
-    monkeypatch.setattr(structure_choice, "estimate_coefficients", never)
-    second = choose_structure(ESSO, ones, sets, settings, kept=kept)
-    keys = ("name", "unknowns", "validation", "training", "converged")
-    assert [[getattr(row, k) for k in keys] for row in second.table if row.name != "sm1-order1"] == [
-        [getattr(row, k) for k in keys] for row in first.table if row.name != "sm1-order1"
-    ]
-    assert second.chosen == first.chosen
-    (tmp_path / "run.unfinished" / "mmg.json").write_text("{}")
+    (tmp_path / "run.unfinished" / "one.json").write_text("{}")
     with pytest.raises(UserError, match="--resume"):
-        choose_structure(ESSO, ones, sets, settings, kept=kept)
+        kept.get("one", Learned)
 
 
 @pytest.mark.parametrize(
