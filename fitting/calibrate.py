@@ -118,7 +118,7 @@ def calibrate(
     apart = coefficients_without(found, each_alone(len(trials)))
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
-        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"], found, fit.own),
+        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
         "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
         "prediction bands": lambda: prediction_bands(found, after, trials, apart),
     }
@@ -163,7 +163,7 @@ def _estimated(
     if "held" in warm or constants:
         found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants)
         messages = () if "held" in warm else not_asked(trials, options.per_campaign)
-        return CampaignFit(found, constants, messages=messages)
+        return CampaignFit(found, messages=messages)
     # where values by campaign may take its place, the last solve without them would be thrown away
     draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
     draft = draft and settings.time_limit is None

@@ -82,13 +82,12 @@ offset) none was kept on any data set."""
 class CampaignFit:
     """A calibration and what became of campaigns.
 
-    calibration: with constants of campaigns, or as it was; own: ``per_run`` of ``estimate_coefficients`` that made it;
-    content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
-    took; left_out: errors (R,) of runs left out before and after, None where nothing differs.
+    calibration: with constants of campaigns, or as it was; content: of "campaigns" in result.json, None where there is
+    nothing to say; messages: for a person; seconds: what it took; left_out: errors (R,) of runs left out before and
+    after, None where nothing differs.
     """
 
     calibration: Calibration
-    own: ByCampaign | tuple[str, ...] = ()
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
@@ -265,7 +264,7 @@ def _with_constants(
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
-    return _in_words(CampaignFit(new, own, left_out=scores), campaigns), widths
+    return _in_words(CampaignFit(new, left_out=scores), campaigns), widths
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:
