@@ -27,7 +27,7 @@ from fitting.report.run_folder import plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.kept import Kept
-from fitting.selection.learning import Learned, Method, learn_all
+from fitting.selection.learning import Learned, learn_all
 from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
@@ -161,7 +161,7 @@ def choose_structure(
     settings: Settings | None = None,
     named: bool = False,
     progress: OnProgress | None = None,
-    learned: Method | None = None,
+    seeds: int = 0,
     kept: Kept | None = None,
 ) -> StructureChoice:
     """The best of candidates ``given`` for ``ship``, calibrated.
@@ -170,9 +170,9 @@ def choose_structure(
     so that one that the trials cannot determine is an error; progress: called before each fit. Each polynomial is also
     tried without the terms that its evidence speaks against. Those on top of the ship's own forces take these as
     calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour sequences
-    is not chosen while another one does not. learned: polynomials are learned by the objective of the paper instead;
-    kept: finished runs of these, which are taken from there, and to which others are added. Raises UserError where no
-    candidate can be fitted, for trials without positions, and for a named one that the trials cannot determine.
+    is not chosen while another one does not. seeds: polynomials are learned by the objective of the paper instead, so
+    many runs of each; kept: finished ones, which are taken from there, and to which others are added. Raises UserError
+    where no candidate can be fitted, for trials without positions, and for a named one that they cannot determine.
     """
     train, validate, test = trials
     _check(train, validate, ship.inputs)
@@ -185,15 +185,17 @@ def choose_structure(
             progress(Progress(task, number, len(given)))
 
     runs: dict[str, list[Learned]] = {}
-    if learned:
+    if seeds:
         say(f"learning {len(able)} candidates", 0)
-        runs = learn_all([work.prepared(one) for one in able if one.order], (train, validate), learned, kept)
+        runs = learn_all(
+            [work.prepared(one) for one in able if one.order], (train, validate), work.settings, seeds, kept
+        )
     fitted: list[_Fitted] = []
     for number, one in enumerate(able):
         say(f"fitting {one.name}", number)
         if not one.order:
             fitted.append(work.shot(one))
-        elif learned:
+        elif seeds:
             fitted.append(work.learned(one, runs[one.name][0]))
         else:
             own = next((f.ship for f in fitted if f.row.name == GIVEN), None)

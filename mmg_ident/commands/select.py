@@ -23,7 +23,6 @@ from mmg_ident.commands.output import (
 if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.selection.candidates import Rules, StructureCandidate
-    from fitting.selection.learning import Method
     from fitting.selection.structure_choice import StructureChoice
     from mmg.ship import Ship
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     Settings,
     Look="list_ terms write force",
     Candidates="only order actuators asymmetric duplicates moduli hard",
-    Solver="objective optimizer seeds seed time_limit workers scheduler",
+    Solver="objective seeds seed time_limit workers scheduler",
 )
 def select(
     ship: o.Ship,
@@ -63,7 +62,6 @@ def select(
     objective: Annotated[
         str, Option(help="regression, or paper: simulated subsequences (Miyauchi et al. 2023).")
     ] = "regression",
-    optimizer: Annotated[str | None, Option(help="Of the paper's: gradient (default) or cmaes.")] = None,
     seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
     scheduler: o.Scheduler = None,
 ) -> int:
@@ -92,9 +90,13 @@ def select(
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
     if trials and out is not None:
         chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
-        method = _method(objective, optimizer, seeds, chosen)
+        if objective not in ("regression", "paper"):
+            raise UnknownName(f"--objective {objective}: must be regression or paper")
+        if seeds is not None and objective != "paper":
+            raise Conflict("--seeds belongs to --objective paper; add it or leave it out")
+        runs = (seeds or 1) if objective == "paper" else 0
         sets = _sets(trials, validate, test, unchecked)
-        return _choose(model, rules, sets, names_of(only), (chosen, method, resume, not no_report), out, json)
+        return _choose(model, rules, sets, names_of(only), (chosen, runs, resume, not no_report), out, json)
     if list_:
         found = candidates(model, rules)
         print_json({"ship": model.name, "candidates": [_row(c) for c in found]}) if json else _print(found)
@@ -137,26 +139,12 @@ def _sets(
     return train, held, last
 
 
-def _method(objective: str, optimizer: str | None, seeds: int | None, settings: Settings) -> Method | None:
-    """How candidates are learned by the objective of the paper; None for the other objective."""
-    from fitting.selection.learning import Method
-
-    if objective == "paper":
-        shared = {name: getattr(settings, name) for name in ("seed", "workers", "time_limit", "compiled")}
-        return Method(optimizer or "gradient", seeds or 1, **shared)
-    if objective != "regression":
-        raise UnknownName(f"--objective {objective}: must be regression or paper")
-    if optimizer is not None or seeds is not None:
-        raise Conflict("--optimizer and --seeds belong to --objective paper; add it or leave them out")
-    return None
-
-
 def _choose(
     model: Ship,
     rules: Rules,
     sets: tuple[list[Trial], list[Trial], list[Trial]],
     only: list[str],
-    how: tuple[Settings, Method | None, bool, bool],
+    how: tuple[Settings, int, bool, bool],
     out: Path,
     json: bool,
 ) -> int:
@@ -169,7 +157,7 @@ def _choose(
     from fitting.selection.kept import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
-    settings, method, resume, report = how
+    settings, seeds, resume, report = how
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
     done = there and PENDING not in {message.text for message in read_fit(out).messages}
     if not there:
@@ -178,7 +166,7 @@ def _choose(
     wanted = fingerprint(model, sets) | {
         "--only": ", ".join(only),
         "options of the candidates": list(asdict(rules).values()),
-        "--objective and --optimizer": method.optimizer if method else "regression",
+        "--objective": "paper" if seeds else "regression",
         "--seed": settings.seed,
     }
     with reserved(out):
@@ -188,7 +176,7 @@ def _choose(
             say(f"{out} is there already, whole")
             return 0
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), progress(), method, kept)
+            choice = choose_structure(model, tried, sets, settings, bool(only), progress(), seeds, kept)
         except (KeyboardInterrupt, UserError) as error:
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
                 say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")

@@ -9,7 +9,8 @@ import pytest
 from fitting.selection import learning
 from fitting.selection.candidates import candidate
 from fitting.selection.kept import fingerprint, kept_beside
-from fitting.selection.learning import Learned, Method, learn_all
+from fitting.selection.learning import Learned, learn_all
+from fitting.settings import Settings
 from mmg.errors import Conflict, UserError
 from tests.fitting.selection.paper_problems import ESSO, harbour
 
@@ -43,10 +44,10 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
 ) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1, 1e-3))
     runs, ones = harbour(), [candidate(ESSO, name) for name in NAMES]
-    trials, method = (runs[:2], runs[2:]), Method(seeds=2)
-    whole = learn_all(ones, trials, method)
+    trials, settings = (runs[:2], runs[2:]), Settings()
+    whole = learn_all(ones, trials, settings, 2)
     kept = kept_beside(tmp_path / "run", {}, resume=False)
-    learn_all(ones[:1], trials, method, kept)
+    learn_all(ones[:1], trials, settings, 2, kept)
     done: list[str] = []
     original = learning.learn_one
 
@@ -55,7 +56,7 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
         return original(run, *given)
 
     monkeypatch.setattr(learning, "learn_one", counted)
-    resumed = learn_all(ones, trials, method, kept)
+    resumed = learn_all(ones, trials, settings, 2, kept)
     assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
     for name in NAMES:
         assert [run.values for run in resumed[name]] == [run.values for run in whole[name]]
@@ -66,7 +67,7 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
 def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
     runs, kept = harbour(), kept_beside(tmp_path / "run", {}, resume=False)
-    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method(), kept)["sm1-order1"][0]
+    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Settings(), kept=kept)["sm1-order1"][0]
     assert kept.get("sm1-order1_seed0", Learned) == one
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
 
@@ -76,12 +77,3 @@ def test_a_broken_part_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "run.unfinished" / "one.json").write_text("{}")
     with pytest.raises(UserError, match="--resume"):
         kept.get("one", Learned)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [({"optimizer": "luck"}, "must be one of gradient, cmaes"), ({"seeds": 0}, "--seeds 0")],
-)
-def test_methods_that_are_none_are_refused(wrong: dict, told: str) -> None:
-    with pytest.raises(UserError, match=told):
-        Method(**wrong)

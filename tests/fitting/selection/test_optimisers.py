@@ -1,8 +1,7 @@
-"""Both optimisers of the objective: the step, the descent, the path of the sparsity, and CMA-ES that can be resumed."""
+"""The optimiser of the objective: the step, the descent, the path of the sparsity."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +15,7 @@ from fitting.selection.candidates import candidate
 from fitting.selection.learning import (
     Learned,
     Learning,
-    Method,
     descent,
-    evolve,
     follow,
     learn_one,
     minimise_quadratic,
@@ -26,7 +23,7 @@ from fitting.selection.learning import (
     write_learning,
 )
 from fitting.selection.subsequences import Penalties, SubsequenceObjective, subsequences
-from mmg.errors import UserError
+from fitting.settings import Settings
 from tests.fitting.selection.paper_problems import ESSO, harbour, problem
 
 
@@ -93,7 +90,7 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
     follow(learning, regression(one, harbour()[:2]))
     validation = [lesson.validation for lesson in learning.lessons]
     assert one.validate is not None and len(validation) > 3
-    assert one.errors(learning.p_chosen[:, None], one.validate)[0] == pytest.approx(min(validation))
+    assert one.errors(learning.p[:, None], one.validate)[0] == pytest.approx(min(validation))
     assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
     write_learning(
         [Learned("sm1-order1", 0, {}, (), 0.0, 0.0, 0.0, 0.0, 0, tuple(learning.lessons))], tmp_path / "learning.csv"
@@ -103,45 +100,8 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
     assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
 
 
-def test_an_evolution_stays_in_the_box_and_follows_its_seed() -> None:
-    pytest.importorskip("cma")
-    one, runs = problem(), []
-    for seed in (3, 3, 4):
-        runs.append(Learning(one))
-        evolve(runs[-1], seed, evaluations=600)
-    assert np.array_equal(runs[0].p, runs[1].p) and not np.array_equal(runs[0].p, runs[2].p)
-    assert runs[0].best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
-    assert (runs[0].p >= one.lower).all() and (runs[0].p <= one.upper).all()
-
-
-def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(UserError, match="--optimizer cmaes"):
-        evolve(Learning(problem()))
-
-
-# The time limit
-
-
-def learned_in(seconds: float, optimizer: str = "cmaes") -> Learned:
-    """``learn_one`` of a candidate of first order under a time limit."""
-    runs = harbour()
-    return learn_one((candidate(ESSO, "sm1-order1"), 0), (runs[:2], runs[2:]), Method(optimizer, time_limit=seconds))
-
-
-def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
-    """Before it made a note of its best, after twenty generations."""
-    pytest.importorskip("cma")
-    learning = Learning(problem())
-    evolve(learning, evaluations=60)
-    assert 40 < learning.lessons[-1].evaluations <= 60
-    assert learning.best < problem().values(np.zeros((problem().P, 1)))[0]
-
-
-@pytest.mark.parametrize("optimizer", ["cmaes", "gradient"])
-def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clock on which preparing alone takes longer than the limit."""
-    pytest.importorskip("cma")
+def test_preparing_counts_against_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which preparing alone takes longer than the limit: the start, by regression, is the best so far."""
     now, real = [0.0], learning_module.SubsequenceObjective
     clock = SimpleNamespace(perf_counter=lambda: now[0])
     monkeypatch.setattr(learning_module, "time", clock)
@@ -151,5 +111,6 @@ def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: py
         return real(*arguments, **more)
 
     monkeypatch.setattr(learning_module, "SubsequenceObjective", slow)
-    found = learned_in(40.0, optimizer)  # one generation, or the start by regression: never the zero polynomial
+    runs = harbour()
+    found = learn_one((candidate(ESSO, "sm1-order1"), 0), (runs[:2], runs[2:]), Settings(time_limit=40.0))
     assert len(found.lessons) == 1 and found.seconds == 100.0 and any(found.values.values())
