@@ -1,4 +1,4 @@
-"""What trials say about each coefficient: prior's share, partners it is confounded with, clusters, weak directions.
+"""What trials say about each coefficient: prior's share, partners it is confounded with, clusters.
 
 Everything follows from the posterior covariance C in prior standard deviations, in which the prior is the identity:
 C_ii is the prior's share of the variance, 1 / (C^-1)_ii what would be left of it if all other coefficients were known.
@@ -66,18 +66,6 @@ class Cluster:
 
 
 @dataclass(frozen=True)
-class Direction:
-    """A direction on which the data hold less information than the prior although each of its coefficients is excited.
-
-    information: of the data, in units of the prior's; weights: of ``symbols`` in prior standard deviations.
-    """
-
-    information: float
-    symbols: tuple[str, ...]
-    weights: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class CoefficientFinding:
     """What decided one coefficient.
 
@@ -102,16 +90,15 @@ class CoefficientFinding:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Findings by coefficient, clusters and weak directions of a calibration.
+    """Findings by coefficient and clusters of a calibration.
 
-    findings: one per free coefficient, in the prior's order. clusters, directions: see there, strongest first.
+    findings: one per free coefficient, in the prior's order. clusters: see there, strongest first.
     condition_number: of the data's information in prior standard deviations, infinite when it is singular.
     condition_with_prior: of the posterior precision. correlation: (P, P).
     """
 
     findings: tuple[CoefficientFinding, ...]
     clusters: tuple[Cluster, ...]
-    directions: tuple[Direction, ...]
     condition_number: float
     condition_with_prior: float
     correlation: np.ndarray
@@ -139,10 +126,6 @@ class Identifiability:
                 for f in self.findings
             },
             "clusters": [{"symbols": list(c.symbols), "correlation": c.strongest} for c in self.clusters],
-            "weak_directions": [
-                {"information": d.information, "weights": dict(zip(d.symbols, d.weights, strict=True))}
-                for d in self.directions
-            ],
             "condition_number": self.condition_number,
             "condition_number_with_prior": self.condition_with_prior,
         }
@@ -168,7 +151,7 @@ def analyse(
     """What the trials say about each coefficient.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
-    information: of the data, (P, P), for the condition number and the weak directions; default what the covariance
+    information: of the data, (P, P), for the condition number; default what the covariance
     implies. A covariance that is not finite gives findings of kind "unknown".
     """
     P, nan = len(prior.symbols), float("nan")
@@ -178,7 +161,7 @@ def analyse(
             CoefficientFinding(s, "bound" if bound else "unknown", nan, nan, bound=bound)
             for s, bound in zip(prior.symbols, bounds, strict=True)
         )
-        return Identifiability(unknown, (), (), nan, nan, np.full((P, P), nan))
+        return Identifiability(unknown, (), nan, nan, np.full((P, P), nan))
     data, worth = precision(covariance) - np.eye(P) if information is None else information, 1.0
     if information is not None:
         worth = information_discount(data, covariance)
@@ -188,12 +171,11 @@ def analyse(
     correlation = C / np.outer(own, own)
     C = correlation * np.outer(std, std)
     alone, excited = ((std / own) ** 2 / np.diag(inverse)).tolist(), (np.diag(data) >= SILENT).tolist()
-    values, vectors = np.linalg.eigh(0.5 * (data + data.T))
+    values = np.linalg.eigvalsh(0.5 * (data + data.T))
     with_prior = np.linalg.eigvalsh(inverse)
     return Identifiability(
         tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
-        directions(prior.symbols, values, vectors, np.diag(data)),
         float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
         float(with_prior[-1] / with_prior[0]),
         correlation,
@@ -309,26 +291,6 @@ def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster
             strongest = float(off[np.ix_(members, members)].max())
             found.append(Cluster(tuple(symbols[k] for k in members), strongest))
     return tuple(sorted(found, key=lambda c: -c.strongest))
-
-
-def directions(
-    symbols: tuple[str, ...], values: np.ndarray, vectors: np.ndarray, excited: np.ndarray, most: int = 4
-) -> tuple[Direction, ...]:
-    """Eigen-directions with less information than the prior's, of coefficients of which each alone has more.
-
-    values (P,), vectors (P, P): of the data's information, in rising order; excited: its diagonal (P,); most: symbols
-    named in each.
-    """
-    found = []
-    for value, v in zip(values, vectors.T, strict=True):
-        if value >= 1.0:
-            break
-        members = np.argsort(-np.abs(v))[: max(2, int(np.sum(v**2 > 0.05)))][:most]
-        if (excited[members] > 1.0).all() and float((v[members] ** 2).sum()) > 0.8:
-            v = v * np.sign(v[members[0]])
-            weights = tuple(float(round(v[k], 3)) for k in members)
-            found.append(Direction(float(max(value, 0.0)), tuple(symbols[k] for k in members), weights))
-    return tuple(found)
 
 
 def order(correlation: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.pushed_batch import simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
 from fitting.parallel import Shared, run_all
-from fitting.prediction.bands import bands_of
+from fitting.prediction.bands import bands_of, correlation_in
 from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
 from fitting.prediction.unexplained import accelerations, drawn_resistance
 from mmg.effects import EFFECTS
@@ -161,18 +161,6 @@ def _drawn_plan(job: tuple[Shared, Maneuver, int]) -> FigureScatter:
     shared, plan, seed = job
     simulator, drawn, content = shared.value
     return drawn_figures(simulator, plan, drawn, content, seed)[0]
-
-
-def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
-    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, None where
-    there is none or numbers are missing in it."""
-    try:
-        symbols = [str(s) for s in content["correlation"]["symbols"]]
-        matrix = np.array(content["correlation"]["matrix"], dtype=float)
-    except (KeyError, TypeError, ValueError):
-        return None
-    whole = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
-    return (symbols, matrix) if whole else None
 
 
 def drawn_figures(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import PlainValidator, TypeAdapter
 
 from cases.inputs import assumed
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Window, predict_all, record_of, whole_windows
 from fitting.prediction.units import UnitErrors, errors_in_units
+from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -32,22 +34,35 @@ UNDESCRIBED = 0.5
 calibrated ship does not follow the trials; real ships of good trials have 0.1."""
 
 
+def _by_state(row: Mapping[str, float | None] | np.ndarray) -> np.ndarray:
+    """Numbers of the six states (6,), null in a file for NaN."""
+    return row if isinstance(row, np.ndarray) else np.array([row[state] for state in STATES], dtype=float)
+
+
+def _stored(value: float, count: int) -> float:
+    """A number of ``count`` windows as it was before it was stored."""
+    return math.inf if count and math.isnan(value) else value
+
+
 @dataclass(frozen=True)
 class TrialScore:
-    """Both metrics of one trial (dimensionless), each also split by state (6,): NaN where there is nothing to score,
+    """Both metrics of one trial (dimensionless), each also by state: NaN where there is nothing to score,
     inf where a prediction diverges. windows, restarts: how many were predicted, of 30 s and of 100 s."""
 
     name: str
-    paper: float
-    paper_by_state: np.ndarray
-    window: float
-    window_by_state: np.ndarray
+    paper: Real
+    paper_by_state: dict[str, Real]
+    window: Real
+    window_by_state: dict[str, Real]
     windows: int
     restarts: int = 0
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, numbers by state as {state: number}."""
-        return {key: _by_name(v) if isinstance(v, np.ndarray) else v for key, v in vars(self).items()}
+    def __post_init__(self) -> None:
+        """A file holds null for NaN, and for inf where there was something to score."""
+        for kind, count in (("paper", self.restarts), ("window", self.windows)):
+            by_state = getattr(self, f"{kind}_by_state")
+            object.__setattr__(self, kind, _stored(getattr(self, kind), count))
+            object.__setattr__(self, f"{kind}_by_state", {s: _stored(value, count) for s, value in by_state.items()})
 
 
 @dataclass(frozen=True)
@@ -60,9 +75,9 @@ class Score:
     """
 
     trials: tuple[TrialScore, ...]
-    paper: float
-    window: float
-    sigma: np.ndarray
+    paper: Real
+    window: Real
+    sigma: Annotated[np.ndarray, PlainValidator(_by_state)]
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
     units: UnitErrors | None = None
@@ -73,43 +88,19 @@ class Score:
         """Names of the trials of which windows were predicted without a finite error."""
         return tuple(t.name for t in self.trials if np.isinf([t.paper, t.window]).any())
 
+    def __post_init__(self) -> None:
+        """As of a trial."""
+        object.__setattr__(self, "paper", _stored(self.paper, sum(t.restarts for t in self.trials)))
+        object.__setattr__(self, "window", _stored(self.window, sum(t.windows for t in self.trials)))
+
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
-        return {
-            "sigma": _by_name(self.sigma),
-            "sigma_from": self.sigma_from,
-            "paper": self.paper,
-            "window": self.window,
-            "trials": [t.to_dict() for t in self.trials],
-            "notes": list(self.notes),
-            "units": asdict(self.units) if self.units else None,
-            "past_s": self.past_s,
-        }
+        return asdict(self) | {"sigma": dict(zip(STATES, self.sigma.tolist(), strict=True)), "notes": list(self.notes)}
 
     @classmethod
     def from_dict(cls, row: Mapping[str, Any]) -> Score:
-        """The score behind ``row``, as ``to_dict`` made it, null for NaN, and for inf where there was something to
-        score. Raises ValueError for any other row."""
-        try:
-            counts = [(int(t.get("restarts", 0)), int(t["windows"])) for t in row["trials"]]
-            trials = tuple(
-                TrialScore(t["name"], _number(t["paper"], of), _by_state(t["paper_by_state"], of),
-                           _number(t["window"], many), _by_state(t["window_by_state"], many), many, of)
-                for t, (of, many) in zip(row["trials"], counts, strict=True)
-            )  # fmt: skip
-            sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
-            units = TypeAdapter(UnitErrors).validate_python(row["units"]) if row.get("units") else None
-            paper, window = (_number(row[key], sum(c[j] for c in counts)) for j, key in enumerate(("paper", "window")))
-            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
-        except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        """How pydantic reads a score in a result file: by ``from_dict``."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(cls.from_dict)
+        """The score behind ``row``, as ``to_dict`` made it. Raises ValueError for any other row."""
+        return TypeAdapter(cls).validate_python(row)
 
     def to_pandas(self) -> Any:
         """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
@@ -117,7 +108,7 @@ class Score:
 
         rows = [
             {"paper": t.paper, "window": t.window, "windows": t.windows}
-            | {f"window_{s}": value for s, value in _by_name(t.window_by_state).items()}
+            | {f"window_{s}": value for s, value in t.window_by_state.items()}
             for t in self.trials
         ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
@@ -149,19 +140,6 @@ def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Tri
         if any(t.windows for t in found.trials):
             scores[name] = found
     return scores
-
-
-def _by_name(values: np.ndarray) -> dict[str, float]:
-    return dict(zip(STATES, values.tolist(), strict=True))
-
-
-def _number(value: float | None, count: int = 0) -> float:
-    """A stored ``value`` of ``count`` windows."""
-    return (float("inf") if count else float("nan")) if value is None else float(value)
-
-
-def _by_state(row: Mapping[str, float | None], count: int = 0) -> np.ndarray:
-    return np.array([_number(row[state], count) for state in STATES])
 
 
 def _mean(total: np.ndarray, rows: float) -> np.ndarray:
@@ -251,7 +229,8 @@ def score(
             pooled[j] += squares.sum(), count
             means.append(_mean(squares, count))
         totals = [float(mean.sum()) for mean in means]
-        rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows), len(restarts)))
+        by_state = [dict(zip(STATES, mean.tolist(), strict=True)) for mean in means]
+        rows.append(TrialScore(trial.name, totals[0], by_state[0], totals[1], by_state[1], len(windows), len(restarts)))
     paper_all, window_all = (float(_mean(total, count)) for total, count in pooled)
     for size, each in ((PAPER_WINDOW, [r.restarts for r in rows]), (WINDOW, [r.windows for r in rows])):
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):

@@ -14,8 +14,9 @@ from cases.criteria.imo import Row
 from cases.criteria.standard_runs import approach_speed
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
+from fitting.prediction.bands import correlation_in
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, correlation_in, with_intervals
+from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
 from fitting.report.imo_form import FormSide, FormValue, ImoForm, imo_form
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of

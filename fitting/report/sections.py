@@ -42,10 +42,6 @@ def section(result: dict, most_options: int = 10) -> dict[str, Any] | None:
         "rows": sorted(rows, key=lambda r: (rank.get(r["kind"], 0), -(r["share"] or 0.0))),
         "counts": [(KINDS[kind], sum(r["kind"] == kind for r in rows)) for kind in KINDS],
         "clusters": content.get("clusters", []),
-        "directions": [
-            " ".join(f"{weight:+.2f} {symbol}" for symbol, weight in d.get("weights", {}).items()).replace("-", "−")
-            for d in content.get("weak_directions", [])
-        ],
         "condition": content.get("condition_number"),
         "condition_with_prior": content.get("condition_number_with_prior"),
         "ill": content.get("condition_number") is None or content["condition_number"] > LARGE,

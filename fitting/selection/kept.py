@@ -36,7 +36,7 @@ class Kept:
     def get(self, name: str, kind: type[T]) -> T | None:
         """What was kept of the part ``name``, a dataclass of this ``kind``; None where it is not finished. Raises
         UserError for a broken file."""
-        path = self.path(f"{name}.json")
+        path = self.folder / f"{name}.json" if self.folder else None
         if path is None or not path.exists():
             return None
         try:
@@ -46,12 +46,8 @@ class Kept:
 
     def put(self, name: str, part: Any) -> None:
         """Keeps a ``part``, a dataclass of plain values, under its ``name``."""
-        if (path := self.path(f"{name}.json")) is not None:
-            write_json(path, part)
-
-    def path(self, file: str) -> Path | None:
-        """A ``file`` in the folder, None where there is none."""
-        return self.folder / file if self.folder else None
+        if self.folder:
+            write_json(self.folder / f"{name}.json", part)
 
     def done_if_empty(self) -> bool:
         """Removes the folder where it keeps no part yet; whether it is gone."""

@@ -39,18 +39,6 @@ class Replicates:
         """Replicates that did not fail, (n, P)."""
         return self.p[np.isfinite(self.p).all(axis=1)]
 
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of the replicates (P, P), NaN from fewer than two."""
-        shape = 2 * [self.p.shape[1]]
-        return np.cov(self.good.T, ddof=1).reshape(shape) if len(self.good) > 1 else np.full(shape, np.nan)
-
-    def interval(self, level: float = 0.95) -> np.ndarray:
-        """Percentile interval of each coefficient that holds ``level`` of the replicates, (2, P)."""
-        if not len(self.good):
-            return np.full((2, self.p.shape[1]), np.nan)
-        return np.quantile(self.good, [(1 - level) / 2, (1 + level) / 2], axis=0)
-
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
     """The ``problem`` in which window w counts ``counts[w]`` times (W,), the prior's centre moved by ``shift`` (P,).

@@ -78,8 +78,9 @@ def _most_moved(moved: np.ndarray, symbols: Sequence[str]) -> dict:
 
 
 def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:
-    prior = calibration.prior
-    std, interval = np.sqrt(np.diag(found.covariance)), found.interval()
+    prior, shape = calibration.prior, (2, found.p.shape[1])
+    std = found.good.std(axis=0, ddof=1) if len(found.good) > 1 else np.full(shape[1], np.nan)
+    interval = np.quantile(found.good, (0.025, 0.975), axis=0) if len(found.good) else np.full(shape, np.nan)
     return {
         "method": "refit",
         "replicates": len(found.p),

@@ -10,7 +10,8 @@ import pytest
 
 import fitting.report.delivered as module
 from cases.criteria.assessment import imo_figures
-from fitting.prediction.figure_intervals import correlation_in, with_intervals
+from fitting.prediction.bands import correlation_in
+from fitting.prediction.figure_intervals import with_intervals
 from fitting.report.delivered import Delivered, FigureSection, delivery_sections, figure_section, standard_figures
 from tests.support.calibrated import small_result
 
