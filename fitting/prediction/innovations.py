@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from types import SimpleNamespace
 
 import numpy as np
@@ -106,18 +107,13 @@ class Stretches:
 
     def of(self, rows: Iterable[tuple[int, Mapping[str, np.ndarray]]]) -> Innovations:
         """Innovations of windows given as (number, columns (N,)). Raises UserError where no stretch fits into any."""
-        parts: list[tuple[np.ndarray, ...] | None] = []
-        batch: list[tuple[int, Mapping[str, np.ndarray]]] = []
-        for item in rows:
-            batch.append(item)
-            if len(batch) == BATCH:
-                parts, batch = [*parts, self._batch(batch)], []
-        if batch:
-            parts.append(self._batch(batch))
-        there_are = [part for part in parts if part is not None]
-        if not there_are:
+        parts, left = list[tuple[np.ndarray, ...]](), iter(rows)
+        while batch := list(islice(left, BATCH)):
+            part = self._batch(batch)
+            parts += [] if part is None else [part]
+        if not parts:
             raise TooFewData("the log has no stretch under way that is long enough to compare with the model")
-        t, window, errors, gains = (np.concatenate(values) for values in zip(*there_are, strict=True))
+        t, window, errors, gains = (np.concatenate(values) for values in zip(*parts, strict=True))
         there = np.isfinite(errors).any(axis=0)
         good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))
         channels = np.arange(errors.shape[1])[there] % len(CHANNELS)

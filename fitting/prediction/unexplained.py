@@ -52,7 +52,7 @@ def accelerations(
     size, memory = np.zeros((len(nominal.t), 3)), np.ones(3)
     if bands is not None:
         # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
-        size = np.sqrt(np.einsum("ck,kct->tc", bands.process.size**2, _sizes_along(nominal, L)))
+        size = np.sqrt(np.einsum("ck,kt->tc", bands.process.size**2, acceleration_sizes(nominal.states, L)[:, :, 0]))
         size *= bands.process.factor_at(times)[:, 3:, 0]
         memory = bands.process.memory
     own, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
@@ -100,11 +100,6 @@ def greatest_accelerations(nominal: SimulatedRuns) -> np.ndarray:
     du, dv, dr = (np.gradient(x, t) for x in (u, v, r))
     force = float(np.hypot(du - v * r, dv + u * r).max())
     return np.array([force, force, float(np.abs(dr).max())])
-
-
-def _sizes_along(nominal: SimulatedRuns, length: float) -> np.ndarray:
-    """``acceleration_sizes`` (3, 3, T) for u, v, r along the first of ``nominal``."""
-    return acceleration_sizes(nominal.states, length)[:, :, 0][:, None].repeat(3, axis=1)
 
 
 def slow_speed(held: HeldMotion) -> float:

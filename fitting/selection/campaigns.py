@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematic_words import TRACK, TURN, Quantity
+from cases.evidence.kinematic_words import TRACK, TURN
 from cases.evidence.kinematics import Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
@@ -62,11 +62,6 @@ class Instrument:
     def effect(self) -> str:
         """The effect that the constant belongs to."""
         return self.symbol.partition(".")[0]
-
-    @property
-    def quantity(self) -> Quantity:
-        """What the kinematics show of it."""
-        return next(q for q in (*TRACK, *TURN) if q.symbol == self.reading)
 
 
 INSTRUMENTS = (
@@ -193,7 +188,8 @@ def run_readings(
 ) -> tuple[RunReadings, float] | None:
     """Readings of an ``instrument`` by run from the kinematics of the ``logs`` of ``campaigns``, and the probability
     that it is the same in all and differs by chance; None where too few runs have one. length: of the ship [m]."""
-    q, group = instrument.quantity, np.array(campaigns.number)
+    q = next(q for q in (*TRACK, *TURN) if q.symbol == instrument.reading)
+    group = np.array(campaigns.number)
     size = q.threshold * time_scale(length) ** (2 * q.power)
     value, std = (np.array([getattr(run[q.symbol], name) for run in logs.runs]) / size for name in ("value", "std"))
     good = np.isfinite(value) & np.isfinite(std) & (std > 0) & np.array([not run.faults for run in logs.runs])

@@ -218,13 +218,13 @@ def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator
     value, damping, past = float(problem.values(p[:, None])[0]), 1.0, []
     weight, box = problem.penalties.sparsity * problem.sparse, (problem.lower, problem.upper)
     for _ in range(most):
-        about = problem.quadratic(p)
-        diagonal = np.diag(about.hessian)
+        gradient, hessian = problem.quadratic(p)
+        diagonal = np.diag(hessian)
         size = np.maximum(diagonal, 1e-6 * diagonal.max() + 1e-300)
         tried = []
         for mu in damping * FACTORS:
-            H = about.hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
-            tried.append(minimise_quadratic(H, about.gradient, p, box, weight))
+            H = hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
+            tried.append(minimise_quadratic(H, gradient, p, box, weight))
         values = problem.values(np.transpose(tried))
         best = int(np.argmin(np.where(np.isfinite(values), values, np.inf)))
         if not values[best] < value:

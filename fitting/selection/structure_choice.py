@@ -153,6 +153,11 @@ class _Fitted:
     start: StructureCandidate
     values: dict[str, float]
 
+    @property
+    def error(self) -> float:
+        """On the validation trials, inf where it diverges."""
+        return self.row.validation if np.isfinite(self.row.validation) else float("inf")
+
 
 def choose_structure(
     ship: Ship,
@@ -176,7 +181,8 @@ def choose_structure(
     """
     train, validate, test = trials
     _check(train, validate, ship.inputs)
-    work = _Work.of(ship, train, validate, settings or Settings())
+    scale = time_scale(ship.particulars["L"])
+    work = _Work(train, validate, pooled_sigma(train), settings or Settings(), scale, frozenset(ship.free))
     able, table = _able(given, train, named)
     table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
 
@@ -255,10 +261,6 @@ def _row(one: StructureCandidate, **more: Any) -> Tried:
     return Tried(one.name, one.words, one.unknowns, sum(one.counts), **more)
 
 
-def _error(fitted: _Fitted) -> float:
-    return fitted.row.validation if np.isfinite(fitted.row.validation) else float("inf")
-
-
 def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> float:
     return score(Simulator(ship), list(trials), sigma).window
 
@@ -274,11 +276,6 @@ class _Work:
     settings: Settings
     scale: float
     own: frozenset[str]
-
-    @classmethod
-    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings) -> _Work:
-        scale = time_scale(ship.particulars["L"])
-        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free))
 
     def settings_of(self, one: StructureCandidate) -> Settings:
         """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
@@ -351,18 +348,18 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
 
     Returns it, and the rows of those that were checked. If none stays stable, the one that diverges least often.
     """
-    least = min(map(_error, fitted))
+    least = min(f.error for f in fitted)
     if not np.isfinite(least):
         raise NoSolution(
             "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
         )
-    near = sorted((f for f in fitted if _error(f) <= NO_LOSS * least), key=lambda f: f.row.unknowns)
-    order = [*near, *sorted((f for f in fitted if f not in near), key=_error)]
+    near = sorted((f for f in fitted if f.error <= NO_LOSS * least), key=lambda f: f.row.unknowns)
+    order = [*near, *sorted((f for f in fitted if f not in near), key=lambda f: f.error)]
     checked: dict[str, Tried] = {}
     for one in order:
         found = stability(one.ship, SEQUENCES, settings.seed, settings.compiled)
         checked[one.row.name] = replace(one.row, stable=found.sequences - found.diverged, sequences=found.sequences)
-        if not found.diverged and np.isfinite(_error(one)):
+        if not found.diverged and np.isfinite(one.error):
             return one, checked
     return max(order, key=lambda f: checked[f.row.name].stable), checked
 

@@ -187,14 +187,6 @@ class Penalties:
     sparsity: float = 0.0
 
 
-@dataclass(frozen=True)
-class Quadratic:
-    """The smooth part of the objective about a point: its ``gradient`` (P,) and Gauss-Newton ``hessian`` (P, P)."""
-
-    gradient: np.ndarray
-    hessian: np.ndarray
-
-
 class SubsequenceObjective:
     """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
 
@@ -284,9 +276,9 @@ class SubsequenceObjective:
             found.append(rates / far.limit[:, None])
         return found
 
-    def quadratic(self, p: np.ndarray) -> Quadratic:
-        """E + w_D D on the training trials about ``p`` (P,), without the sparsity, by differences of what is squared;
-        what has left the limits is constant."""
+    def quadratic(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (P,) and Gauss-Newton Hessian (P, P) of E + w_D D on the training trials at ``p`` (P,), by
+        differences of what is squared; what has left the limits is constant."""
         data, P, near = self.train, self.P, p[:, None] + DIFFERENCE * np.eye(self.P)
         e, inside = (part[:, :, 0] for part in self._errors(p[:, None], data))
         counted = np.broadcast_to(inside & (data.weight > 0)[:, None], e.shape)
@@ -303,4 +295,4 @@ class SubsequenceObjective:
             A = np.transpose([(one - now)[over] / DIFFERENCE for one in moved]) * np.sign(now[over])[:, None]
             share = 2 * self.penalties.deviation / now.size
             gradient, hessian = gradient + share * ((np.abs(now[over]) - 1) @ A), hessian + share * (A.T @ A)
-        return Quadratic(gradient, hessian)
+        return gradient, hessian

@@ -108,13 +108,13 @@ def test_derivatives_agree_with_differences() -> None:
     one = problem("sm2-order2", Penalties(deviation=0.3))
     rng = np.random.default_rng(2)
     p = regression(one, harbour()[:2]) + 0.01 * rng.normal(size=one.P)
-    about = one.quadratic(p)
+    gradient, hessian = one.quadratic(p)
     assert one.deviations(p[:, None])[0] > 0
     for _ in range(4):
         d, h = rng.normal(size=one.P) / np.sqrt(one.P), 1e-5
         high, low = one.values(np.transpose([p + h * d, p - h * d]))
-        assert about.gradient @ d == pytest.approx((high - low) / (2 * h), rel=1e-4, abs=1e-7)
-    assert np.linalg.eigvalsh(about.hessian)[0] > -1e-9 * np.trace(about.hessian)
+        assert gradient @ d == pytest.approx((high - low) / (2 * h), rel=1e-4, abs=1e-7)
+    assert np.linalg.eigvalsh(hessian)[0] > -1e-9 * np.trace(hessian)
 
 
 def test_the_domain_is_that_of_the_ship_file_and_p_0_the_ship() -> None:

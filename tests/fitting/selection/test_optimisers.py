@@ -64,8 +64,8 @@ def test_the_descent_converges_where_no_slope_is_left() -> None:
     first, last = one.values(np.transpose([start, p]))
     assert last < 0.9 * first
     inside = (p > one.lower + 1e-9) & (p < one.upper - 1e-9)
-    about = one.quadratic(p)
-    gain = about.gradient[inside] @ np.linalg.lstsq(about.hessian[np.ix_(inside, inside)], about.gradient[inside])[0]
+    gradient, hessian = one.quadratic(p)
+    gain = gradient[inside] @ np.linalg.lstsq(hessian[np.ix_(inside, inside)], gradient[inside])[0]
     assert gain < 5e-3 * last  # what a further step would bring
 
 
