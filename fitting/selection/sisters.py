@@ -151,23 +151,16 @@ def sister_widths(ships: Sequence[SisterEvidence]) -> SisterWidths:
     common, interval = _common(A, b)
     width = _by_coefficient(A, b, common)
     at = Marginal.of(A, b, width)
-    covariance = np.linalg.inv(at.S)
-    estimate, std, others, away, p = [], [], [], [], []
-    for i in range(len(ships)):
-        rest = at.S - at.W[i]
-        known = np.linalg.inv(rest)
-        mean = known @ (at.w.sum(axis=0) - at.w[i])
-        prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + known)
-        posterior = np.linalg.inv(A[i] + prior)
-        estimate.append(posterior @ (b[i] + prior @ mean))
-        std.append(np.sqrt(np.diag(posterior)))
-        others.append(mean)
-        z, chance = _apart(at.W[i], at.w[i], mean, known)
-        away.append(z)
-        p.append(chance)
+    covariance, known = np.linalg.inv(at.S), np.linalg.inv(at.S - at.W)
+    others = (known @ (at.w.sum(axis=0) - at.w)[:, :, None])[:, :, 0]
+    prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + known)
+    posterior = np.linalg.inv(A + prior)
+    estimate = (posterior @ (b[:, :, None] + prior @ others[:, :, None]))[:, :, 0]
+    std = np.sqrt(np.diagonal(posterior, axis1=1, axis2=2))
+    away, chance = zip(*map(_apart, at.W, at.w, others, known), strict=True)
     return SisterWidths(
-        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, np.array(estimate),
-        np.array(std), np.array(others), np.array(away), np.array(p),
+        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, estimate, std, others,
+        np.array(away), np.array(chance),
     )  # fmt: skip
 
 

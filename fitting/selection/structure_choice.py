@@ -26,8 +26,7 @@ from fitting.record import MessageRow
 from fitting.report.run_folder import plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
-from fitting.selection.kept import Kept
-from fitting.selection.learning import Learned, learn_all
+from fitting.selection.learning import Kept, Learned, learn_all
 from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED

@@ -154,7 +154,7 @@ def _choose(
     from fitting.report.run_folder import PENDING, check_target, reserved
     from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
-    from fitting.selection.kept import fingerprint, kept_beside
+    from fitting.selection.learning import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
     settings, seeds, resume, report = how

@@ -8,8 +8,7 @@ import pytest
 
 from fitting.selection import learning
 from fitting.selection.candidates import candidate
-from fitting.selection.kept import fingerprint, kept_beside
-from fitting.selection.learning import Learned, learn_all
+from fitting.selection.learning import Learned, fingerprint, kept_beside, learn_all
 from fitting.settings import Settings
 from mmg.errors import Conflict, UserError
 from tests.fitting.selection.paper_problems import ESSO, harbour
@@ -31,8 +30,8 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     with pytest.raises(Conflict):
         kept_beside(out, wanted | fingerprint(ESSO, [harbour()[:2]]), resume=True)
     again = kept_beside(out, wanted, resume=True)
-    assert repr(again.get("one", Learned)) == repr(part)
-    assert again.get("two", Learned) is None
+    assert repr(again.get("one")) == repr(part)
+    assert again.get("two") is None
     assert not again.done_if_empty()
     again.done()
     assert not (tmp_path / "run.unfinished").exists()
@@ -68,7 +67,7 @@ def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monke
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
     runs, kept = harbour(), kept_beside(tmp_path / "run", {}, resume=False)
     one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Settings(), kept=kept)["sm1-order1"][0]
-    assert kept.get("sm1-order1_seed0", Learned) == one
+    assert kept.get("sm1-order1_seed0") == one
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
 
 
@@ -76,4 +75,4 @@ def test_a_broken_part_is_one_line(tmp_path: Path) -> None:
     kept = kept_beside(tmp_path / "run", {}, resume=False)
     (tmp_path / "run.unfinished" / "one.json").write_text("{}")
     with pytest.raises(UserError, match="--resume"):
-        kept.get("one", Learned)
+        kept.get("one")
