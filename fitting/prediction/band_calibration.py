@@ -22,7 +22,7 @@ from fitting.prediction.bands import (
     process_dict,
     velocity_variance,
 )
-from fitting.prediction.novelty import held_dict, held_motion
+from fitting.prediction.envelope import held_dict, held_motion
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
 from mmg.motion.froude import time_scale

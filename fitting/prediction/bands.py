@@ -4,7 +4,7 @@ Three parts. The process: accelerations that no model explains, correlated over 
 of a size that grows with speed and turning, drive errors of u, v, r that decay; heading and position follow by
 kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
 windows, and a factor per state and horizon makes 90 % of those fall into the 90 % band; it grows where a motion is new
-to the trials (fitting/prediction/novelty.py). The coefficients: draws from their
+to the trials (fitting/prediction/envelope.py). The coefficients: draws from their
 covariance, simulated. The measurement: noise of the start and of the sample compared with.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.novelty import HeldMotion, held_of, inputs_at
+from fitting.prediction.envelope import HeldMotion, held_of, inputs_at
 from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator

@@ -1,7 +1,7 @@
 """Error bars of manoeuvring figures: many ships that the trials allow, each simulated through the manoeuvre.
 
 A draw has coefficients from their joint covariance. Where the manoeuvre leaves the motion that the trials held, it also
-has a lasting unexplained acceleration, whose size grows with the distance (``novelty``), as her forces differ from the
+has a lasting unexplained acceleration, whose size grows with the distance (``envelope``), as her forces differ from the
 model's there: that is the ship's figure. A single trial has besides the fluctuating accelerations that no model
 explained in the trials (``bands.Process``): gusts, waves, and all else that changes while it runs. All draws of a
 manoeuvre are simulated side by side.
@@ -29,8 +29,7 @@ from cases.simulation.pushed_batch import Push, simulate_pushed
 from cases.simulation.simulate_batch import SimulatedRuns, input_array, simulate_batch
 from fitting.parallel import Shared, run_all
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
-from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
-from fitting.prediction.novelty import HeldMotion
+from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange
 from mmg.messages import Message

@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
-from fitting.prediction.novelty import HeldMotion, held_dict, held_of
+from fitting.prediction.envelope import HeldMotion, held_dict, held_of
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName

@@ -12,6 +12,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Bands, Process, process_dict
+from fitting.prediction.envelope import held_dict, held_motion
 from fitting.prediction.figure_intervals import (
     RESISTANCE,
     UNTRIED,
@@ -22,7 +23,6 @@ from fitting.prediction.figure_intervals import (
     greatest_accelerations,
     slow_speed,
 )
-from fitting.prediction.novelty import held_dict, held_motion
 from fitting.prediction.predict import record_of
 from mmg.rollout import Simulator
 from tests.fitting.prediction.test_novelty import run
