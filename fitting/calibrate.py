@@ -35,7 +35,8 @@ from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
 from fitting.solvers.resumed import check_resumable, earlier_passes, iterate_of
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
-from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
+from fitting.uncertainty.refits import check_request, refit_rows
+from fitting.uncertainty.rows import uncertainty_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress

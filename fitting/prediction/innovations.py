@@ -160,7 +160,8 @@ class Stretches:
         trial = Trial("window", dict(columns))
         controls = model_inputs(trial, self.simulator.ship.inputs).array
         ship, sizes = self.simulator.ship, SIZE * self.typical
-        states = np.stack([trial.states, *(corrected(trial, ship, self.candidates[j], sizes[j]) for j in self.logs)])
+        sides = [corrected(trial, ship, self.candidates[j], sizes[j]) for j in self.logs]
+        states = np.stack([trial.states, *(one for one in sides if one is not None)])
         side = max(1, round(0.015 * N)) * together
         need, found = N * together + 2 * side, []
         kernel = np.ones(2 * (together // 2) + 1)

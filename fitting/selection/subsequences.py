@@ -290,9 +290,9 @@ class SubsequenceObjective:
         n = 3 * data.samples
         gradient, hessian = 2 / n * (e[counted] @ J), 2 / n * (J.T @ J)
         if self.penalties.deviation:
-            now, *moved = self._accelerations(np.column_stack([p, near]))
+            now, *others = self._accelerations(np.column_stack([p, near]))
             over = np.abs(now) > 1
-            A = np.transpose([(one - now)[over] / DIFFERENCE for one in moved]) * np.sign(now[over])[:, None]
+            A = np.transpose([(one - now)[over] / DIFFERENCE for one in others]) * np.sign(now[over])[:, None]
             share = 2 * self.penalties.deviation / now.size
             gradient, hessian = gradient + share * ((np.abs(now[over]) - 1) @ A), hessian + share * (A.T @ A)
         return gradient, hessian

@@ -13,8 +13,7 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.parallel import Shared
 from fitting.solvers.ipopt import Solution, solve
-from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, refit, reweighted
-from fitting.uncertainty.profile_likelihood import LIMIT, profiles
+from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
 from tests.support.synthetic_runs import SIGMA, kernel, runs
 
@@ -151,7 +150,7 @@ def test_refits_do_not_depend_on_the_number_of_workers() -> None:
 
 
 def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    import fitting.uncertainty.bootstrap as module
+    import fitting.uncertainty.refits as module
 
     p, s, info = small()
     calls, module_solve = iter([0, 1]), module.solve_led
