@@ -163,7 +163,7 @@ def _measures(pairs: Sequence[tuple[Mapping[str, Any], Answer]]) -> dict[str, An
         "gained": gained,
         "lost": lost,
         "change": _rounded([(gained - lost) / n, np.sqrt(gained + lost - (gained - lost) ** 2 / n) / n]),
-        "worlds": sum(abs(np.mean(some)) >= 0.01 for some in worlds.values()),
+        "worlds": sum(bool(abs(np.mean(some)) >= 0.01) for some in worlds.values()),
         "answers changed": sum(list(row["answer"]) != list(a) for row, a in pairs),
     }
 
