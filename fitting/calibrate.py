@@ -18,11 +18,10 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
-from fitting.prediction.adaptation import adaptation_worth
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import NO_SCORES, ScorePair, score_pairs, scores_by_set
+from fitting.prediction.score import NO_SCORES, ScorePair, adaptation_worth, score_pairs, scores_by_set
 from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
@@ -250,7 +249,7 @@ def prediction_bands(
     found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: np.ndarray
 ) -> dict[str, Any] | None:
     """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
-    ``apart`` (``coefficients_without``)."""
+    ``apart`` (R, P), as of ``coefficients_without``."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
 

@@ -199,10 +199,11 @@ def predict(
     """
     from cases.io.campaigns import campaigns_taken
     from cases.io.read import given_trials
-    from fitting.prediction.adaptation import Adaptation, past_to_use
+    from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
+    from fitting.prediction.score import past_to_use
     from mmg.errors import OutOfRange, TooFewData, Unsupported
     from mmg.messages import Message
     from mmg.progress import Progress

@@ -12,8 +12,8 @@ from pydantic import PlainValidator, TypeAdapter
 
 from cases.inputs import assumed
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all, record_of, whole_windows
+from fitting.prediction.adaptation import Adaptation, default_past
+from fitting.prediction.predict import Forecaster, ShipsByTrial, Window, predict_all, record_of, whole_windows
 from fitting.prediction.units import UnitErrors, errors_in_units
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
@@ -32,6 +32,11 @@ NOTED = 0.005
 UNDESCRIBED = 0.5
 """A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
 calibrated ship does not follow the trials; real ships of good trials have 0.1."""
+GAIN, HARM = 0.99, 1.01
+"""Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used."""
+HYBRID = "hybrid"
+"""What a training that is no black box calls its model."""
+SETS = {"validation": "validation trials", "left out": "trials left out of the calibration in turn"}
 
 
 def _by_state(row: Mapping[str, float | None] | np.ndarray) -> np.ndarray:
@@ -325,3 +330,64 @@ NO_SCORES: Mapping[str, ScorePair] = {}
 def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict[str, ScorePair]:
     """Scores ``before`` and ``after`` a change of the model, as of ``scores_by_set``, by set of trials."""
     return {name: ScorePair(before[name], found) for name, found in after.items() if name in before}
+
+
+def adaptation_worth(
+    simulator: Simulator, held_out: Sequence[Trial], without: np.ndarray | None = None
+) -> dict[str, Any] | None:
+    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values.
+
+    simulator: of the calibrated ship; without: (R, P) coefficients by which each trial is predicted where they are
+    those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
+    restarts no worse. None where none of the trials can be scored.
+    """
+
+    kept = [i for i, t in enumerate(held_out) if t.has_position]
+    located = [held_out[i] for i in kept]
+    if without is not None:
+        own = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
+        simulator = ShipsByTrial(simulator.ship, own[kept], simulator.compiled)
+    past = default_past(simulator.ship)
+    try:
+        sigma = pooled_sigma(located)
+        bare, adapted = (score(simulator, located, sigma, adapt=seconds) for seconds in (None, past))
+    except UserError:
+        return None
+    good = adapted.window < GAIN * bare.window and not adapted.paper > HARM * bare.paper
+    return {
+        "past_s": past,
+        "trials": "validation" if without is None else "left out",
+        "files": len(located),
+        "without": {"window": bare.window, "paper": bare.paper},
+        "with": {"window": adapted.window, "paper": adapted.paper},
+        "worthwhile": bool(good),
+    }
+
+
+def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float, list[Message]]:
+    """Seconds of past that a prediction uses, 0: none, and what is said of it.
+
+    result: content of the run's result.json, empty for a bare ship, or of a black box, which knows no past; wanted:
+    seconds that the caller names, None: what the result says pays.
+    """
+    known: Any = result.get("adaptation")
+    if wanted == 0 or (wanted is None and (not result or result.get("model", HYBRID) != HYBRID)):
+        return 0.0, []
+    try:
+        pays, default = bool(known["worthwhile"]), float(known["past_s"])
+        before, after = known["without"], known["with"]
+        told = (
+            f"on the {SETS.get(known['trials'], known['trials'])} 30 s windows {before['window']:.4f} -> "
+            f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+        )
+    except (KeyError, TypeError, ValueError):
+        words = "whether the past of a window pays with this model is not known: calibrate it with mmg fit to find out"
+        words += "" if wanted else "; it is not used, --adapt 30 uses it"
+        return wanted or 0.0, [Message(words, "adaptation_untested")]
+    if wanted is not None:
+        words = f"adapting did not pay: {told}; better leave it off"
+        return wanted, [] if pays else [Message(words, "adaptation_does_not_pay")]
+    if not pays:
+        return 0.0, [Message(f"the past of a window is not used: {told}", "adaptation_off")]
+    words = f"up to {default:g} s before each window are used, as that pays: {told}; --adapt 0 does not"
+    return default, [Message(words, "adaptation_on")]

@@ -59,8 +59,7 @@ def score(
     from cases.checks.trusted import remarks
     from cases.io.read import read_trials
     from cases.shipfiles.ship_file import load_ship
-    from fitting.prediction.adaptation import past_to_use
-    from fitting.prediction.score import pooled_sigma
+    from fitting.prediction.score import past_to_use, pooled_sigma
     from fitting.prediction.score import score as scored
     from fitting.prediction.units import window_for
     from mmg.rollout import Simulator
