@@ -20,7 +20,9 @@ from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import score
-from fitting.solvers.condensing.quadratic import within_bounds
+
+ROUNDS = 8
+"""Most times that a step is made again with coefficients held at their bounds."""
 
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
@@ -43,13 +45,25 @@ def estimates_without(
     info: of the windows at the estimate; bounds: lower and upper (P,) of the scaled coefficients. What pushes against
     a bound stays there. A fold whose remaining information is not positive is all NaN.
     """
+    lower, upper = bounds
     found = np.full((len(folds), len(info.p)), np.nan)
     for k, out in enumerate(folds):
         rest = ~np.isin(info.run, list(out))
         H = info.fisher[rest].sum(axis=0) + info.prior_information
         slope = info.score[rest].sum(axis=0) + info.prior_score
+        held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
-            found[k] = info.p + within_bounds(H, slope, bounds[0] - info.p, bounds[1] - info.p)
+            for _ in range(ROUNDS):
+                # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
+                step, free = np.where(held, target - info.p, 0.0), ~held
+                step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])
+                wanted = info.p + step
+                outside = (wanted < lower) | (wanted > upper)
+                if not outside.any():
+                    break
+                held |= outside
+                target = np.clip(wanted, lower, upper)
+            found[k] = np.clip(wanted, lower, upper)
         except np.linalg.LinAlgError:
             continue
     return found
