@@ -50,9 +50,9 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     done: list[str] = []
     original = learning.learn_one
 
-    def counted(run, *given):  # type: ignore[no-untyped-def]
+    def counted(run, **given):  # type: ignore[no-untyped-def]
         done.append(f"{run[0].name}_seed{run[1]}")
-        return original(run, *given)
+        return original(run, **given)
 
     monkeypatch.setattr(learning, "learn_one", counted)
     resumed = learn_all(ones, trials, settings, 2, kept)
