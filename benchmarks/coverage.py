@@ -3,8 +3,7 @@
 python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PART being one or more of
 
 * intervals: 95 % intervals of the coefficients of ships drawn from the prior, on trials as bad as real ones
-  (tests/support/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone, those of a bootstrap
-  by run;
+  (tests/support/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone;
 * clean: the same of the hidden ship of the demo, white noise alone;
 * figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
   crash stop lies outside of them;
@@ -41,7 +40,6 @@ from fitting.calibration import estimate_coefficients
 from fitting.prediction.figure_intervals import with_intervals
 from fitting.result import FitResult
 from fitting.settings import Settings
-from fitting.uncertainty.bootstrap import bootstrap
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident.api import calibrate
@@ -50,9 +48,9 @@ from tests.support.disturbed_trials import DEFECTS, Disturbed, disturbed_trials,
 FIRST = 100
 """First seed of the intervals."""
 EFFECTS = ("velocity_filter", "gyro", "antenna_offset")
-KINDS = ("of the model alone", "reported", "bootstrap by run")
-REPLICATES, DRAWS = 200, 200
-"""Of a bootstrap, and of the interval of a figure."""
+KINDS = ("of the model alone", "reported")
+DRAWS = 200
+"""Of the interval of a figure."""
 RUNS = (("zigzag:20/20", 120.0), ("zigzag:-10/10", 110.0), ("turning:35", 140.0), ("turning:-20", 140.0))
 """Manoeuvres and durations [s] of a 3 m ship whose figures are judged."""
 R = TypeVar("R")
@@ -90,8 +88,7 @@ def disturbed_errors(seed: int) -> Errors:
     found = estimate_coefficients(start, trials, Settings(step=1.0, window=50.0))
     prior = found.prior
     p = (np.array([truth[s].value for s in prior.symbols]) - prior.mean) / prior.std
-    drawn = bootstrap(found.information, REPLICATES, seed).covariance
-    several = (found.covariance_model, found.covariance, drawn)
+    several = (found.covariance_model, found.covariance)
     errors = np.array([(found.p - p) / np.sqrt(np.diag(covariance)) for covariance in several])
     return Errors(prior.symbols, errors, found.converged)
 

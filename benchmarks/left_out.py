@@ -15,7 +15,6 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.prediction.bands import bands_of
-from fitting.prediction.campaign_bands import bands_in
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma
 from fitting.result import FitResult
@@ -74,21 +73,19 @@ def inside_bands(found: FitResult, fold: Fold, part: dict[str, Any]) -> dict[str
     """How many numbers of the runs left out of ``fold`` the 90 % bands hold, of how many, by length of the windows
     and kind of manoeuvre. part: what becomes of a part of the bands."""
     assert found.objects is not None
-    content = found.to_dict()
-    bands, counted = bands_of(content, found.ship), dict[str, list[int]]()
+    bands, counted = bands_of(found.to_dict(), found.ship), dict[str, list[int]]()
     if bands is None:
         return counted
     if "factor" in part:
         one = np.ones_like(bands.process.factor)
-        bands = bands.with_process(replace(bands.process, factor=one, adapted=one))
+        bands = replace(bands, process=replace(bands.process, factor=one, adapted=one))
     if "held" in part:
         bands = replace(bands, held=None)
     if "root" in part:
         bands = replace(bands, root=bands.root[:, :0])
     for trial in fold.out:
-        own = bands if "campaign" in part else bands_in(bands, found.ship, content, trial)
         for length, stride in ((30.0, 15.0), (100.0, 100.0)):
-            made = predict_all(found.objects.after, [trial], length, stride, length > 50, bands=own)
+            made = predict_all(found.objects.after, [trial], length, stride, length > 50, bands=bands)
             rows = counted.setdefault(f"{length:g} s {trial.kind}", [0, 0])
             for window in made[0][0]:
                 error = window.error(trial.states)[1:]

@@ -18,24 +18,23 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
-from fitting.prediction.band_calibration import Without, fit_bands
+from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import scores_by_set
-from fitting.prediction.score_pairs import NO_SCORES, ScorePair, score_pairs
-from fitting.prediction.worth_of_past import adaptation_worth
+from fitting.prediction.score import NO_SCORES, ScorePair, adaptation_worth, score_pairs, scores_by_set
 from fitting.record import FitObjects, FitRecord, SolveRow
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
+from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.selection.sisters import UncertainMean, with_uncertain_mean
 from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
 from fitting.uncertainty.left_out import worth_message, worth_of_left_out
-from fitting.uncertainty.rows import check_request, refit_rows, uncertainty_rows
-from fitting.uncertainty.without_trials import without_trials
+from fitting.uncertainty.refits import check_request, refit_rows
+from fitting.uncertainty.rows import uncertainty_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -114,10 +113,11 @@ def calibrate(
         found = made.get("second estimate", found)
 
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    sets, apart = {"validation": validation, "training": trials}, without_trials(found, trials)
+    sets = {"validation": validation, "training": trials}
+    apart = coefficients_without(found, each_alone(len(trials)))
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
-        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"], found, fit.own),
+        "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
         "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
         "prediction bands": lambda: prediction_bands(found, after, trials, apart),
     }
@@ -162,7 +162,7 @@ def _estimated(
     if "held" in warm or constants:
         found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants)
         messages = () if "held" in warm else not_asked(trials, options.per_campaign)
-        return CampaignFit(found, constants, messages=messages)
+        return CampaignFit(found, messages=messages)
     # where values by campaign may take its place, the last solve without them would be thrown away
     draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
     draft = draft and settings.time_limit is None
@@ -280,19 +280,19 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
 
 
 def prediction_bands(
-    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: Without
+    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: np.ndarray
 ) -> dict[str, Any] | None:
     """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
-    ``apart`` (``without_trials``)."""
+    ``apart`` (R, P), as of ``coefficients_without``."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
 
 
 def _worth_of_past(
-    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: Without
+    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: np.ndarray
 ) -> dict[str, Any] | None:
     """What the past of a window brings to predictions of ``simulator`` on ``validation`` trials, or where there are
     none on its own ``trials``, each left out in turn: ``apart``."""
     if any(t.has_position for t in validation):
         return adaptation_worth(simulator, validation)
-    return adaptation_worth(simulator, trials, apart.run)
+    return adaptation_worth(simulator, trials, apart)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
-from fitting.prediction.score_pairs import ScorePair
+from fitting.prediction.score import ScorePair
 from fitting.report.run_folder import plain
 from fitting.settings import Settings, Start
 from mmg.errors import BadValue

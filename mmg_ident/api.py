@@ -259,10 +259,9 @@ def predict(
     from cases.io.read import given_trials
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
-    from fitting.prediction.campaign_bands import bands_in
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
-    from fitting.prediction.worth_of_past import past_to_use
+    from fitting.prediction.score import past_to_use
     from mmg.errors import OutOfRange, TooFewData, Unsupported
     from mmg.messages import Message
     from mmg.progress import Progress
@@ -284,8 +283,7 @@ def predict(
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
-        own = bands_in(bands, ship, content, run) if ship else None
-        found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=own)
+        found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         made = Prediction(run, tuple(found), (), outside, seconds)
         notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]

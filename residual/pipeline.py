@@ -18,8 +18,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
-from fitting.prediction.score import scores_by_set
-from fitting.prediction.score_pairs import score_pairs
+from fitting.prediction.score import score_pairs, scores_by_set
 from fitting.record import read_record
 from fitting.report.parts import Store
 from fitting.report.run_folder import (

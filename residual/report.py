@@ -7,7 +7,7 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
-from fitting.prediction.score_words import in_words
+from fitting.prediction.score import in_words
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.page import citations_of, environment
 from fitting.report.plot_style import figures_of

@@ -22,7 +22,7 @@ from pydantic import TypeAdapter, ValidationError
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
-from fitting.prediction.score_pairs import ScorePair
+from fitting.prediction.score import ScorePair
 from fitting.report.delivered import Delivered, delivered
 from fitting.report.page import label_of, write_page
 from fitting.report.run_folder import (

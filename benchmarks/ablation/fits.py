@@ -30,8 +30,8 @@ from cases.io.read import read_trials
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import FitOptions
+from fitting.prediction.figure_intervals import accelerations
 from fitting.prediction.score import pooled_sigma, score
-from fitting.prediction.unexplained import accelerations
 from fitting.result import FitResult
 from fitting.settings import Settings
 from fitting.uncertainty.sandwich import Robust, changes_without_each
@@ -74,7 +74,7 @@ SWITCHES = (
     Switch("white residuals", "no correlation time of the residuals (tau = 1)",
            replaced={"fitting.solvers.residual_noise:correlation_time": constantly(1.0)}),
     Switch("lasting accelerations", "figures of manoeuvres: drawn ships have no lasting unexplained accelerations",
-           replaced={"fitting.prediction.unexplained:accelerations": without_lasting}, ground=FIGURES),
+           replaced={"fitting.prediction.figure_intervals:accelerations": without_lasting}, ground=FIGURES),
     Switch("model covariance", "covariance by the model alone, not robust", replaced={SANDWICH: by_the_model}),
 )  # fmt: skip
 """Each is measured against the first."""
@@ -83,7 +83,6 @@ BANDS = {
     "no factors": {"factor": 1.0},
     "no novelty": {"held": None},
     "no coefficients": {"root": 0.0},
-    "no campaign part": {"campaign": None},
 }
 """Parts of the bands that are left out, by what becomes of them; measured at the first switch."""
 METRICS = ("30 s", "100 s", "30 s, past", "100 s, past")

@@ -126,7 +126,7 @@ def similar_envelope(envelope: Mapping[str, Sequence[float]] | None, law: Simila
 def similar_adaptation(adaptation: Mapping[str, Any] | None, law: Similarity) -> dict[str, Any] | None:
     """What the past of a window is worth, found on trials of the model, with seconds of the other length.
 
-    adaptation: as ``fitting.prediction.worth_of_past.adaptation_worth`` gives it, None stays None; law: of similarity.
+    adaptation: as ``fitting.prediction.score.adaptation_worth`` gives it, None stays None; law: of similarity.
     """
     if not adaptation:
         return None

@@ -1,4 +1,4 @@
-"""What trials say about each coefficient: prior's share, partners it is confounded with, clusters, weak directions.
+"""What trials say about each coefficient: prior's share, partners it is confounded with, clusters.
 
 Everything follows from the posterior covariance C in prior standard deviations, in which the prior is the identity:
 C_ii is the prior's share of the variance, 1 / (C^-1)_ii what would be left of it if all other coefficients were known.
@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from fitting.identifiability.clusters import Cluster, Direction, clusters, directions, order
 from fitting.nlp.problem import Prior
 
 DETERMINED, PARTLY = 0.1, 0.7
@@ -38,6 +37,9 @@ MOST_PARTNERS = 4
 LEAST_GAIN = 0.1
 """Partners named at most, and the part of the variance that knowing one more must remove."""
 
+CORRELATED = 0.9
+"""Absolute posterior correlation from which two coefficients belong to one cluster."""
+
 KINDS = {
     "determined": "determined by the data",
     "partly": "partly determined",
@@ -53,6 +55,14 @@ KINDS = {
 ALONG, PAIR = 0.15, 0.8
 """Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
 from which their combination is named at all."""
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Coefficients linked by posterior correlations of at least ``CORRELATED``; strongest: the largest of these."""
+
+    symbols: tuple[str, ...]
+    strongest: float
 
 
 @dataclass(frozen=True)
@@ -80,16 +90,15 @@ class CoefficientFinding:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Findings by coefficient, clusters and weak directions of a calibration.
+    """Findings by coefficient and clusters of a calibration.
 
-    findings: one per free coefficient, in the prior's order. clusters, directions: see there, strongest first.
+    findings: one per free coefficient, in the prior's order. clusters: see there, strongest first.
     condition_number: of the data's information in prior standard deviations, infinite when it is singular.
     condition_with_prior: of the posterior precision. correlation: (P, P).
     """
 
     findings: tuple[CoefficientFinding, ...]
     clusters: tuple[Cluster, ...]
-    directions: tuple[Direction, ...]
     condition_number: float
     condition_with_prior: float
     correlation: np.ndarray
@@ -117,10 +126,6 @@ class Identifiability:
                 for f in self.findings
             },
             "clusters": [{"symbols": list(c.symbols), "correlation": c.strongest} for c in self.clusters],
-            "weak_directions": [
-                {"information": d.information, "weights": dict(zip(d.symbols, d.weights, strict=True))}
-                for d in self.directions
-            ],
             "condition_number": self.condition_number,
             "condition_number_with_prior": self.condition_with_prior,
         }
@@ -146,7 +151,7 @@ def analyse(
     """What the trials say about each coefficient.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
-    information: of the data, (P, P), for the condition number and the weak directions; default what the covariance
+    information: of the data, (P, P), for the condition number; default what the covariance
     implies. A covariance that is not finite gives findings of kind "unknown".
     """
     P, nan = len(prior.symbols), float("nan")
@@ -156,7 +161,7 @@ def analyse(
             CoefficientFinding(s, "bound" if bound else "unknown", nan, nan, bound=bound)
             for s, bound in zip(prior.symbols, bounds, strict=True)
         )
-        return Identifiability(unknown, (), (), nan, nan, np.full((P, P), nan))
+        return Identifiability(unknown, (), nan, nan, np.full((P, P), nan))
     data, worth = precision(covariance) - np.eye(P) if information is None else information, 1.0
     if information is not None:
         worth = information_discount(data, covariance)
@@ -166,12 +171,11 @@ def analyse(
     correlation = C / np.outer(own, own)
     C = correlation * np.outer(std, std)
     alone, excited = ((std / own) ** 2 / np.diag(inverse)).tolist(), (np.diag(data) >= SILENT).tolist()
-    values, vectors = np.linalg.eigh(0.5 * (data + data.T))
+    values = np.linalg.eigvalsh(0.5 * (data + data.T))
     with_prior = np.linalg.eigvalsh(inverse)
     return Identifiability(
         tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
-        directions(prior.symbols, values, vectors, np.diag(data)),
         float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
         float(with_prior[-1] / with_prior[0]),
         correlation,
@@ -268,3 +272,35 @@ def _factor(symbol: str, value: float) -> tuple[str, float]:
     if sign:
         return f"(1 {'-' if sign < 0 else '+'} {symbol})", sign / (1 + sign * value)
     return symbol, 1 / value if value else 0.0
+
+
+def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
+    """Connected groups of the coefficients ``symbols`` whose ``correlation`` (P, P) is strong, strongest first."""
+    off = np.abs(correlation) - np.eye(len(symbols))
+    near = off >= CORRELATED
+    found, seen = [], np.zeros(len(symbols), dtype=bool)
+    for first in range(len(symbols)):
+        if seen[first]:
+            continue
+        group = np.arange(len(symbols)) == first
+        while (more := near[group].any(axis=0) & ~group).any():
+            group |= more
+        seen |= group
+        members = np.flatnonzero(group)
+        if len(members) > 1:
+            strongest = float(off[np.ix_(members, members)].max())
+            found.append(Cluster(tuple(symbols[k] for k in members), strongest))
+    return tuple(sorted(found, key=lambda c: -c.strongest))
+
+
+def order(correlation: np.ndarray) -> np.ndarray:
+    """Coefficients (P,) in the order of the leaves of average linkage on 1 - abs(``correlation``), (P, P)."""
+    if len(correlation) < 3:
+        return np.arange(len(correlation))
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
+    distance = np.clip(1 - np.abs(correlation), 0, None)
+    np.fill_diagonal(distance, 0)
+    distance = 0.5 * (distance + distance.T)
+    return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))

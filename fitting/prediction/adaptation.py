@@ -32,6 +32,8 @@ AT_ONCE = 256
 """Windows adapted in one batch, which bounds the memory it takes."""
 ROBUST = 3.0
 """Errors count less beyond so many of these (Huber)."""
+PAST = 30.0
+"""Seconds of past of a 3 m model that are used by default."""
 
 
 @dataclass(frozen=True)
@@ -142,3 +144,8 @@ def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tu
     usable = np.isfinite(error) & np.isfinite(J).all(axis=0)
     usable[:, :2] &= piece.record.has_position
     return np.where(usable, J, 0.0), np.where(usable, error, 0.0), np.where(usable, weight, 0.0)
+
+
+def default_past(ship: Ship) -> float:
+    """Seconds of past that are used by default for a ``ship``, by Froude's law, whole ones."""
+    return float(max(1.0, round(PAST * time_scale(ship.particulars["L"]))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from cases.evidence.signals import white_noise
 from cases.evidence.tails import student_quantile
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation, adapt
+from fitting.prediction.adaptation import Adaptation, adapt, default_past
 from fitting.prediction.bands import (
     COARSE,
     Bands,
@@ -22,20 +22,12 @@ from fitting.prediction.bands import (
     process_dict,
     velocity_variance,
 )
-from fitting.prediction.novelty import (
-    TYPICAL,
-    held_dict,
-    held_motion,
-    inputs_at,
-    met_so_far,
-)
+from fitting.prediction.envelope import held_dict, held_motion
 from fitting.prediction.predict import record_of, window_rows
 from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
-from fitting.prediction.worth_of_past import default_past
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
 """Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows."""
@@ -46,8 +38,6 @@ EARLY, HORIZONS, WIDE = 2.0, (2.0, 5.0, 15.0, 30.0, 60.0, 100.0), 1.5
 up to WIDE times earlier and later."""
 MOST_WINDOWS = 400
 """Windows whose errors are used, which bounds the time it takes."""
-NEW, MOST_GROWTH = 0.2, 5.0
-"""Least novelty from which errors tell how a band grows with it, and most growth."""
 NORMAL = 1.6448536269514722
 """Half width of the 90 % band in standard deviations."""
 COVER = 0.9
@@ -64,31 +54,22 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     return white_noise(stretches, slice(2, None))
 
 
-@dataclass(frozen=True)
-class Without:
-    """All coefficients of a ship (R, P) calibrated without each of R trials: ``run``; without all of its kind:
-    ``kind``, None where all are of one kind. A row that is not finite stands for the ship's own coefficients."""
-
-    run: np.ndarray
-    kind: np.ndarray | None = None
-
-
 def fit_bands(
     simulator: Simulator,
     trials: Sequence[Trial],
     root: np.ndarray | None = None,
-    without: Without | None = None,
+    without: np.ndarray | None = None,
 ) -> dict[str, Any] | None:
     """The process behind the errors of ``simulator`` on windows of ``trials``, and what motion those held, as plain
     values.
 
     root: (P, draws) draws of the coefficients (``bands.draws_of``), whose part of the errors the factors leave out;
-    without: coefficients by which each trial is predicted; by default those of the ship, which suits trials that she
-    was not calibrated on. None when there are too few windows.
+    without: (R, P) all coefficients by which each trial is predicted; by default, and where a row is not finite, those
+    of the ship, which suits trials that she was not calibrated on. None when there are too few windows.
     """
     ship, length = simulator.ship, float(simulator.ship.particulars["L"])
     k = time_scale(length)
-    stretches = _stretches(trials, ship, None if without is None else without.run)
+    stretches = _stretches(trials, ship, without)
     if len(stretches) < 5:
         return None
     batch = WindowBatch.of(stretches)
@@ -100,7 +81,6 @@ def fit_bands(
     bands = Bands(process, np.zeros((len(simulator.model.symbols), 0)) if root is None else root)
     rows = coarse_rows(batch, COARSE * k)
     fixed = bands.coefficient_variance(simulator, batch, rows)
-    known = _KnownVariance(stretches, rows, fixed.copy())
     rest = bands.process_variance(errors.times, errors.states, errors.length)
     early = errors.until(EARLY)
     for s in (3, 4, 5, 2, 0, 1):  # the noise of a state counts in that of those that follow from it
@@ -113,8 +93,6 @@ def fit_bands(
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
     process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
     held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
-    if held and without is not None and without.kind is not None:
-        held = replace(held, growth=_growth(simulator, trials, without.kind, bands.with_process(process), known))
     return process_dict(process) | ({"held": held_dict(held)} if held else {})
 
 
@@ -124,8 +102,8 @@ def few_runs(count: int) -> float:
     return student_quantile(0.95, max(count - 1, 2)) / NORMAL
 
 
-def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None, most: int = MOST_WINDOWS) -> list[Stretch]:
-    """Windows of ``trials``, evenly spread, up to ``most``; own: (R, P) coefficients by trial."""
+def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None) -> list[Stretch]:
+    """Windows of ``trials``, evenly spread, up to MOST_WINDOWS; own: (R, P) coefficients by trial."""
     k, found = time_scale(ship.particulars["L"]), []
     values = [None] * len(trials) if own is None else [v if np.isfinite(v).all() else ship.values for v in own]
     for trial, value in zip(trials, values, strict=True):
@@ -135,70 +113,9 @@ def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None, most
             end = first + int(bad[0]) - 1 if len(bad) else last
             if end > first and trial.t[end] - trial.t[first] >= EVERY * k:
                 found.append(Stretch(record, first, end))
-    if len(found) <= most:
+    if len(found) <= MOST_WINDOWS:
         return found
-    return [found[i] for i in np.linspace(0, len(found) - 1, most).round().astype(int)]
-
-
-class _KnownVariance:
-    """Variance (n, 6, M) by the draws of the coefficients at ``rows`` (n,) of M ``stretches``, to be taken again: it is
-    that of the ship's own coefficients, whatever those by which a stretch is predicted."""
-
-    def __init__(self, stretches: Sequence[Stretch], rows: np.ndarray, variance: np.ndarray) -> None:
-        self.stretches, self.rows, self.variance = stretches, rows, variance
-        self.at = {_place(s): i for i, s in enumerate(stretches)}
-
-    def of(
-        self, bands: Bands, simulator: Simulator, stretches: Sequence[Stretch], batch: WindowBatch, rows: np.ndarray
-    ) -> np.ndarray:
-        """That of these ``stretches`` at their ``rows``, computed where it is not known."""
-        at = [self.at.get(_place(s)) for s in stretches]
-        place = np.searchsorted(self.rows, rows)
-        if None in at or place[-1] == len(self.rows) or not np.array_equal(self.rows[place], rows):
-            return bands.coefficient_variance(simulator, batch, rows)
-        return self.variance[np.ix_(place, np.arange(6), np.array(at))]
-
-
-def _place(stretch: Stretch) -> tuple[int, int, int]:
-    """What two stretches of the same rows of the same trial have in common."""
-    return id(stretch.record.t), stretch.first, stretch.last
-
-
-def _growth(
-    simulator: Simulator, trials: Sequence[Trial], own: np.ndarray, bands: Bands, variance: _KnownVariance
-) -> np.ndarray:
-    """Growth (6,) that makes ``bands`` hold for trials of a kind that is left out, at least TYPICAL; the same for all
-    states, as that of each hangs on few runs.
-
-    own: (R, P) coefficients by which each of ``trials`` is predicted, of a ship that knew no trial of its kind;
-    variance: by the draws of the coefficients, of stretches that were looked at before.
-    """
-    ship, length = simulator.ship, float(simulator.ship.particulars["L"])
-    ratios: list[list[np.ndarray]] = [[] for _ in STATES]
-    for kind in sorted({t.kind for t in trials}):
-        apart = [i for i, t in enumerate(trials) if t.kind == kind and np.isfinite(own[i]).all()]
-        others = [record_of(t, ship.inputs) for t in trials if t.kind != kind]
-        known = held_motion(others, ship.inputs, length) if len(others) > 1 else None
-        stretches = _stretches([trials[i] for i in apart], ship, own[apart], MOST_WINDOWS // 4) if apart else []
-        if known is None or not stretches:
-            continue
-        batch = WindowBatch.of(stretches)
-        errors = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch)[0])
-        rows = coarse_rows(batch, COARSE * errors.scale)
-        met = met_so_far(errors.times, known.novelty(errors.states, inputs_at(batch, rows), length))
-        process = bands.process_variance(errors.times, errors.states, length)
-        process *= bands.process.factor_at(errors.times) ** 2
-        rest = bands.measurement_variance(errors.times, errors.states)
-        rest += variance.of(bands, simulator, stretches, batch, rows)
-        new = errors.until(LENGTH) & (met > NEW**2) & (errors.times > EARLY * errors.scale)
-        for s in range(6):
-            e, p = errors.error[:, s][new], process[:, s][new]
-            square = ((e / NORMAL) ** 2 - rest[:, s][new]) / np.maximum(p, 1e-300) - 1
-            ratios[s].append(square / met[new])
-    found = [np.concatenate(parts) if parts else np.zeros(0) for parts in ratios]
-    found = [values[np.isfinite(values)] for values in found]
-    square = [float(np.quantile(v, COVER)) if len(v) >= 100 else TYPICAL**2 for v in found]
-    return np.full(6, np.sqrt(np.clip(np.median(square), TYPICAL**2, MOST_GROWTH**2)))
+    return [found[i] for i in np.linspace(0, len(found) - 1, MOST_WINDOWS).round().astype(int)]
 
 
 class _WindowErrors:

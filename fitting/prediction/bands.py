@@ -4,19 +4,19 @@ Three parts. The process: accelerations that no model explains, correlated over 
 of a size that grows with speed and turning, drive errors of u, v, r that decay; heading and position follow by
 kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
 windows, and a factor per state and horizon makes 90 % of those fall into the 90 % band; it grows where a motion is new
-to the trials (fitting/prediction/novelty.py). The coefficients: draws from their
+to the trials (fitting/prediction/envelope.py). The coefficients: draws from their
 covariance, simulated. The measurement: noise of the start and of the sample compared with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fitting.prediction.novelty import HeldMotion, held_of, inputs_at
+from fitting.prediction.envelope import HeldMotion, held_of, inputs_at
 from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -75,32 +75,16 @@ def coarse_rows(batch: WindowBatch, step: float) -> np.ndarray:
     return np.unique(np.append(np.arange(0, len(batch.steps) + 1, every), len(batch.steps)))
 
 
-@dataclass(frozen=True)
-class AccelerationStep:
-    """A step of an acceleration of unit variance and the error that it drives, all (M,), or steps, all (n, M).
-
-    left, error: shares of acceleration and error that are left; gain: error per acceleration [s]; aa, ae, ee: variances
-    and covariance of what the noise within the step adds.
-    """
-
-    left: np.ndarray
-    error: np.ndarray
-    gain: np.ndarray
-    aa: np.ndarray
-    ae: np.ndarray
-    ee: np.ndarray
-
-    @classmethod
-    def of(cls, dt: np.ndarray, memory: float, decay: float) -> AccelerationStep:
-        T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay
-        left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
-        both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
-        noise = 2 / memory
-        ee = np.maximum(noise / rate**2 * (own - 2 * both + other), 0.0)
-        return cls(left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee)
-
-    def __getitem__(self, k: int) -> AccelerationStep:
-        return AccelerationStep(self.left[k], self.error[k], self.gain[k], self.aa[k], self.ae[k], self.ee[k])
+def acceleration_steps(dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
+    """Steps ``dt`` (n, M) of an acceleration of unit variance and the velocity error that it drives, (n, 6, M): shares
+    of acceleration and error that are left; error per acceleration [s]; variance of the acceleration, its covariance
+    with the error and variance of that by what the noise within the step adds. memory, decay: of both [s]."""
+    T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay
+    left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
+    both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
+    noise = 2 / memory
+    ee = np.maximum(noise / rate**2 * (own - 2 * both + other), 0.0)
+    return np.stack([left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee], axis=1)
 
 
 def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
@@ -112,12 +96,10 @@ def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: 
     aa = square[0].copy()
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
     out = [ee]
-    steps = AccelerationStep.of(dt, memory, decay)
-    for k in range(len(dt)):
-        s = steps[k]
-        ee = s.error**2 * ee + 2 * s.error * s.gain * ae + s.gain**2 * aa + s.ee * square[k]
-        ae = s.left * (s.error * ae + s.gain * aa) + s.ae * square[k]
-        aa = s.left**2 * aa + s.aa * square[k]
+    for (left, error, gain, a, b, e), now in zip(acceleration_steps(dt, memory, decay), square, strict=False):
+        ee = error**2 * ee + 2 * error * gain * ae + gain**2 * aa + e * now
+        ae = left * (error * ae + gain * aa) + b * now
+        aa = left**2 * aa + a * now
         out.append(ee)
     return np.array(out)
 
@@ -130,10 +112,6 @@ class Bands:
     process: Process
     root: np.ndarray
     held: HeldMotion | None = None
-
-    def with_process(self, process: Process) -> Bands:
-        """The same with another ``process``."""
-        return replace(self, process=process)
 
     @np.errstate(over="ignore", invalid="ignore")  # where a prediction runs away its band is infinite, or no number
     def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
@@ -168,20 +146,19 @@ class Bands:
         for c in range(3):
             P[:, c, c] = square[c, 0]
         result = [np.zeros((6, M))]
-        every = [AccelerationStep.of(np.diff(times, axis=0), p.memory[c], p.decay[c]) for c in range(3)]
+        every = [acceleration_steps(np.diff(times, axis=0), p.memory[c], p.decay[c]) for c in range(3)]
         for k in range(len(times) - 1):
-            dt = times[k + 1] - times[k]
             F = np.tile(np.eye(9), (M, 1, 1))
-            steps = [step[k] for step in every]
-            for c, step in enumerate(steps):
-                F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = step.left, step.error, step.gain
-            F[:, 6:] = kinematic_map(states[k], dt) @ F
+            for c, steps in enumerate(every):
+                F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = steps[k, :3]
+            F[:, 6:] = kinematic_map(states[k], times[k + 1] - times[k]) @ F
             P = F @ P @ np.swapaxes(F, 1, 2)
-            for c, step in enumerate(steps):
-                P[:, c, c] += step.aa * square[c, k]
-                P[:, 3 + c, 3 + c] += step.ee * square[c, k]
-                P[:, c, 3 + c] += step.ae * square[c, k]
-                P[:, 3 + c, c] += step.ae * square[c, k]
+            for c, steps in enumerate(every):
+                aa, ae, ee = steps[k, 3:] * square[c, k]
+                P[:, c, c] += aa
+                P[:, 3 + c, 3 + c] += ee
+                P[:, c, 3 + c] += ae
+                P[:, 3 + c, c] += ae
             d = np.diagonal(P, axis1=1, axis2=2).T
             result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))
         return np.array(result)
@@ -277,17 +254,28 @@ def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
     """Draws (P, DRAWS) of the coefficients of ``ship`` about their values, from the errors and correlations in
     ``result``.
     """
-    root = np.zeros((len(ship.symbols), DRAWS))
+    root, found = np.zeros((len(ship.symbols), DRAWS)), correlation_in(result)
     try:
-        symbols = list(result["correlation"]["symbols"])
-        matrix = np.array(result["correlation"]["matrix"], dtype=float)
+        symbols, matrix = found or ([], root)
         std = np.array([result["coefficients"][s]["std"] for s in symbols], dtype=float)
         at = [ship.symbols.index(s) for s in symbols]
     except (KeyError, TypeError, ValueError):
         return root[:, :0]
-    if not (np.isfinite(matrix).all() and np.isfinite(std).all()):
+    if found is None or not np.isfinite(std).all():
         return root[:, :0]
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     normal = np.random.default_rng(0).standard_normal((len(symbols), DRAWS))
     root[at] = std[:, None] * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * normal))
     return root
+
+
+def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
+    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, None where
+    there is none or numbers are missing in it."""
+    try:
+        symbols = [str(s) for s in content["correlation"]["symbols"]]
+        matrix = np.array(content["correlation"]["matrix"], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        return None
+    whole = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
+    return (symbols, matrix) if whole else None

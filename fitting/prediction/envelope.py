@@ -1,9 +1,17 @@
-"""The envelope of trials: the range of motion, actuators and air that they held, and what leaves it."""
+"""What trials held: the range of motion, actuators and air, and how new a motion is to them.
+
+Motion is what the forces depend on: velocities through the ship's own axes, actuators, air relative to the hull. The
+trials are remembered as a few points that cover their rows (farthest-first traversal, Gonzalez 1985, Theoret Comput
+Sci 38 293-306). A row is as new as its distance to the nearest point exceeds the one at which nine tenths of the rows
+of each trial lie from the points of the other trials. Bands grow with it.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +19,10 @@ from cases.inputs import model_inputs
 from cases.maneuvers.definitions import STOPS
 from cases.simulation.simulate_batch import SimulatedRuns
 from cases.trial import Trial
+from fitting.prediction.stretches import Record, WindowBatch
 from mmg.model import assemble, states_behind
-from mmg.ship import Ship
+from mmg.motion.flow import INPUTS
+from mmg.ship import AIR, Ship
 
 DRIFT = "beta"
 """Drift angle atan2(-v, u) [rad], beside the features of a ship."""
@@ -22,30 +32,32 @@ BEYOND = 0.05
 """Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
 ANGLE = math.radians(2.0)
 """Least excess of a rudder or drift angle that is said [rad]."""
+DEGREES = math.degrees(1.0)
 QUANTITIES = {
-    "u": "surge velocity",
-    "v": "sway velocity",
-    "r": "yaw rate",
-    DRIFT: "drift angle",
-    "n": "revolutions",
-    "delta": "rudder angle",
+    "u": ("surge velocity", "m/s", 1.0),
+    "v": ("sway velocity", "m/s", 1.0),
+    "r": ("yaw rate", "deg/s", DEGREES),
+    DRIFT: ("drift angle", "deg", DEGREES),
+    "n": ("revolutions", "1/s", 1.0),
+    "delta": ("rudder angle", "deg", DEGREES),
 }
-"""What is compared with the trials."""
-SHOWN_IN = {
-    "u": ("m/s", 1.0),
-    "v": ("m/s", 1.0),
-    "r": ("deg/s", math.degrees(1.0)),
-    DRIFT: ("deg", math.degrees(1.0)),
-    "n": ("1/s", 1.0),
-    "delta": ("deg", math.degrees(1.0)),
-}
-"""Unit in which a quantity is said, and its factor from SI and rad."""
+"""What is compared with the trials, in words, the unit in which it is said, and that unit's factor from SI and rad."""
 FAR = 2.0
 """Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
 quarter of the nonlinear forces, which go with the square or more, acted in them."""
 TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
           "pull-out": "a turn so tight"}  # fmt: skip
 """How a manoeuvre is called that no trial came near."""
+POINTS, ROWS = 150, 4000
+"""Points that are kept, and most rows from which they are taken."""
+ORDINARY = 0.9
+"""Share of the rows of a trial that is not new among the other trials."""
+MOST_NEW = 4.0
+"""Novelty beyond which a band grows no further: nothing that was measured says how."""
+ALIKE = 0.1
+"""Least spread of a velocity or of revolutions by which a distance is measured, as a share of its rms."""
+LEAST_ANGLE = 0.05
+"""The same of a rudder angle [rad]."""
 
 
 def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[float]]:
@@ -53,10 +65,14 @@ def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[fl
     if not features.size:
         return {}
     found = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
-    u, v = (features[list(names).index(axis)] for axis in "uv")
+    beta = _drift(*(features[list(names).index(axis)] for axis in "uv"))
+    return found | ({DRIFT: [float(beta.min()), float(beta.max())]} if len(beta) else {})
+
+
+def _drift(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Drift angles where the ship moves."""
     moving = np.hypot(u, v) > SLOW * np.abs(u).max()
-    beta = np.arctan2(-v[moving], u[moving])
-    return found | ({DRIFT: [float(beta.min()), float(beta.max())]} if moving.any() else {})
+    return np.arctan2(-v[moving], u[moving])
 
 
 def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]]:
@@ -80,10 +96,8 @@ def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
     """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
     rows = slice(0, int(runs.last[0]) + 1)
     u, v, r = runs.states[rows, 3:, 0].T
-    moving = np.hypot(u, v) > 0.1 * np.abs(u).max()
     n, delta = np.asarray(runs.inputs[rows, :, 0]).T
-    beta = np.arctan2(-v[moving], u[moving])
-    known = {"u": u, "v": v, "r": r, DRIFT: beta, "n": n, "delta": delta}
+    known = {"u": u, "v": v, "r": r, DRIFT: _drift(u, v), "n": n, "delta": delta}
     return {name: (float(known[name].min()), float(known[name].max())) for name in QUANTITIES if len(known[name])}
 
 
@@ -95,10 +109,10 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
             continue
         low, high = (float(x) for x in envelope[name])
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
-        unit, factor = SHOWN_IN[name]
+        words, unit, factor = QUANTITIES[name]
         for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
             if over:
-                found.append(f"{QUANTITIES[name]} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
+                found.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
     return tuple(found)
 
 
@@ -118,10 +132,10 @@ def untried(kind: str, outside: Sequence[str]) -> str:
 
     outside: how it leaves the trials, as of ``outside_of``.
     """
-    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"])]
+    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"][0])]
     if kind in STOPS and any(reached < limit for reached, limit in turns):
         return "stopping was not in the trials: these figures are the prior's"
-    turning = [_numbers_in(words) for words in outside if words.startswith(tuple(QUANTITIES[q] for q in ("r", DRIFT)))]
+    turning = [_numbers_in(words) for words in outside if words.startswith((QUANTITIES["r"][0], QUANTITIES[DRIFT][0]))]
     if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
         return f"no trial came near {TITLES.get(kind, 'such a manoeuvre')}: these figures are the prior's"
     return ""
@@ -131,3 +145,135 @@ def _numbers_in(words: str) -> tuple[float, float]:
     """What a manoeuvre reaches and the trials held, as ``outside_of`` words them."""
     reached, _, held = words.partition(", ")
     return float(reached.split()[-2]), float(held.split()[-1])
+
+
+def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length: float) -> np.ndarray:
+    """What forces depend on: u, v, r L, actuators, air in body axes relative to the hull, (..., F, M).
+
+    states: (..., 6, M) logged; inputs: (..., C, M) with ``names`` (C,), as of ``Ship.inputs``; length: of the ship [m].
+    """
+    psi, u, v, r = (states[..., i, :] for i in (2, 3, 4, 5))
+    rows = [u, v, r * length, *(inputs[..., list(names).index(name), :] for name in _actuators(names))]
+    north, east = (inputs[..., list(names).index(name), :] for name in AIR)
+    c, s = np.cos(psi), np.sin(psi)
+    return np.stack([*rows, c * north + s * east - u, -s * north + c * east - v], axis=-2)
+
+
+def _actuators(names: Sequence[str]) -> list[str]:
+    """Those of the inputs ``names`` that move something."""
+    return [name for name in names if name in INPUTS]
+
+
+@dataclass(frozen=True)
+class HeldMotion:
+    """Points of the motion that trials held, and what novelty does to a band.
+
+    names: inputs of the ship (C,); scale: (F,) by which motion is divided; points: (K, F) so scaled; reach: distance
+    from which a row is new.
+    """
+
+    names: tuple[str, ...]
+    scale: np.ndarray
+    points: np.ndarray
+    reach: float
+
+    def novelty(self, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
+        """Novelty (n, M) of predicted states (n, 6, M) under inputs (n, C, M), 0: as in the trials; length [m]."""
+        rows = np.moveaxis(motion(states, inputs, self.names, length), -2, -1) / self.scale
+        far = nearest(np.nan_to_num(rows.reshape(-1, rows.shape[-1])), self.points).reshape(rows.shape[:-1])
+        return np.clip(far / self.reach - 1, 0.0, MOST_NEW)
+
+    def widening(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
+        """Factor (n, 1, M) on the variance of the process at times (n, M) since the start, by the novelty met so far.
+
+        states, inputs, length: as of ``novelty``.
+        """
+        met = met_so_far(times, self.novelty(states, inputs, length))
+        return 1 + met[:, None]
+
+
+def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:
+    """Mean square over time of ``novelty`` (n, M) from the start to each of the times (n, M)."""
+    step = np.diff(times, axis=0)
+    grown = np.vstack([np.zeros(times.shape[1]), np.cumsum(step * novelty[1:] ** 2, axis=0)])
+    return np.where(times > 0, grown / np.maximum(times, 1e-9), novelty[:1] ** 2)
+
+
+def nearest(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distance of each of ``rows`` (n, F) to the nearest of ``points`` (K, F)."""
+    ends = np.column_stack([-2 * points, (points**2).sum(axis=1)])
+    beyond = (np.column_stack([rows, np.ones(len(rows))]) @ ends.T).min(axis=1)  # one pass: the array is large
+    return np.sqrt(np.maximum(beyond + (rows**2).sum(axis=1), 0.0))
+
+
+def inputs_at(batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
+    """Inputs (n, C, M) that act at the ``rows`` (n,) of the windows of a ``batch``."""
+    return batch.inputs[np.minimum(rows, len(batch.inputs) - 1)]
+
+
+def held_motion(records: Sequence[Record], names: Sequence[str], length: float) -> HeldMotion | None:
+    """What ``records`` of trials held; None where they hold nothing. The halves of a single trial stand for two.
+
+    names: inputs of the ship; length: of the ship [m].
+    """
+    every = max(1, sum(len(r.t) for r in records) // ROWS)
+    parts = []
+    for record in records:
+        good = np.flatnonzero(record.good)[::every]
+        parts.append(motion(record.states[good].T, record.controls[good].T, names, length).T)
+    parts = [part for part in parts if len(part)]
+    if len(parts) == 1:
+        parts = [part for part in np.array_split(parts[0], 2) if len(part)]
+    if len(parts) < 2:
+        return None
+    rows = np.vstack(parts)
+    scale = np.maximum(rows.std(axis=0), _least(rows, names))
+    parts = [part / scale for part in parts]
+    far = [nearest(part, np.vstack([other for j, other in enumerate(parts) if j != i])) for i, part in enumerate(parts)]
+    points = covering(rows / scale, POINTS)
+    reach = float(np.quantile(np.concatenate(far), ORDINARY)) + float(nearest(rows / scale, points).max()) / 2
+    return HeldMotion(tuple(names), scale, points, max(reach, 1e-6))
+
+
+def _least(rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
+    """Least scale of each feature of ``rows`` (n, F)."""
+    speed = max(float(np.sqrt((rows[:, :2] ** 2).sum(axis=1).mean())), 1e-9)
+    found = [ALIKE * speed] * 3
+    for i, name in enumerate(_actuators(names)):
+        rms = float(np.sqrt((rows[:, 3 + i] ** 2).mean()))
+        found.append(LEAST_ANGLE if name.startswith("delta") else max(ALIKE * rms, 1e-3))
+    return np.array(found + [speed] * (rows.shape[1] - len(found)))
+
+
+def covering(rows: np.ndarray, count: int) -> np.ndarray:
+    """Up to ``count`` of ``rows`` (n, F) that cover them: each is the one farthest from those before it."""
+    taken = [int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))]
+    far = ((rows - rows[taken[0]]) ** 2).sum(axis=1)
+    while len(taken) < min(count, len(rows)) and far.max() > 0:
+        taken.append(int(far.argmax()))
+        far = np.minimum(far, ((rows - rows[taken[-1]]) ** 2).sum(axis=1))
+    return rows[taken]
+
+
+def held_dict(held: HeldMotion) -> dict[str, Any]:
+    """What trials ``held`` as plain values, which result.json has under "bands"."""
+    return {
+        "inputs": list(held.names),
+        "scale": held.scale.tolist(),
+        "points": np.round(held.points, 3).tolist(),
+        "reach": held.reach,
+    }
+
+
+def held_of(content: Mapping[str, Any] | None, names: Sequence[str]) -> HeldMotion | None:
+    """What ``held_dict`` made of it, ``content``, for a ship with inputs of these ``names``; None for anything else."""
+    if content is None:
+        return None
+    try:
+        arrays = [np.asarray(content[key], dtype=np.float64) for key in ("scale", "points")]
+        reach, inputs = float(content["reach"]), tuple(content["inputs"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    scale, points = arrays
+    sound = points.ndim == 2 and len(points) and points.shape[1] == len(scale) and reach > 0
+    return HeldMotion(inputs, scale, points, reach) if sound and inputs == tuple(names) else None

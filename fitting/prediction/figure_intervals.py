@@ -1,9 +1,10 @@
 """Error bars of manoeuvring figures: many ships that the trials allow, each simulated through the manoeuvre.
 
 A draw has coefficients from their joint covariance. Where the manoeuvre leaves the motion that the trials held, it also
-has a lasting unexplained acceleration, whose size grows with the distance (``unexplained``): that is the ship's figure.
-A single trial has besides the fluctuating accelerations that no model explained in the trials (``bands.Process``). All
-draws of a manoeuvre are simulated side by side.
+has a lasting unexplained acceleration, whose size grows with the distance (``envelope``), as her forces differ from the
+model's there: that is the ship's figure. A single trial has besides the fluctuating accelerations that no model
+explained in the trials (``bands.Process``): gusts, waves, and all else that changes while it runs. All draws of a
+manoeuvre are simulated side by side.
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ from typing import Any
 import numpy as np
 
 from cases.criteria.figures import Since
-from cases.criteria.imo import FAIL, OPEN, PASS, Assessment, Row, with_value
-from cases.criteria.scatter import draw_coefficients
-from cases.criteria.standard_runs import Run, figures_of_each, since_each
+from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Assessment, Row, assess, with_value
+from cases.criteria.scatter import ManeuverScatter, draw_coefficients
+from cases.criteria.scatter import scatter as scattered
+from cases.criteria.standard_runs import Run, figures_of_each, planned_run, since_each
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch, simulate_pushed
 from fitting.parallel import Shared, run_all
-from fitting.prediction.bands import bands_of
-from fitting.prediction.envelope import outside_of, outside_words, ranges_of, untried
-from fitting.prediction.unexplained import accelerations, drawn_resistance
+from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
+from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
+from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
@@ -44,6 +46,20 @@ NEAR = 0.25
 """Share of their distance from the ship at which draws of a calibrated ship are simulated."""
 SHOWN = 60
 """Draws whose tracks are kept for a figure."""
+SLOW = 0.1
+"""Share of the points of the trials whose speed is less than that below which a lasting acceleration falls with U^2."""
+UNTRIED = 1 / 3
+"""Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
+library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor
+have other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships
+that no trial told anything of turn within about that share (``benchmarks.literature``)."""
+MOST_SHARE = 0.9
+"""Greatest error of a deceleration, by it: water and a reversed propeller do not drive a ship on."""
+LEVER = 4.0
+"""Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration."""
+RESISTANCE = 0.1
+"""Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
+are each known to some 5 to 10 % of the total."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +80,27 @@ class FigureScatter:
     shown: tuple[Since, ...]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     widened: bool = True
+
+    def of(self, figure: str, factor: float = 1.0, limit: float | None = None) -> dict[str, Any]:
+        """Median, 90 % intervals of the ship and of a single trial, and probability of staying within ``limit`` (None:
+        no limit) of a ``figure`` by its draws, each times ``factor``: fields of a row. A draw that never comes so far
+        lies beyond every value."""
+        nowhere = np.array([math.nan])
+        values, trial = self.ship.get(figure, nowhere), self.trial.get(figure, nowhere)
+        never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
+        low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
+        ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
+        chance = None if limit is None else float((never <= limit).mean())
+        return {"median": middle, "interval_90": (low, high), "interval_90_trial": ends, "probability": chance}
+
+    def share(self, figure: str) -> float:
+        """Share of the draws that reach a ``figure``."""
+        return float(np.isfinite(self.ship.get(figure, np.array([math.nan]))).mean())
+
+    def notice(self, name: str, kind: str) -> list[Message]:
+        """What to know of a manoeuvre of this ``name`` and ``kind`` that leaves the trials."""
+        words = outside_words(name, kind, self.outside, self.widened) if self.outside else ""
+        return [Message(words, "outside_the_trials")] if words else []
 
 
 @dataclass(frozen=True)
@@ -103,8 +140,7 @@ def with_intervals(
     made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
     scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
     for run, one in zip(judged, made, strict=True):
-        if one.outside:
-            notices.append(Message(outside_words(run.name, run.kind, one.outside, one.widened), "outside_the_trials"))
+        notices += one.notice(run.name, run.kind)
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
@@ -136,18 +172,6 @@ def _drawn_plan(job: tuple[Shared, Maneuver, int]) -> FigureScatter:
     shared, plan, seed = job
     simulator, drawn, content = shared.value
     return drawn_figures(simulator, plan, drawn, content, seed)[0]
-
-
-def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] | None:
-    """Symbols (Q,) and correlation matrix (Q, Q) of the estimates in the ``content`` of a result.json, None where
-    there is none or numbers are missing in it."""
-    try:
-        symbols = [str(s) for s in content["correlation"]["symbols"]]
-        matrix = np.array(content["correlation"]["matrix"], dtype=float)
-    except (KeyError, TypeError, ValueError):
-        return None
-    whole = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
-    return (symbols, matrix) if whole else None
 
 
 def drawn_figures(
@@ -238,22 +262,167 @@ def linearised(
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
     """The ``row`` of a ``run`` by its draws, ``scatter``: their median is its value, by which it is judged where trials
     support the manoeuvre."""
-    factor = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit)
-    outside, nowhere = None if scatter.outside is None else bool(scatter.outside), np.array([math.nan])
+    factor, outside = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit), scatter.outside
+    extrapolated = None if outside is None else bool(outside)
     if factor is None:
-        return replace(row, extrapolated=outside)
-    values, trial = scatter.ship.get(row.figure, nowhere), scatter.trial.get(row.figure, nowhere)
-    # a draw that never comes so far lies beyond every value
-    never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
-    low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
-    ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
-    is_judged = row.limit is not None and row.verdict in (PASS, FAIL)
-    chance = float((never <= row.limit).mean()) if is_judged else None
+        return replace(row, extrapolated=extrapolated)
+    found = scatter.of(row.figure, factor, row.limit if row.verdict in (PASS, FAIL) else None)
     if row.value is not None:
-        row = with_value(row, middle if math.isfinite(middle) else None)
-    if row.verdict in (PASS, FAIL) and (why := untried(run.kind, scatter.outside or ())):
+        row = with_value(row, found["median"] if math.isfinite(found["median"]) else None)
+    if row.verdict in (PASS, FAIL) and (why := untried(run.kind, outside or ())):
         row = replace(row, verdict=OPEN, why=why)
-    return replace(
-        row, median=middle, interval_90=(low, high), interval_90_trial=ends, probability=chance,
-        reached=float(np.isfinite(values).mean()), extrapolated=outside,
+    return replace(row, **found, reached=scatter.share(row.figure), extrapolated=extrapolated)
+
+
+def maneuver_scatter(
+    ship: Ship, plan: Maneuver, content: Mapping[str, Any], count: int, seed: int = 0, dt: float | None = None
+) -> tuple[ManeuverScatter, Run | None, FigureScatter | None]:
+    """A manoeuvre ``plan`` of ``count`` ships drawn about one, with medians, intervals and criteria of its figures.
+
+    ship: as it is, without her instruments; content: of the result.json of her calibration, {} where she has none: her
+    coefficients alone are drawn then, but in a stop also its deceleration, as for a manoeuvre that is none of
+    ``JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws
+    are those of ``with_intervals`` the manoeuvre of the ship as it is and the draws behind it.
+    Raises UserError as ``cases.criteria.scatter.scatter``.
+    """
+    judged = plan.kind in (JUDGED if content else STOPS)
+    if judged:
+        ship = _seen_exactly(ship)
+    found = scattered(ship, plan, count, seed, correlation_in(content), dt)
+    if not judged:
+        return found, None, None
+    run = planned_run(ship, plan)
+    drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt, count)
+    limits = {
+        row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
+        for row in assess(run, ship.particulars.get("scale"))
+        if row.limit is not None and row.verdict not in (OPEN, NONE)
+    }
+    rows = tuple(
+        replace(row, **drawn.of(row.figure, limit=limits.get(row.figure)), share=drawn.share(row.figure),
+                limit=limits.get(row.figure))
+        if row.figure in drawn.ship else row
+        for row in found.rows
     )  # fmt: skip
+    notices = (*found.notices, *drawn.notice(plan.name, plan.kind))
+    kept = np.isfinite(trials.states).all(axis=(0, 1))
+    trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
+    return replace(found, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
+
+
+def _seen_exactly(ship: Ship) -> Ship:
+    """The ``ship`` without effects of her instruments: figures are those of the motion."""
+    for name in ship.effects:
+        ship = ship.without_effect(name) if EFFECTS[name].measures else ship
+    return ship
+
+
+def accelerations(
+    bands: Bands | None,
+    ship: Ship,
+    plan: Maneuver,
+    nominal: SimulatedRuns,
+    count: int,
+    dt: float,
+    seed: int,
+    near: float = 1.0,
+) -> Push:
+    """Accelerations of ``count`` ships, then of as many single trials of them, in the manoeuvre ``plan``.
+
+    bands: of the calibration of the ``ship``; None: no trial is known, so there are no single trials, and a stop alone
+    has a lasting part; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s]; seed: of the draws;
+    near: share of the lasting part, that of a single trial is whole.
+    """
+    rng, copies = np.random.default_rng([22, seed]), 1 if bands is None else 2
+    L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
+    size, memory = np.zeros((len(nominal.t), 3)), np.ones(3)
+    if bands is not None:
+        # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
+        size = np.sqrt(np.einsum("ck,kt->tc", bands.process.size**2, acceleration_sizes(nominal.states, L)[:, :, 0]))
+        size *= bands.process.factor_at(times)[:, 3:, 0]
+        memory = bands.process.memory
+    own, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
+    tried = plan.kind not in STOPS
+    novelty = np.full((len(size), 1), 0.0 if tried else 1.0)
+    if bands is not None and bands.held is not None:
+        novelty = bands.held.novelty(nominal.states, input_array(ship, nominal.inputs, nominal.t), L)
+        own = size * novelty
+        slow = slow_speed(bands.held)
+    share = np.zeros(len(size))
+    if tried:
+        own = np.minimum(own, UNTRIED * greatest_accelerations(nominal))
+    else:
+        order = plan.parameters["order_time"]
+        force = UNTRIED * mean_deceleration(nominal, order)
+        own = np.minimum(own, [0.0, force, force * LEVER / L])
+        share = UNTRIED * np.minimum(novelty[:, 0], 1.0) * (nominal.t > order)
+    before: list[np.ndarray] = []
+    lasting = near * np.tile(rng.standard_normal((3, count)), copies)
+    left = np.exp(-dt / memory)[:, None]
+    passing = np.zeros((3, copies * count))
+    if copies == 2:
+        passing[:, count:] = rng.standard_normal((3, count))
+
+    def push(k: int, states: np.ndarray) -> np.ndarray:
+        i = min(k, len(size) - 1)  # some draws take longer to stop than the ship as it is
+        value = own[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
+        if before:  # what the ship herself lost in the last step
+            slowing = np.maximum(before[0] - states[3], 0.0) / dt
+            value[0] += np.clip(share[i] * lasting[0], -MOST_SHARE, MOST_SHARE) * slowing
+        before[:] = [states[3] + dt * value[0]]
+        if copies == 2:
+            fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
+            passing[:, count:] = left * passing[:, count:] + fresh
+        return np.nan_to_num(value)
+
+    return push
+
+
+def greatest_accelerations(nominal: SimulatedRuns) -> np.ndarray:
+    """Greatest accelerations (3,) by forces ahead or abeam [m/s^2], alike, and in yaw [rad/s^2], in the first of
+    ``nominal``."""
+    rows = slice(0, max(int(nominal.last[0]) + 1, 2))
+    t, (u, v, r) = nominal.t[rows], nominal.states[rows, 3:, 0].T
+    du, dv, dr = (np.gradient(x, t) for x in (u, v, r))
+    force = float(np.hypot(du - v * r, dv + u * r).max())
+    return np.array([force, force, float(np.abs(dr).max())])
+
+
+def slow_speed(held: HeldMotion) -> float:
+    """Speed [m/s] that few rows of the trials fall below, from the points that cover what they ``held``."""
+    return float(np.quantile(np.hypot(*(held.points * held.scale)[:, :2].T), SLOW))
+
+
+def fading(states: np.ndarray, slow: float) -> np.ndarray:
+    """Share (M,) of a lasting acceleration at ``states`` (6, M): forces of water on a ship vanish with U^2.
+
+    slow: speed [m/s] from which on the trials say its size themselves.
+    """
+    if slow <= 0:
+        return np.ones(states.shape[1])
+    return np.minimum((states[3] ** 2 + states[4] ** 2) / slow**2, 1.0)
+
+
+def mean_deceleration(nominal: SimulatedRuns, begin: float) -> float:
+    """Mean deceleration [m/s^2] of a stop ordered at ``begin`` [s], to the end of the first of ``nominal`` or rest."""
+    u = nominal.states[:, 3, 0]
+    first = int(np.searchsorted(nominal.t, begin))
+    rest = np.flatnonzero(u <= 0)
+    last = max(int(rest[0]) if len(rest) else int(nominal.last[0]), first + 1)
+    last = min(last, len(u) - 1)
+    return float((u[min(first, last)] - max(u[last], 0.0)) / max(nominal.t[last] - nominal.t[first], 1e-9))
+
+
+def drawn_resistance(
+    ship: Ship, plan: Maneuver, drawn: dict[str, np.ndarray], count: int, seed: int
+) -> dict[str, np.ndarray]:
+    """Coefficients ``drawn``, symbol -> (count,), with the doubt about a ship's resistance in a stop, ``plan``.
+
+    The factors of the plan (``stopping_resistance`` of the ``ship``) are estimates: each draw has its own. seed: of
+    them.
+    """
+    if not plan.factors:
+        return drawn
+    draw = np.exp(RESISTANCE * np.random.default_rng([32, seed]).standard_normal(count))
+    values = ship.coefficients
+    return drawn | {symbol: drawn.get(symbol, np.full(count, values[symbol].value)) * draw for symbol in plan.factors}

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from types import SimpleNamespace
 
 import numpy as np
@@ -27,6 +28,7 @@ from mmg.errors import TooFewData, UserError
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
 
 CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale.share", "heading_bias.psi",
               "heading_bias.alone", "rudder_offset.delta", "control_delay.tau")  # fmt: skip
@@ -96,7 +98,8 @@ class Stretches:
         names = list(dict.fromkeys(name.partition(".")[0] for name in candidates))
         rows = [f"{name}:{','.join(f'{p.symbol}={p.neutral}' for p in parameters(ship, name))}" for name in names]
         self.candidates, self.lengths = (*candidates, *symbols), lengths
-        self.logs = {j: name for j, name in enumerate(candidates) if is_correctable(ship, name)}
+        nothing = Trial("nothing", {"t": np.arange(3.0), **dict.fromkeys(STATES, np.zeros(3))})
+        self.logs = [j for j, name in enumerate(candidates) if corrected(nothing, ship, name, 0.0) is not None]
         self.simulator = Simulator(with_effects(ship, rows))
         sizes = {f"{name}.{p.symbol}": p.typical for name in names for p in parameters(ship, name)}
         self.typical = np.array([sizes.get(name) or ship.coefficients[name].std for name in self.candidates])
@@ -104,18 +107,13 @@ class Stretches:
 
     def of(self, rows: Iterable[tuple[int, Mapping[str, np.ndarray]]]) -> Innovations:
         """Innovations of windows given as (number, columns (N,)). Raises UserError where no stretch fits into any."""
-        parts: list[tuple[np.ndarray, ...] | None] = []
-        batch: list[tuple[int, Mapping[str, np.ndarray]]] = []
-        for item in rows:
-            batch.append(item)
-            if len(batch) == BATCH:
-                parts, batch = [*parts, self._batch(batch)], []
-        if batch:
-            parts.append(self._batch(batch))
-        there_are = [part for part in parts if part is not None]
-        if not there_are:
+        parts, left = list[tuple[np.ndarray, ...]](), iter(rows)
+        while batch := list(islice(left, BATCH)):
+            part = self._batch(batch)
+            parts += [] if part is None else [part]
+        if not parts:
             raise TooFewData("the log has no stretch under way that is long enough to compare with the model")
-        t, window, errors, gains = (np.concatenate(values) for values in zip(*there_are, strict=True))
+        t, window, errors, gains = (np.concatenate(values) for values in zip(*parts, strict=True))
         there = np.isfinite(errors).any(axis=0)
         good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))
         channels = np.arange(errors.shape[1])[there] % len(CHANNELS)
@@ -141,7 +139,7 @@ class Stretches:
         gains = np.empty((*errors.shape, len(self.candidates)))
         for j, size in enumerate(self.typical):
             if j in self.logs:
-                k = 1 + list(self.logs).index(j)
+                k = 1 + self.logs.index(j)
                 left = _quarters(logs[k] - self._predicted(starts[k], controls, h, None), start[2])
                 gains[:, :, j] = (errors - left) / (SIZE * size)
             else:
@@ -161,7 +159,9 @@ class Stretches:
         together, h, N = self._step(step)
         trial = Trial("window", dict(columns))
         controls = model_inputs(trial, self.simulator.ship.inputs).array
-        states = np.stack([trial.states, *(self._corrected(trial, j) for j in self.logs)])
+        ship, sizes = self.simulator.ship, SIZE * self.typical
+        sides = [corrected(trial, ship, self.candidates[j], sizes[j]) for j in self.logs]
+        states = np.stack([trial.states, *(one for one in sides if one is not None)])
         side = max(1, round(0.015 * N)) * together
         need, found = N * together + 2 * side, []
         kernel = np.ones(2 * (together // 2) + 1)
@@ -175,15 +175,6 @@ class Stretches:
             found.append((float(trial.t[begin] + 0.5 * N * h), start, held, measured))
         return found
 
-    def _corrected(self, trial: Trial, j: int) -> np.ndarray:
-        """States (N, 6) of a ``trial`` without the error of candidate ``j`` at half its typical size."""
-        ship, (effect, _, symbol) = self.simulator.ship, self.candidates[j].partition(".")
-        size = {p.symbol: p.neutral for p in parameters(ship, effect)} | {symbol: SIZE * self.typical[j]}
-        about = SimpleNamespace(**ship.particulars)
-        found = EFFECTS[effect].corrected(trial.t, list(trial.states.T), SimpleNamespace(**size), about)
-        assert found is not None
-        return np.stack(found, axis=1)
-
     def _predicted(self, start: np.ndarray, controls: np.ndarray, h: float, j: int | None) -> np.ndarray:
         """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` at its typical size."""
         theta = self.simulator.ship.values.copy()
@@ -194,12 +185,14 @@ class Stretches:
         return self.simulator.columns(out, theta)
 
 
-def is_correctable(ship: Ship, name: str) -> bool:
-    """Whether the error of an instrument, the candidate ``name`` of a ``ship``, can be taken out of logged samples."""
-    effect = name.partition(".")[0]
-    e = SimpleNamespace(**{p.symbol: p.neutral for p in parameters(ship, effect)})
-    t = np.arange(3.0)
-    return EFFECTS[effect].corrected(t, [np.zeros(3)] * 6, e, SimpleNamespace(**ship.particulars)) is not None
+def corrected(trial: Trial, ship: Ship, name: str, size: float) -> np.ndarray | None:
+    """States (N, 6) of a ``trial`` without the error of an instrument, the candidate ``name`` of a ``ship``, beyond its
+    neutral value by ``size``; None where the error cannot be taken out of logged samples."""
+    effect, _, symbol = name.partition(".")
+    values = {p.symbol: p.neutral for p in parameters(ship, effect)}
+    e, about = SimpleNamespace(**(values | {symbol: values[symbol] + size})), SimpleNamespace(**ship.particulars)
+    found = EFFECTS[effect].corrected(trial.t, list(trial.states.T), e, about)
+    return None if found is None else np.stack(found, axis=1)
 
 
 def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:

@@ -79,17 +79,6 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     return result
 
 
-def usable_rows(trial: Trial, inputs: Sequence[str] = STANDARD) -> np.ndarray:
-    """Rows of ``trial`` whose state and ``inputs`` are all measured, shape (N,)."""
-    return _usable(trial, trial.states, model_inputs(trial, inputs).array)
-
-
-def _usable(trial: Trial, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
-    """The same, from its ``states`` (N, 6) and inputs (N, C)."""
-    needed = states if trial.has_position else states[:, 2:]
-    return np.isfinite(needed).all(axis=1) & np.isfinite(controls).all(axis=1)
-
-
 class ShipsByTrial(Simulator):
     """A simulator of trials in which the ship has coefficients of her own each: ``own`` (trials, P), all of them, in
     the order of the trials that it is to predict."""
@@ -117,10 +106,10 @@ def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = N
     values: all coefficients (P,) of the ship in this trial, where they are not the simulator's.
     """
     states, controls = trial.states, model_inputs(trial, inputs).array
-    good = _usable(trial, states, controls)
     if not trial.has_position:
         states = states.copy()
         states[:, :2] = 0.0
+    good = np.isfinite(states).all(axis=1) & np.isfinite(controls).all(axis=1)
     return Record(trial.t, states, controls, good, trial.has_position, values)
 
 

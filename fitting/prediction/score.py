@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import PlainValidator, TypeAdapter
 
 from cases.inputs import assumed
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation
-from fitting.prediction.predict import Forecaster, Window, predict_all, usable_rows, whole_windows
+from fitting.prediction.adaptation import Adaptation, default_past
+from fitting.prediction.predict import Forecaster, ShipsByTrial, Window, predict_all, record_of, whole_windows
 from fitting.prediction.units import UnitErrors, errors_in_units
+from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -24,24 +27,47 @@ MOST_NAMED = 5
 """Of trials in one message."""
 PAPER_WINDOW = 100.0
 WINDOW, STRIDE = 30.0, 15.0
+NOTED = 0.005
+"""Share of an error by which it must change for that to be said."""
+UNDESCRIBED = 0.5
+"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
+calibrated ship does not follow the trials; real ships of good trials have 0.1."""
+GAIN, HARM = 0.99, 1.01
+"""Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used."""
+HYBRID = "hybrid"
+"""What a training that is no black box calls its model."""
+SETS = {"validation": "validation trials", "left out": "trials left out of the calibration in turn"}
+
+
+def _by_state(row: Mapping[str, float | None] | np.ndarray) -> np.ndarray:
+    """Numbers of the six states (6,), null in a file for NaN."""
+    return row if isinstance(row, np.ndarray) else np.array([row[state] for state in STATES], dtype=float)
+
+
+def _stored(value: float, count: int) -> float:
+    """A number of ``count`` windows as it was before it was stored."""
+    return math.inf if count and math.isnan(value) else value
 
 
 @dataclass(frozen=True)
 class TrialScore:
-    """Both metrics of one trial (dimensionless), each also split by state (6,): NaN where there is nothing to score,
+    """Both metrics of one trial (dimensionless), each also by state: NaN where there is nothing to score,
     inf where a prediction diverges. windows, restarts: how many were predicted, of 30 s and of 100 s."""
 
     name: str
-    paper: float
-    paper_by_state: np.ndarray
-    window: float
-    window_by_state: np.ndarray
+    paper: Real
+    paper_by_state: dict[str, Real]
+    window: Real
+    window_by_state: dict[str, Real]
     windows: int
     restarts: int = 0
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, numbers by state as {state: number}."""
-        return {key: _by_name(v) if isinstance(v, np.ndarray) else v for key, v in vars(self).items()}
+    def __post_init__(self) -> None:
+        """A file holds null for NaN, and for inf where there was something to score."""
+        for kind, count in (("paper", self.restarts), ("window", self.windows)):
+            by_state = getattr(self, f"{kind}_by_state")
+            object.__setattr__(self, kind, _stored(getattr(self, kind), count))
+            object.__setattr__(self, f"{kind}_by_state", {s: _stored(value, count) for s, value in by_state.items()})
 
 
 @dataclass(frozen=True)
@@ -54,9 +80,9 @@ class Score:
     """
 
     trials: tuple[TrialScore, ...]
-    paper: float
-    window: float
-    sigma: np.ndarray
+    paper: Real
+    window: Real
+    sigma: Annotated[np.ndarray, PlainValidator(_by_state)]
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
     units: UnitErrors | None = None
@@ -67,43 +93,19 @@ class Score:
         """Names of the trials of which windows were predicted without a finite error."""
         return tuple(t.name for t in self.trials if np.isinf([t.paper, t.window]).any())
 
+    def __post_init__(self) -> None:
+        """As of a trial."""
+        object.__setattr__(self, "paper", _stored(self.paper, sum(t.restarts for t in self.trials)))
+        object.__setattr__(self, "window", _stored(self.window, sum(t.windows for t in self.trials)))
+
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
-        return {
-            "sigma": _by_name(self.sigma),
-            "sigma_from": self.sigma_from,
-            "paper": self.paper,
-            "window": self.window,
-            "trials": [t.to_dict() for t in self.trials],
-            "notes": list(self.notes),
-            "units": self.units.to_dict() if self.units else None,
-            "past_s": self.past_s,
-        }
+        return asdict(self) | {"sigma": dict(zip(STATES, self.sigma.tolist(), strict=True)), "notes": list(self.notes)}
 
     @classmethod
     def from_dict(cls, row: Mapping[str, Any]) -> Score:
-        """The score behind ``row``, as ``to_dict`` made it, null for NaN, and for inf where there was something to
-        score. Raises ValueError for any other row."""
-        try:
-            counts = [(int(t.get("restarts", 0)), int(t["windows"])) for t in row["trials"]]
-            trials = tuple(
-                TrialScore(t["name"], _number(t["paper"], of), _by_state(t["paper_by_state"], of),
-                           _number(t["window"], many), _by_state(t["window_by_state"], many), many, of)
-                for t, (of, many) in zip(row["trials"], counts, strict=True)
-            )  # fmt: skip
-            sigma, notes = _by_state(row["sigma"]), tuple(map(str, row["notes"]))
-            units = UnitErrors.from_dict(row["units"]) if row.get("units") else None
-            paper, window = (_number(row[key], sum(c[j] for c in counts)) for j, key in enumerate(("paper", "window")))
-            return cls(trials, paper, window, sigma, str(row["sigma_from"]), notes, units, float(row.get("past_s", 0)))
-        except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError(f"no score: {error} is missing or of the wrong kind") from None
-
-    @classmethod
-    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        """How pydantic reads a score in a result file: by ``from_dict``."""
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(cls.from_dict)
+        """The score behind ``row``, as ``to_dict`` made it. Raises ValueError for any other row."""
+        return TypeAdapter(cls).validate_python(row)
 
     def to_pandas(self) -> Any:
         """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
@@ -111,7 +113,7 @@ class Score:
 
         rows = [
             {"paper": t.paper, "window": t.window, "windows": t.windows}
-            | {f"window_{s}": value for s, value in _by_name(t.window_by_state).items()}
+            | {f"window_{s}": value for s, value in t.window_by_state.items()}
             for t in self.trials
         ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
@@ -145,19 +147,6 @@ def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Tri
     return scores
 
 
-def _by_name(values: np.ndarray) -> dict[str, float]:
-    return dict(zip(STATES, values.tolist(), strict=True))
-
-
-def _number(value: float | None, count: int = 0) -> float:
-    """A stored ``value`` of ``count`` windows."""
-    return (float("inf") if count else float("nan")) if value is None else float(value)
-
-
-def _by_state(row: Mapping[str, float | None], count: int = 0) -> np.ndarray:
-    return np.array([_number(row[state], count) for state in STATES])
-
-
 def _mean(total: np.ndarray, rows: float) -> np.ndarray:
     """Mean of squares (...) whose ``total`` is of so many ``rows``: NaN of none, inf of predictions that diverge."""
     return np.where(np.isfinite(total), total, np.inf) / rows if rows else np.full(np.shape(total), np.nan)
@@ -169,7 +158,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
     Raises UserError for trials without positions, and where a state never changes.
     """
     located = [t for t in trials if t.has_position]
-    rows = [np.column_stack([t[c] for c in STATES])[usable_rows(t, [n for n in INPUTS if n in t])] for t in located]
+    rows = [np.column_stack([t[c] for c in STATES])[record_of(t, [n for n in INPUTS if n in t]).good] for t in located]
     if not rows:
         raise Missing("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     if not any(map(len, rows)):
@@ -245,7 +234,8 @@ def score(
             pooled[j] += squares.sum(), count
             means.append(_mean(squares, count))
         totals = [float(mean.sum()) for mean in means]
-        rows.append(TrialScore(trial.name, totals[0], means[0], totals[1], means[1], len(windows), len(restarts)))
+        by_state = [dict(zip(STATES, mean.tolist(), strict=True)) for mean in means]
+        rows.append(TrialScore(trial.name, totals[0], by_state[0], totals[1], by_state[1], len(windows), len(restarts)))
     paper_all, window_all = (float(_mean(total, count)) for total, count in pooled)
     for size, each in ((PAPER_WINDOW, [r.restarts for r in rows]), (WINDOW, [r.windows for r in rows])):
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
@@ -255,3 +245,149 @@ def score(
     used = past.seconds if past else 0.0
     said = tuple(dict.fromkeys(notes))
     return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)
+
+
+def in_words(error: float | None) -> str:
+    """An ``error`` with four digits behind the point, "-" of nothing, "diverges" where the prediction gave none."""
+    if error is None or np.isinf(error):
+        return "diverges"
+    return "-" if np.isnan(error) else f"{error:.4f}"
+
+
+def is_worse(before: float, after: float) -> bool:
+    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
+    return after > (1 + NOTED) * before + 1e-6
+
+
+@dataclass(frozen=True)
+class ScorePair:
+    """Scores of the same trials, predicted by a model before and after it was changed."""
+
+    before: Score
+    after: Score
+
+    def worse(self, name: str) -> list[Message]:
+        """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
+        windows = ("30 s windows", self.before.window, self.after.window)
+        restarts = ("100 s restarts", self.before.paper, self.after.paper)
+        return [
+            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {in_words(after)}", "worse_after")
+            for label, before, after in (windows, restarts)
+            if is_worse(before, after)
+        ]
+
+    @property
+    def worse_runs(self) -> tuple[str, ...]:
+        """Runs that became worse, with their errors in units before and after, in words.
+
+        Judged by 30 s windows, and by the share of change where the windows that suit the ship are longer.
+        """
+        units, found = (self.before.units, self.after.units), []
+        for k, (before, after) in enumerate(zip(self.before.trials, self.after.trials, strict=True)):
+            numbers, words = (before.window, after.window), f"{in_words(before.window)} -> {in_words(after.window)}"
+            if units[0] and units[1]:
+                b, a = units[0].runs[k], units[1].runs[k]
+                numbers = (b.share_of_change, a.share_of_change) if units[1].window_s > WINDOW else numbers
+                words = f"position {b.position_m:.3g} -> {a.position_m:.3g} m, "
+                words += f"heading {b.heading_deg:.3g} -> {a.heading_deg:.3g} deg"
+            if is_worse(*numbers):
+                found.append(f"{after.name} ({words})")
+        return tuple(found)
+
+    def worse_by_run(self, name: str) -> list[Message]:
+        """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
+        runs = self.worse_runs
+        if not runs:
+            return []
+        words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
+        return [Message(words, "worse_runs")]
+
+    def failed(self, name: str) -> list[Message]:
+        """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
+        names = self.after.diverged
+        if not names:
+            return []
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        where = ", ".join(names[:MOST_NAMED]) + more
+        return [Message(f"no score of the {name} trials: the prediction diverges on {where}", NO_SCORE)]
+
+    def undescribed(self) -> list[Message]:
+        """A message where the ship does not follow the trials that she was calibrated on."""
+        if not self.after.window > UNDESCRIBED:
+            return []
+        share = (self.after.window / len(STATES)) ** 0.5
+        words = (
+            f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does not "
+            "follow them; see that they are hers and in her size, and what mmg check says of them"
+        )
+        return [Message(words, "not_described")]
+
+
+NO_SCORES: Mapping[str, ScorePair] = {}
+"""Scores of no set of trials."""
+
+
+def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict[str, ScorePair]:
+    """Scores ``before`` and ``after`` a change of the model, as of ``scores_by_set``, by set of trials."""
+    return {name: ScorePair(before[name], found) for name, found in after.items() if name in before}
+
+
+def adaptation_worth(
+    simulator: Simulator, held_out: Sequence[Trial], without: np.ndarray | None = None
+) -> dict[str, Any] | None:
+    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values.
+
+    simulator: of the calibrated ship; without: (R, P) coefficients by which each trial is predicted where they are
+    those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
+    restarts no worse. None where none of the trials can be scored.
+    """
+
+    kept = [i for i, t in enumerate(held_out) if t.has_position]
+    located = [held_out[i] for i in kept]
+    if without is not None:
+        own = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
+        simulator = ShipsByTrial(simulator.ship, own[kept], simulator.compiled)
+    past = default_past(simulator.ship)
+    try:
+        sigma = pooled_sigma(located)
+        bare, adapted = (score(simulator, located, sigma, adapt=seconds) for seconds in (None, past))
+    except UserError:
+        return None
+    good = adapted.window < GAIN * bare.window and not adapted.paper > HARM * bare.paper
+    return {
+        "past_s": past,
+        "trials": "validation" if without is None else "left out",
+        "files": len(located),
+        "without": {"window": bare.window, "paper": bare.paper},
+        "with": {"window": adapted.window, "paper": adapted.paper},
+        "worthwhile": bool(good),
+    }
+
+
+def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float, list[Message]]:
+    """Seconds of past that a prediction uses, 0: none, and what is said of it.
+
+    result: content of the run's result.json, empty for a bare ship, or of a black box, which knows no past; wanted:
+    seconds that the caller names, None: what the result says pays.
+    """
+    known: Any = result.get("adaptation")
+    if wanted == 0 or (wanted is None and (not result or result.get("model", HYBRID) != HYBRID)):
+        return 0.0, []
+    try:
+        pays, default = bool(known["worthwhile"]), float(known["past_s"])
+        before, after = known["without"], known["with"]
+        told = (
+            f"on the {SETS.get(known['trials'], known['trials'])} 30 s windows {before['window']:.4f} -> "
+            f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+        )
+    except (KeyError, TypeError, ValueError):
+        words = "whether the past of a window pays with this model is not known: calibrate it with mmg fit to find out"
+        words += "" if wanted else "; it is not used, --adapt 30 uses it"
+        return wanted or 0.0, [Message(words, "adaptation_untested")]
+    if wanted is not None:
+        words = f"adapting did not pay: {told}; better leave it off"
+        return wanted, [] if pays else [Message(words, "adaptation_does_not_pay")]
+    if not pays:
+        return 0.0, [Message(f"the past of a window is not used: {told}", "adaptation_off")]
+    words = f"up to {default:g} s before each window are used, as that pays: {told}; --adapt 0 does not"
+    return default, [Message(words, "adaptation_on")]

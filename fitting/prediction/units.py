@@ -9,9 +9,8 @@ so that its size does not hide the error.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.trial import Trial
 from fitting.prediction.adaptation import Adaptation
 from fitting.prediction.predict import Forecaster, Predicted, Window, predict_all
+from fitting.report.run_folder import Real
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.states import STATES
@@ -30,31 +30,17 @@ SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
 TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
 """Figures whose errors are told of a manoeuvre."""
 
-ERRORS = {
-    "position": "m",
-    "heading": "deg",
-    "u": "m/s",
-    "v": "m/s",
-    "r": "deg/s",
-    "position_end": "m",
-    "heading_end": "deg",
-}
-"""Errors of a run and their units: rms over the rows of all windows, and at the end of the windows."""
-
 
 @dataclass(frozen=True)
 class FigureError:
-    """A manoeuvring figure as measured and as predicted with the measured rudder and revolutions, in ``unit``."""
+    """A manoeuvring figure as measured and as predicted with the measured rudder and revolutions, in ``unit``; error:
+    predicted less measured."""
 
     figure: str
     unit: str
     measured: float
     predicted: float
-
-    @property
-    def error(self) -> float:
-        """Predicted minus measured."""
-        return self.predicted - self.measured
+    error: float
 
 
 @dataclass(frozen=True)
@@ -67,69 +53,37 @@ class ManeuverErrors:
 
 @dataclass(frozen=True)
 class RunErrors:
-    """Errors of one run. windows: how many; errors: by the names of ERRORS, NaN without a window, inf where a
-    prediction diverges; share: rms over the
-    states of error / change over the window; maneuvers: those that the run holds."""
+    """Errors of one run: rms over the rows of all its ``windows``, NaN without one, inf where a prediction diverges;
+    those with _end at the ends of the windows. share_of_change: rms over the states of error / change over the window;
+    maneuvers: those that the run holds."""
 
     name: str
     windows: int
-    errors: Mapping[str, float]
-    share: float
+    position_m: Real = math.nan
+    heading_deg: Real = math.nan
+    u_m_s: Real = math.nan
+    v_m_s: Real = math.nan
+    r_deg_s: Real = math.nan
+    position_end_m: Real = math.nan
+    heading_end_deg: Real = math.nan
+    share_of_change: Real = math.nan
     maneuvers: tuple[ManeuverErrors, ...] = ()
 
 
 @dataclass(frozen=True)
 class UnitErrors:
-    """Errors of a set of trials in units.
+    """Errors of trials over windows of ``window_s`` every ``stride_s``, as in result.json.
 
-    window, stride [s]; lengths: the window in ship times L/U, None where no length is known; change: rms change of each
-    state over a window, (6,), heading wrapped; runs; pooled: over the rows of all.
+    ship_times: the window in ship times L/U, None for a black box and where no length is known; change: rms change of
+    each state over a window, heading wrapped; runs; pooled: over the rows of all.
     """
 
-    window: float
-    stride: float
-    lengths: float | None
-    change: np.ndarray
+    window_s: float
+    stride_s: float
+    ship_times: float | None
+    change: dict[str, Real]
     runs: tuple[RunErrors, ...]
     pooled: RunErrors = field(repr=False)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values: a row per run with its errors by name and unit, and those of its manoeuvres."""
-        names = {name: f"{name}_{unit.replace('/', '_')}" for name, unit in ERRORS.items()}
-
-        def row(run: RunErrors) -> dict[str, Any]:
-            figures = [
-                {"title": m.title, "figures": [asdict(f) | {"error": f.error} for f in m.figures]}
-                for m in run.maneuvers
-            ]
-            own = {names[name]: value for name, value in run.errors.items()}
-            return {"name": run.name, "windows": run.windows, **own, "share_of_change": run.share, "maneuvers": figures}
-
-        head = {"window_s": self.window, "stride_s": self.stride, "ship_times": self.lengths}
-        change = dict(zip(STATES, self.change.tolist(), strict=True))
-        return {**head, "change": change, "runs": [row(run) for run in self.runs], "pooled": row(self.pooled)}
-
-    @classmethod
-    def from_dict(cls, row: Mapping[str, Any]) -> UnitErrors:
-        """The errors behind ``row``, as ``to_dict`` made it, null for NaN. Raises KeyError or TypeError for others."""
-        names = {name: f"{name}_{unit.replace('/', '_')}" for name, unit in ERRORS.items()}
-
-        def number(value: float | None) -> float:
-            return math.nan if value is None else float(value)
-
-        def run(own: Mapping[str, Any]) -> RunErrors:
-            errors = {name: number(own[key]) for name, key in names.items()}
-            maneuvers = tuple(
-                ManeuverErrors(str(m["title"]), tuple(FigureError(str(f["figure"]), str(f["unit"]),
-                               number(f["measured"]), number(f["predicted"])) for f in m["figures"]))
-                for m in own["maneuvers"]
-            )  # fmt: skip
-            return RunErrors(str(own["name"]), int(own["windows"]), errors, number(own["share_of_change"]), maneuvers)
-
-        change = np.array([number(row["change"][state]) for state in STATES])
-        lengths = None if row["ship_times"] is None else float(row["ship_times"])
-        return cls(float(row["window_s"]), float(row["stride_s"]), lengths, change, tuple(map(run, row["runs"])),
-                   run(row["pooled"]))  # fmt: skip
 
 
 def ship_time(trials: Sequence[Trial], length: float) -> float:
@@ -184,8 +138,9 @@ def errors_in_units(
         replace(_errors(trial.name, [part], change), maneuvers=own)
         for trial, part, own in zip(trials, parts, maneuvers, strict=True)
     ]
-    lengths = size / unit if math.isfinite(unit) else None
-    return UnitErrors(size, 0.5 * size, lengths, change, tuple(runs), _errors("all rows", parts, change))
+    times = size / unit if math.isfinite(unit) else None
+    by_state = dict(zip(STATES, change.tolist(), strict=True))
+    return UnitErrors(size, 0.5 * size, times, by_state, tuple(runs), _errors("all rows", parts, change))
 
 
 @dataclass(frozen=True)
@@ -216,22 +171,24 @@ def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors
     """Errors of the ``parts`` together, in units and as a share of the ``change`` (6,)."""
     rows, ends = np.vstack([p.rows for p in parts]), np.vstack([p.ends for p in parts])
     if not len(rows):
-        return RunErrors(name, 0, dict.fromkeys(ERRORS, math.nan), math.nan)
+        return RunErrors(name, 0)
     rms, end = np.sqrt((rows**2).mean(axis=0)), np.sqrt((ends**2).mean(axis=0))
-    values = {
-        "position": float(np.hypot(rms[0], rms[1])),
-        "heading": math.degrees(rms[2]),
-        "u": float(rms[3]),
-        "v": float(rms[4]),
-        "r": math.degrees(rms[5]),
-        "position_end": float(np.hypot(end[0], end[1])),
-        "heading_end": math.degrees(end[2]),
-    }
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = float(np.sqrt(np.mean((rms / change) ** 2)))
+        share = math.sqrt(np.mean((rms / change) ** 2))
     if not np.isfinite(rms).all():
-        values, share = dict.fromkeys(ERRORS, math.inf), math.inf
-    return RunErrors(name, len(ends), values, share)
+        rms, end, share = np.full(6, math.inf), np.full(6, math.inf), math.inf
+    return RunErrors(
+        name,
+        len(ends),
+        position_m=float(np.hypot(rms[0], rms[1])),
+        heading_deg=math.degrees(rms[2]),
+        u_m_s=float(rms[3]),
+        v_m_s=float(rms[4]),
+        r_deg_s=math.degrees(rms[5]),
+        position_end_m=float(np.hypot(end[0], end[1])),
+        heading_end_deg=math.degrees(end[2]),
+        share_of_change=share,
+    )
 
 
 def _maneuvers(
@@ -274,4 +231,5 @@ def _ordered(run: Run) -> Trial:
 def _figure(name: str, measured: float, predicted: float) -> FigureError:
     unit = figure_unit(name)
     factor = math.degrees(1.0) if unit == "rad" else 1.0
-    return FigureError(name, "deg" if unit == "rad" else unit, factor * measured, factor * predicted)
+    measured, predicted = factor * measured, factor * predicted
+    return FigureError(name, "deg" if unit == "rad" else unit, measured, predicted, predicted - measured)

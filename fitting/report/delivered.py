@@ -19,8 +19,9 @@ import numpy as np
 from cases.criteria.imo import FAIL, OPEN, PASS, Row, imo_figures, imo_figures_of_trials
 from cases.criteria.standard_runs import Run
 from cases.trial import Trial
+from fitting.prediction.bands import correlation_in
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, correlation_in, with_intervals
+from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
 from fitting.report.run_folder import rows_by_role, trials_again

@@ -10,7 +10,7 @@ from typing import Any
 
 from cases.io.files import read_json
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
-from fitting.prediction.score_words import is_worse
+from fitting.prediction.score import is_worse
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -70,8 +70,7 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
             helped.setdefault(best["name"], []).append(f"{symbol} (−{1 - best['variance_left'] ** 0.5:.0%})")
     ranked = sorted(trial["options"], key=lambda option: option.get("mean_prior_share") or 2.0)
     shown = [row for i, row in enumerate(ranked) if i < MOST_OPTIONS or row["name"] in helped]
-    lists, numbers = ("clusters", "weak_directions"), ("condition_number", "condition_number_with_prior")
-    missing: dict[str, Any] = {**dict.fromkeys(lists, ()), **dict.fromkeys(numbers)}
+    missing: dict[str, Any] = {"clusters": (), "condition_number": None, "condition_number_with_prior": None}
     return {**missing, **content, "trial": trial, "options": shown, "helped": helped}
 
 

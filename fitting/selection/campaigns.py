@@ -13,12 +13,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematics import TRACK, TURN, Kinematics, Quantity, kinematics_of
+from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns, campaigns_of
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
@@ -61,11 +61,6 @@ class Instrument:
         """The effect that the constant belongs to."""
         return self.symbol.partition(".")[0]
 
-    @property
-    def quantity(self) -> Quantity:
-        """What the kinematics show of it."""
-        return next(q for q in (*TRACK, *TURN) if q.symbol == self.reading)
-
 
 INSTRUMENTS = (
     Instrument("gyro lag", "gyro.T", "lag_r", "the lag of the turn rate"),
@@ -80,32 +75,16 @@ offset) none was kept on any data set."""
 class CampaignFit:
     """A calibration and what became of campaigns.
 
-    calibration: with constants of campaigns, or as it was; own: ``per_run`` of ``estimate_coefficients`` that made it;
-    content: of "campaigns" in result.json, None where there is nothing to say; messages: for a person; seconds: what it
-    took; left_out: errors (R,) of runs left out before and after, None where nothing differs.
+    calibration: with constants of campaigns, or as it was; content: of "campaigns" in result.json, None where there is
+    nothing to say; messages: for a person; seconds: what it took; left_out: errors (R,) of runs left out before and
+    after, None where nothing differs.
     """
 
     calibration: Calibration
-    own: ByCampaign | tuple[str, ...] = ()
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
     left_out: tuple[np.ndarray, np.ndarray] | None = None
-
-
-@dataclass(frozen=True)
-class InstrumentTried:
-    """A row of the table: instrument; chance: probability that it is the same in all campaigns and differs by chance;
-    measured: whether the logs tell; width: standard deviation between campaigns in typical sizes; without, own: mean
-    squared error of runs left out with one value for all and with one for each campaign (NaN: not looked at); taken."""
-
-    name: str
-    chance: float
-    measured: bool
-    width: float = float("nan")
-    without: float = float("nan")
-    own: float = float("nan")
-    taken: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,31 +147,32 @@ def by_campaign(
     if wanted == ("none",):
         return same
     campaigns, tried = campaigns_of(trials), instruments(ship, wanted)
-    reason = why_not(campaigns, bool(wanted))
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
-        return replace(same, messages=(*campaigns.messages, *([reason] if reason else [])))
+        return replace(same, messages=(*campaigns.messages, *why_not(campaigns, bool(wanted))))
     logs = kinematics_of(trials, ship)
     length = float(ship.particulars["L"])
     readings = {each.symbol: r for each in tried if logs and (r := run_readings(logs, each, length, campaigns))}
     chance = holm([readings[each.symbol][1] if each.symbol in readings else 1.0 for each in tried])
-    rows = [
-        InstrumentTried(each.name, float(p), each.symbol in readings) for each, p in zip(tried, chance, strict=True)
+    # of each instrument: probability that it differs by chance, whether the logs tell, and where it was tried the
+    # standard deviation between campaigns in typical sizes, and mean squared errors of runs left out
+    nothing = {"width": math.nan, "without": math.nan, "own": math.nan, "taken": False}
+    rows: list[dict[str, Any]] = [
+        {"name": each.name, "chance": float(p), "measured": each.symbol in readings, **nothing}
+        for each, p in zip(tried, chance, strict=True)
     ]
     differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
     made = same
     if differing:
         made, widths = _with_constants(fit, campaigns, differing, trials, progress)
-        at = [each.symbol in differing for each in tried]
-        errors = [float(np.nanmean(scores)) for scores in made.left_out] if made.left_out else [float("nan")] * 2
-        taken = made is not same and made.calibration is not fit
-        rows = [
-            replace(row, width=widths[each.symbol], without=errors[0], own=errors[1], taken=taken) if there else row
-            for row, each, there in zip(rows, tried, at, strict=True)
-        ]
+        without, own = map(float, map(np.nanmean, made.left_out)) if made.left_out else (math.nan, math.nan)
+        taken = made.calibration is not fit
+        for row, each in zip(rows, tried, strict=True):
+            if each.symbol in differing:
+                row |= {"width": widths[each.symbol], "without": without, "own": own, "taken": taken}
     content = {
         "runs": {name: campaigns.runs(name) for name in campaigns.names},
-        "tried": [asdict(row) for row in rows],
+        "tried": rows,
         "values": None,
         "left_out": None,
         "sentences": [],
@@ -206,7 +186,8 @@ def run_readings(
 ) -> tuple[RunReadings, float] | None:
     """Readings of an ``instrument`` by run from the kinematics of the ``logs`` of ``campaigns``, and the probability
     that it is the same in all and differs by chance; None where too few runs have one. length: of the ship [m]."""
-    q, group = instrument.quantity, np.array(campaigns.number)
+    q = next(q for q in (*TRACK, *TURN) if q.symbol == instrument.reading)
+    group = np.array(campaigns.number)
     size = q.threshold * time_scale(length) ** (2 * q.power)
     value, std = (np.array([getattr(run[q.symbol], name) for run in logs.runs]) / size for name in ("value", "std"))
     good = np.isfinite(value) & np.isfinite(std) & (std > 0) & np.array([not run.faults for run in logs.runs])
@@ -277,7 +258,7 @@ def _with_constants(
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
-    return _in_words(CampaignFit(new, own, left_out=scores), campaigns), widths
+    return _in_words(CampaignFit(new, left_out=scores), campaigns), widths
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:
@@ -346,19 +327,18 @@ def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
     return replace(fit, content=content, messages=tuple(sentences))
 
 
-def why_not(campaigns: Campaigns, wanted: bool) -> Message | None:
-    """Why these ``campaigns`` cannot be compared, None if they can; said of a single one only if ``wanted``."""
-    if len(campaigns.comparable) >= 2:
-        return None
+def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
+    """Why these ``campaigns`` cannot be compared, nothing if they can; said of a single one only if ``wanted``."""
+    if len(campaigns.comparable) >= 2 or (len(campaigns.names) < 2 and not wanted):
+        return ()
     if len(campaigns.names) < 2:
-        words = "all trials are of one campaign, so instruments have one value"
-        return Message(words, "one_campaign") if wanted else None
+        return (Message("all trials are of one campaign, so instruments have one value", "one_campaign"),)
     few = ", ".join(name for name in campaigns.names if name not in campaigns.comparable)
     words = (
         f"instruments keep one value for all campaigns: {few} with one run each, of which none could be left out and "
         "still be told by the others; two campaigns with two runs each are needed"
     )
-    return Message(words, "one_run_a_campaign")
+    return (Message(words, "one_run_a_campaign"),)
 
 
 def not_asked(trials: Sequence[Trial], wanted: Sequence[str]) -> tuple[Message, ...]:

@@ -30,7 +30,6 @@ WIDEST = 2500
 """Most monomials of one force, before the rules, of a polynomial of that family."""
 ON_TOP = 2
 """Highest order of polynomials on top of the ship's own forces."""
-_NAMES = {"SM-1": "sm1", "SM-2": "sm2", "SM-3": "sm3", "SM-4": "sm4", "quadrants": "quadrants"}
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
     """The structures of all polynomials by their names."""
     words = (rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
     found = [
-        (f"{_NAMES[submodels]}-order{order}", structure_of(ship, order, submodels, *words))
+        (f"{submodels.lower().replace('-', '')}-order{order}", structure_of(ship, order, submodels, *words))
         for submodels in _submodels(ship, rules)
         for order in range(1, rules.order + 1)
     ]

@@ -1,125 +1,87 @@
 """Candidates learned by the objective of Miyauchi et al. (2023), each by several seeds: the best on validation.
 
-By derivatives: a polynomial with wrong coefficients diverges within a subsequence of 100 s, where its error has no
-useful slope. So the start is linear: the change of u, v, r over short blocks against the terms along the measured
-motion, ridged by the prior. Proximal Gauss-Newton steps follow, along weights of the sparsity from strong to weak: each
-minimises the model with the moduli and the bounds exactly, for several dampings at once, of which simulation of all
-takes the best. Or as the paper does: CMA-ES with restarts and a box, through pycma; restarts double the population
-(Auger & Hansen 2005).
+A polynomial with wrong coefficients diverges within a subsequence of 100 s, where its error has no useful slope. So the
+start is that of a regression on the velocities (``polynomial_regression``). Proximal Gauss-Newton steps follow, along
+weights of the sparsity from strong to weak: each minimises the model with the moduli and the bounds, for several
+dampings at once, of which simulation of all takes the best. (CMA-ES, as in the paper, reached J = .354 for .353 with 22
+unknowns and .257 for .200 with 50, in 20 times as many simulations.)
 """
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
-from cases.io.files import replace_text
+from cases.io.files import read_json, replace_text
+from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.parallel import run_all
+from fitting.report.run_folder import Real, write_json
 from fitting.selection.candidates import StructureCandidate
-from fitting.selection.kept import Kept
-from fitting.selection.subsequences import VELOCITIES, Penalties, SubsequenceObjective
-from mmg.errors import NotInstalled, OutOfRange, UnknownName, Unreadable, UserError
-from mmg.model import settled
+from fitting.selection.polynomial_regression import increments, regress
+from fitting.selection.subsequences import SubsequenceObjective
+from fitting.settings import Settings
+from mmg.errors import Conflict, NotWritable, TargetExists, Unreadable
 from mmg.progress import LOGGER
+from mmg.ship import Ship
 
-OPTIMIZERS = ("gradient", "cmaes")
+ASKED = "choice.json"
+"""File of what was wanted, beside runs that are kept."""
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
-"""Weights of the sparsity, from strong to weak, on the path by derivatives."""
-SPARSITY = 1e-3
-"""Weight of the sparsity with CMA-ES."""
+"""Weights of the sparsity, from strong to weak."""
 WORSE, PATIENCE = 1.5, 3
 """The path ends where the validation error is so many times its least at so many weights in a row."""
 SPREAD = 0.3
-"""Standard deviation of the starts of further seeds of the descent about that by regression, and first step size of
-CMA-ES, in standard deviations of the priors."""
+"""Standard deviation of the starts of further seeds about that by regression, in standard deviations of the priors."""
 ON_PATH, LAST = 10, 20
 """Most steps at each weight of the path, and without any."""
 FACTORS = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3])
 """Dampings tried at once, by the last that was best."""
 TOLERANCE = 1e-4
 """Relative decrease of the objective in three steps below which it has converged."""
-RESTARTS, EVERY = 9, 20
-"""Most restarts of CMA-ES, and its generations between two points of the learning curve."""
-
-
-ROUNDS, STEPS, FACES = 12, 20, 10
-"""Of a step: most rounds, gradient steps in each, and exact solutions after these, each with further coefficients
-held."""
-
-
-class TooLate(UserError):
-    """The time limit of a run had passed before anything was evaluated."""
-
-
-@dataclass(frozen=True)
-class Method:
-    """How candidates are learned.
-
-    optimizer: one of OPTIMIZERS; seeds: runs of each candidate, from ``seed`` on; workers: processes over which runs
-    are spread; time_limit: of each [s]; evaluations: most of CMA-ES, None: as the time limit allows; compiled: use a C
-    compiler if there is one.
-    """
-
-    optimizer: str = "gradient"
-    seeds: int = 1
-    seed: int = 0
-    workers: int = 1
-    time_limit: float | None = None
-    evaluations: int | None = None
-    compiled: bool = True
-
-    def __post_init__(self) -> None:
-        if self.optimizer not in OPTIMIZERS:
-            raise UnknownName(f"--optimizer {self.optimizer}: must be one of {', '.join(OPTIMIZERS)}")
-        if self.seeds < 1:
-            raise OutOfRange(f"--seeds {self.seeds} must be at least 1")
-        if self.optimizer == "cmaes":
-            _cma()
+STEPS, NEAR = 200, 1e-5
+"""Most gradient steps to the minimum of a quadratic, and relative change at which they end."""
 
 
 @dataclass(frozen=True)
 class Lesson:
     """One point of a learning curve.
 
-    evaluations: simulations of all training subsequences so far; seconds: of the optimiser so far; objective: J of its
-    current point; training, validation: E of it, the latter NaN without validation trials.
+    evaluations: simulations of all training subsequences so far; seconds: of the run so far; objective: J of its
+    current point; training, validation: E of it.
     """
 
     evaluations: int
     seconds: float
-    objective: float
-    training: float
-    validation: float
+    objective: Real
+    training: Real
+    validation: Real
 
 
-@dataclass
 class Learning:
-    """The learning curve of one run of an optimiser on ``objective``, which began at ``began`` by the clock of
-    ``time.perf_counter``.
+    """The learning curve of one run on ``objective``, which began at ``began`` by the clock of ``time.perf_counter``.
 
-    lessons: the curve; best, p: least objective and where; chosen, p_chosen: the least validation error and where,
-    without validation trials as best and p.
+    lessons: the curve; best: least objective; chosen, p: the least validation error and where.
     """
 
-    objective: SubsequenceObjective
-    began: float = field(default_factory=lambda: time.perf_counter())
-    lessons: list[Lesson] = field(default_factory=list)
-    best: float = float("inf")
-    chosen: float = float("inf")
-
-    def __post_init__(self) -> None:
-        self.p = self.p_chosen = np.zeros(self.objective.P)
+    def __init__(self, objective: SubsequenceObjective, began: float | None = None) -> None:
+        self.objective, self.began = objective, time.perf_counter() if began is None else began
+        self.lessons: list[Lesson] = []
+        self.best = self.chosen = float("inf")
+        self.p = np.zeros(objective.P)
 
     @property
     def seconds(self) -> float:
-        """Of the optimiser so far."""
+        """Of the run so far."""
         return time.perf_counter() - self.began
 
     def note(self, p: np.ndarray) -> Lesson:
@@ -127,37 +89,31 @@ class Learning:
         problem = self.objective
         evaluations = problem.evaluations
         value = float(problem.values(p[:, None])[0])
-        training = float(problem.errors(p[:, None], problem.train)[0])
-        validation = float(problem.errors(p[:, None], problem.validate)[0]) if problem.validate else float("nan")
+        training, validation = (float(problem.errors(p[:, None], d)[0]) for d in (problem.train, problem.validate))
         problem.evaluations = evaluations
         lesson = Lesson(evaluations, self.seconds, value, training, validation)
         self.lessons.append(lesson)
-        self.offer(p, value)
-        judged = validation if problem.validate else value
-        if judged < self.chosen:
-            self.chosen, self.p_chosen = judged, p.copy()
+        self.best = min(self.best, value)
+        if validation < self.chosen:
+            self.chosen, self.p = validation, p.copy()
         return lesson
 
-    def offer(self, p: np.ndarray, value: float) -> None:
-        """Keeps the point ``p`` (P,) with this ``value`` of J if it is the best so far."""
-        if value < self.best:
-            self.best, self.p = value, p.copy()
 
-
-def write_learning(curves: Sequence[tuple[str, int, Sequence[Lesson]]], path: Path) -> None:
-    """Writes learning curves as CSV to ``path``: candidate, seed and lessons of each of ``curves``."""
+def write_learning(runs: Sequence[Learned], path: Path) -> None:
+    """Writes the learning curves of ``runs`` as CSV to ``path``."""
     rows = ["candidate,seed,evaluations,seconds,objective,training,validation"]
-    for name, seed, lessons in curves:
+    for run in runs:
         rows += [
-            f"{name},{seed},{s.evaluations},{s.seconds:.3f},{s.objective:.9g},{s.training:.9g},{s.validation:.9g}"
-            for s in lessons
+            f"{run.name},{run.seed},{s.evaluations},{s.seconds:.3f},{s.objective:.9g},{s.training:.9g},"
+            f"{s.validation:.9g}"
+            for s in run.lessons
         ]
     replace_text(path, "\n".join(rows) + "\n")
 
 
 @dataclass(frozen=True)
 class Learned:
-    """The best run of a candidate.
+    """The best point of one run of a candidate.
 
     values: of its free coefficients, by symbol; vanished: generated terms that are zero; training, validation: E of the
     objective; objective: least J; seconds, evaluations: of the run; seed; lessons: learning curve.
@@ -167,24 +123,81 @@ class Learned:
     seed: int
     values: dict[str, float]
     vanished: tuple[str, ...]
-    training: float
-    validation: float
-    objective: float
+    training: Real
+    validation: Real
+    objective: Real
     seconds: float
     evaluations: int
     lessons: tuple[Lesson, ...]
 
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> Learned:
-        """From plain values, as ``to_dict`` gives them. Raises KeyError or TypeError for anything else."""
-        lessons = tuple(Lesson(int(row[0]), *(float("nan") if x is None else x for x in row[1:]))
-                        for row in content["lessons"])  # fmt: skip
-        numbers = {k: float("nan") if content[k] is None else content[k] for k in ("training", "validation")}
-        return cls(**{**content, **numbers, "vanished": tuple(content["vanished"]), "lessons": lessons})
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return asdict(self) | {"lessons": [list(asdict(lesson).values()) for lesson in self.lessons]}
+@dataclass(frozen=True)
+class Kept:
+    """Finished runs in ``folder``, beside the run folder, from which an interrupted choice goes on; None: none are
+    kept. The folder is OUT.unfinished: a JSON file for each run, and ``choice.json`` with what was wanted."""
+
+    folder: Path | None = None
+
+    def get(self, name: str) -> Learned | None:
+        """The run ``name``, None where it is not finished. Raises UserError for a broken file."""
+        path = self.folder / f"{name}.json" if self.folder else None
+        if path is None or not path.exists():
+            return None
+        try:
+            return TypeAdapter(Learned).validate_python(read_json(path))
+        except ValidationError as error:
+            raise Unreadable(f"{path}: cannot be read ({error}); start without --resume") from None
+
+    def put(self, name: str, run: Learned) -> None:
+        """Keeps a ``run`` under its ``name``."""
+        if self.folder:
+            write_json(self.folder / f"{name}.json", run)
+
+    def done_if_empty(self) -> bool:
+        """Removes the folder where it keeps no part yet; whether it is gone."""
+        if self.folder and [path.name for path in self.folder.iterdir()] == [ASKED]:
+            self.done()
+        return self.folder is None or not self.folder.exists()
+
+    def done(self) -> None:
+        """Removes the folder."""
+        if self.folder:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def kept_beside(out: Path, wanted: dict[str, Any], resume: bool) -> Kept:
+    """The parts kept beside the run folder ``out``.
+
+    wanted: of the choice, plain values by name; resume: go on with what is there. Raises UserError for parts
+    of another choice, for parts that are there without ``resume``, and where nothing can be written.
+    """
+    folder = out.parent / f"{out.name}.unfinished"
+    path = folder / ASKED
+    if folder.exists() and not resume:
+        raise TargetExists(f"{folder}: an interrupted choice is there; add --resume to go on with it, or delete it")
+    if path.exists():
+        before = read_json(path)
+        if other := [name for name in wanted if before.get(name) != wanted[name]]:
+            raise Conflict(f"{folder}: --resume needs the same {', '.join(other)} as the interrupted choice")
+        return Kept(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(path, wanted)
+    except OSError as error:
+        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
+    return Kept(folder)
+
+
+def fingerprint(ship: Ship, sets: Sequence[Sequence[Trial]]) -> dict[str, str]:
+    """Hashes of a ``ship`` and of ``sets`` of trials, by which one choice is told from another."""
+    found = hashlib.sha256()
+    for some in sets:
+        for trial in some:
+            found.update(trial.name.encode())
+            for name in sorted(trial.columns):
+                found.update(name.encode() + np.ascontiguousarray(trial[name]).tobytes())
+        found.update(b"next set")
+    return {"ship": hashlib.sha256(dump_ship(ship).encode()).hexdigest(), "trials": found.hexdigest()}
 
 
 SeededRun = tuple[StructureCandidate, int]
@@ -194,80 +207,45 @@ SeededRun = tuple[StructureCandidate, int]
 def learn_all(
     given: Sequence[StructureCandidate],
     trials: tuple[Sequence[Trial], Sequence[Trial]],
-    method: Method,
+    settings: Settings,
+    seeds: int = 1,
     kept: Kept | None = None,
-) -> dict[str, tuple[Learned, ...]]:
-    """Runs of each of the candidates ``given`` by name, the one with the least validation error first; none for one
-    that came too late.
+) -> dict[str, list[Learned]]:
+    """Runs of each of the candidates ``given`` by name, the one with the least validation error first.
 
-    trials: to train on and to validate; method: how; kept: finished runs, which are taken from there, and to which
-    others are added as they come. Raises UserError for trials from which nothing can be learned, TooLate where all
-    candidates came too late.
+    trials: to train on and to validate; settings: seed of the first run, workers over which runs are spread, time limit
+    of each [s]; seeds: runs of each candidate; kept: finished runs, which are taken from there, and to which others are
+    added as they come. Raises UserError for trials from which nothing can be learned.
     """
-    kept = kept or Kept()
-    runs = {f"{one.name}_seed{seed}": (one, seed)
-            for one in given for seed in range(method.seed, method.seed + method.seeds)}  # fmt: skip
-    contents = {name: content for name in runs if (content := kept.get(name)) is not None}
-    missing = [name for name in runs if name not in contents]
+    kept, numbers = kept or Kept(), range(settings.seed, settings.seed + seeds)
+    runs = {f"{one.name}_seed{seed}": (one, seed) for one in given for seed in numbers}
+    found = {name: run for name in runs if (run := kept.get(name)) is not None}
+    missing = [name for name in runs if name not in found]
 
-    def keep(content: dict[str, Any]) -> None:
-        if late := content.get("too_late"):
-            LOGGER.warning(late)
-            return
-        kept.put(f"{content['name']}_seed{content['seed']}", content)
-        LOGGER.info(
-            f"{content['name']}, seed {content['seed']}: J {content['objective']:.4g}, validation "
-            f"{content['validation']:.4g} after {content['seconds']:.0f} s"
-        )
+    def keep(run: Learned) -> None:
+        kept.put(f"{run.name}_seed{run.seed}", run)
+        LOGGER.info(f"{run.name}, seed {run.seed}: J {run.objective:.4g}, validation {run.validation:.4g} after "
+                    f"{run.seconds:.0f} s")  # fmt: skip
 
-    task = partial(_in_time, trials=trials, method=method)
-    done = run_all(task, [runs[name] for name in missing], method.workers, keep, "models")
-    contents |= dict(zip(missing, done, strict=True))
-    late = [content["too_late"] for content in contents.values() if "too_late" in content]
-    if late and len(late) == len(runs):
-        raise TooLate(late[0])
-    try:
-        learned = [Learned.of(contents[name]) for name in runs if "too_late" not in contents[name]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise Unreadable(f"{kept.folder}: holds a part that cannot be read ({error}); start without --resume") from None
-    learned.sort(key=lambda row: row.validation if row.validation >= 0 else float("inf"))
-    return {one.name: tuple(row for row in learned if row.name == one.name) for one in given}
+    task = partial(learn_one, trials=trials, settings=settings)
+    done = run_all(task, [runs[name] for name in missing], settings.workers, keep, "models")
+    found |= zip(missing, done, strict=True)
+    best = sorted(found.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
+    return {one.name: [run for run in best if run.name == one.name] for one in given}
 
 
-def _in_time(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """As ``learn_one``; of a run that came too late why."""
-    try:
-        return learn_one(run, trials, method)
-    except TooLate as error:
-        return {"too_late": str(error)}
+def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], settings: Settings) -> Learned:
+    """One ``run`` on ``trials`` to train on and to validate, by ``settings``: the first seed begins at the regression.
 
-
-def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], method: Method) -> dict[str, Any]:
-    """One ``run`` on ``trials`` to train on and to validate, by ``method``: plain values of ``Learned``.
-
-    The time limit counts from here: compiling and preparing belong to it. Raises TooLate where it had passed before
-    anything was evaluated.
+    The time limit counts from here, compiling and preparing belong to it; a first point is evaluated in any case.
     """
     began, (one, seed) = time.perf_counter(), run
-    problem = SubsequenceObjective(one.ship, *trials, compiled=method.compiled)
-    learning = Learning(problem, began)
-    limit = float("inf") if method.time_limit is None else method.time_limit
-    if method.optimizer == "cmaes":
-        problem.penalties = Penalties(sparsity=SPARSITY)
-        evolve(learning, seed, limit, float("inf") if method.evaluations is None else method.evaluations)
-    else:
-        start = regression(problem)
-        if seed != method.seed:
-            rng = np.random.default_rng([37, seed])
-            start = np.clip(start + SPREAD * rng.standard_normal(problem.P), problem.lower, problem.upper)
-        follow(learning, start, limit)
-    if not learning.lessons:
-        raise TooLate(
-            f"{one.name}: nothing was evaluated within --time-limit {limit:g}: compiling and preparing took "
-            f"{learning.seconds:.0f} s; give more"
-        )
-    p, symbols, validate = learning.p_chosen, problem.prior.symbols, problem.validate
-    assert validate is not None
+    problem = SubsequenceObjective(one.ship, *trials, compiled=settings.compiled)
+    learning, start = Learning(problem, began), regression(problem, trials[0])
+    if seed != settings.seed:
+        start += SPREAD * np.random.default_rng([37, seed]).standard_normal(problem.P)
+    follow(learning, np.clip(start, problem.lower, problem.upper), settings.time_limit or float("inf"))
+    p, symbols = learning.p, problem.prior.symbols
     ship = problem.ship_at(p)
     return Learned(
         name=one.name,
@@ -275,12 +253,12 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], m
         values={s: ship.coefficients[s].value for s in symbols},
         vanished=tuple(s for s, x, sparse in zip(symbols, p, problem.sparse, strict=True) if sparse and x == 0),
         training=float(problem.errors(p[:, None], problem.train)[0]),
-        validation=float(problem.errors(p[:, None], validate)[0]),
+        validation=float(problem.errors(p[:, None], problem.validate)[0]),
         objective=learning.best,
         seconds=learning.seconds,
         evaluations=learning.lessons[-1].evaluations,
         lessons=tuple(learning.lessons),
-    ).to_dict()
+    )
 
 
 def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> None:
@@ -305,38 +283,10 @@ def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> No
             break
 
 
-def regression(problem: SubsequenceObjective, block: int = 5) -> np.ndarray:
-    """Scaled coefficients p (P,) by ridge regression of changes of velocity along the measured motion.
-
-    problem: gives trials and prior; block: steps over which the change is taken. Weights of data and ridge follow from
-    the residuals, in three rounds. Coefficients are kept within their bounds.
-    """
-    data, slopes = problem.train, problem.slopes
-    theta = problem.coefficients(np.zeros(problem.P))
-    path = np.concatenate([data.start[None, VELOCITIES], data.measured])
-    heading = data.start[2] + np.concatenate([np.zeros((1, data.count)), np.cumsum(path[:-1, 2], axis=0) * data.h])
-    rates, rows = [], []
-    for k in range(len(data.controls)):
-        middle = 0.5 * (path[k] + path[k + 1])
-        six = np.concatenate([np.zeros((2, data.count)), heading[k][None], middle])
-        state = settled(problem.simulator.model, six, data.controls[k], theta)
-        rate, full = slopes.at(state[slopes.first :], data.controls[k], theta)
-        own = slice(VELOCITIES.start - slopes.first, VELOCITIES.stop - slopes.first)
-        rates.append(rate[own])
-        rows.append(full[:, own, slopes.Q :])
-    A, y = [], []
-    for k in range(0, len(rates) - block + 1, block):
-        there = data.weight[k + block - 1] > 0
-        y.append(((path[k + block] - path[k]) - data.h * np.sum(rates[k : k + block], axis=0)).T[there])
-        A.append(data.h * np.sum(rows[k : k + block], axis=0)[there])
-    sides, matrix = np.concatenate(y), np.concatenate(A) * problem.prior.std
-    p = np.zeros(problem.P)
-    for _ in range(3):
-        noise = (sides - matrix @ p).std(axis=0) + 1e-12
-        white = (matrix / noise[:, None]).reshape(-1, problem.P)
-        p = np.linalg.solve(np.eye(problem.P) + white.T @ white, white.T @ (sides / noise).reshape(-1))
-        p = np.clip(p, problem.lower, problem.upper)
-    return p
+def regression(problem: SubsequenceObjective, trials: Sequence[Trial]) -> np.ndarray:
+    """Scaled coefficients p (P,) of ``problem`` by regression on the velocities of its training ``trials``."""
+    found = regress(problem.ship, increments(problem.ship, trials)).values
+    return (np.array([found[s] for s in problem.prior.symbols]) - problem.prior.mean) / problem.prior.std
 
 
 def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator[np.ndarray]:
@@ -345,13 +295,13 @@ def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator
     value, damping, past = float(problem.values(p[:, None])[0]), 1.0, []
     weight, box = problem.penalties.sparsity * problem.sparse, (problem.lower, problem.upper)
     for _ in range(most):
-        about = problem.quadratic(p)
-        diagonal = np.diag(about.hessian)
+        gradient, hessian = problem.quadratic(p)
+        diagonal = np.diag(hessian)
         size = np.maximum(diagonal, 1e-6 * diagonal.max() + 1e-300)
         tried = []
         for mu in damping * FACTORS:
-            H = about.hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
-            tried.append(minimise_quadratic(H, about.gradient, p, box, weight))
+            H = hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
+            tried.append(minimise_quadratic(H, gradient, p, box, weight))
         values = problem.values(np.transpose(tried))
         best = int(np.argmin(np.where(np.isfinite(values), values, np.inf)))
         if not values[best] < value:
@@ -373,121 +323,25 @@ def minimise_quadratic(
 
     H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p.
     Accelerated proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) in variables scaled by
-    the diagonal tell which coefficients are zero or at a bound; the others are then solved for exactly.
+    the diagonal.
     """
     scale = 1 / np.sqrt(np.diag(H))
     A, b = H * np.outer(scale, scale), scale * g
     low, high, lam, origin = box[0] / scale, box[1] / scale, weight * scale, p / scale
-    largest = _largest_eigenvalue(A)
+    largest = float(np.linalg.eigvalsh(A)[-1])
 
     def value(x: np.ndarray) -> float:
         d = x - origin
         return float(b @ d + 0.5 * d @ (A @ d) + lam @ np.abs(x))
 
-    direct = np.clip(_shrunk(origin - np.linalg.solve(A, b), lam / largest), low, high)
-    best, least = min(((x, value(x)) for x in (direct, origin)), key=lambda pair: pair[1])
-    for _ in range(ROUNDS):
-        before = least
-        x = y = best
-        t = 1.0
-        for _ in range(STEPS):
-            new = np.clip(_shrunk(y - (b + A @ (y - origin)) / largest, lam / largest), low, high)
-            t = 1.0 if (y - new) @ (new - x) > 0 else t
-            later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))
-            y, x, t = new + (t - 1) / later * (new - x), new, later
-        for _ in range(FACES):
-            for point in (x, faced := _on_face(A, b, origin, x, (low, high), lam)):
-                if (found := value(point)) < least:
-                    best, least = point, found
-            if np.array_equal(faced != 0, x != 0) and np.array_equal(faced <= low, x <= low):
-                break
-            x = faced
-        if before - least <= 1e-9 * max(value(origin) - least, 1e-300):
+    x = y = origin
+    t = 1.0
+    for _ in range(STEPS):
+        free = y - (b + A @ (y - origin)) / largest
+        new = np.clip(np.sign(free) * np.maximum(np.abs(free) - lam / largest, 0), low, high)
+        if np.abs(new - x).max() < NEAR * np.abs(new).max():
             break
-    return best * scale
-
-
-def _shrunk(x: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Soft threshold."""
-    return np.sign(x) * np.maximum(np.abs(x) - by, 0)
-
-
-def _largest_eigenvalue(A: np.ndarray) -> float:
-    """An upper estimate by the power method."""
-    x = np.ones(len(A))
-    for _ in range(30):
-        x = A @ x
-        x /= np.linalg.norm(x)
-    return 1.05 * float(x @ (A @ x))
-
-
-def _on_face(
-    A: np.ndarray, b: np.ndarray, origin: np.ndarray, x: np.ndarray, box: tuple[np.ndarray, np.ndarray], lam: np.ndarray
-) -> np.ndarray:
-    """The minimum with the zeros, bounds and signs of ``x`` kept; x itself goes that way as far as they hold."""
-    sign = np.sign(x)
-    free = (x > box[0]) & (x < box[1]) & ((x != 0) | (lam == 0))
-    if not free.any():
-        return x
-    gradient = b + A @ (x - origin) + lam * sign
-    step = np.zeros_like(x)
-    step[free] = -np.linalg.solve(A[np.ix_(free, free)], gradient[free])
-    low, high = np.where((sign > 0) & (lam > 0), 0.0, box[0]), np.where((sign < 0) & (lam > 0), 0.0, box[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        room = np.where(step > 0, (high - x) / step, np.where(step < 0, (low - x) / step, np.inf))
-    share = float(room.min())
-    if share >= 1:
-        return x + step
-    moved = x + share * step
-    stopped = room <= share * (1 + 1e-12)
-    moved[stopped] = np.where(step > 0, high, low)[stopped]
-    return np.clip(moved, low, high)
-
-
-def _cma() -> Any:
-    """The module pycma. Raises UserError where it is missing."""
-    try:
-        import cma
-    except ImportError:
-        raise NotInstalled(
-            "--optimizer cmaes needs pycma, which is not installed; pip install 'mmg-ident[cma]'"
-        ) from None
-    return cma
-
-
-def evolve(
-    learning: Learning, seed: int = 0, time_limit: float = float("inf"), evaluations: float = float("inf")
-) -> None:
-    """CMA-ES on the objective of ``learning``, where all that it finds is noted.
-
-    seed: of its draws; time_limit [s], evaluations: where it is stopped, after a generation. The first run begins at
-    0, later ones at random in the middle of the box. Raises UserError where pycma is missing.
-    """
-    cma, problem, spent, generation = _cma(), learning.objective, 0, 0
-    rng = np.random.default_rng([31, seed])
-    for restart in range(RESTARTS + 1):
-        size = int(4 + 3 * np.log(problem.P)) * 2**restart
-        begin = np.zeros(problem.P) if restart == 0 else rng.standard_normal(problem.P)
-        strategy = cma.CMAEvolutionStrategy(
-            np.clip(begin, 0.99 * problem.lower, 0.99 * problem.upper),
-            SPREAD,
-            {
-                "bounds": [problem.lower.tolist(), problem.upper.tolist()], "popsize": size, "seed": np.nan,
-                "randn": lambda *shape: rng.standard_normal(shape), "verbose": -9, "verb_log": 0,
-            },
-        )  # fmt: skip
-        while not strategy.stop():
-            points = strategy.ask()
-            if learning.seconds > time_limit or spent + size > evaluations:
-                if learning.best < np.inf:
-                    learning.note(learning.p)
-                return
-            values = problem.values(np.transpose(points))
-            values = np.where(np.isfinite(values), values, np.finfo(float).max)  # as bad as a candidate can be
-            strategy.tell(points, values.tolist())
-            spent, generation = spent + size, generation + 1
-            best = int(np.argmin(values))
-            learning.offer(np.asarray(points[best]), float(values[best]))
-            if generation % EVERY == 0:
-                learning.note(np.asarray(strategy.result.xfavorite))
-        learning.note(learning.p)
+        t = 1.0 if (y - new) @ (new - x) > 0 else t
+        later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))
+        y, x, t = new + (t - 1) / later * (new - x), new, later
+    return min((x, origin), key=value) * scale

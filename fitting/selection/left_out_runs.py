@@ -11,29 +11,18 @@ coefficients of its fold.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from cases.checks.trusted import duplicates
 from cases.trial import Trial
+from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
-from fitting.nlp.problem import Problem
 from fitting.prediction.predict import ShipsByTrial
-from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.score import score
 
 ROUNDS = 8
 """Most times that a step is made again with coefficients held at their bounds."""
-
-
-class Estimated(Protocol):
-    """A calibration: the problem solved, and information and score of its windows at the estimate."""
-
-    @property
-    def problem(self) -> Problem: ...
-
-    @property
-    def information(self) -> Information: ...
 
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
@@ -62,15 +51,12 @@ def estimates_without(
         rest = ~np.isin(info.run, list(out))
         H = info.fisher[rest].sum(axis=0) + info.prior_information
         slope = info.score[rest].sum(axis=0) + info.prior_score
-        held = np.zeros(len(info.p), dtype=bool)
-        target = info.p.copy()
+        held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
             for _ in range(ROUNDS):
                 # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
-                moved = np.where(held, target - info.p, 0.0)
-                free = ~held
-                step = moved.copy()
-                step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ moved[held])
+                step, free = np.where(held, target - info.p, 0.0), ~held
+                step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])
                 wanted = info.p + step
                 outside = (wanted < lower) | (wanted > upper)
                 if not outside.any():
@@ -98,28 +84,43 @@ def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
     return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
 
+def coefficients_without(
+    fit: Calibration, folds: Sequence[Sequence[int]], info: Information | None = None
+) -> np.ndarray:
+    """All coefficients (R, P) of the ship of the calibration ``fit``, for each of her runs without its fold.
+
+    folds: numbers of the runs left out together, each in one; info: as of ``leave_out``. A second estimate
+    (``two_estimates``) keeps its distance: it is not made again without a run. A constant of one run is that of a run
+    never seen, one of a campaign as the rest of the campaign says. Where too little is left a row is NaN.
+    """
+    problem, prior, shared = fit.problem, fit.problem.prior, len(fit.p)
+    beside = fit.p - fit.iterate["p"][:shared]
+    at = [problem.ship.symbols.index(s) for s in fit.ship.symbols]  # constants of runs are none of the ship
+    estimates = estimates_without(info or fit.information, folds, problem.p_bounds())
+    values = np.full((sum(map(len, folds)), len(at)), np.nan)
+    for out, p in zip(folds, estimates, strict=True):
+        scaled = np.clip(p[:shared] + beside, *fit.prior.scaled_bounds)
+        theta = np.atleast_2d(problem.coefficients(np.concatenate([scaled, p[shared:]])))[:, at]
+        for i in out:
+            values[i] = theta[(prior.campaign[i] if prior.campaign else i) if prior.constants else 0]
+    return values
+
+
 def leave_out(
-    fit: Estimated,
+    fit: Calibration,
     trials: Sequence[Trial],
-    folds: Sequence[Sequence[int]] | None = None,
-    sigma: np.ndarray | None = None,
+    folds: Sequence[Sequence[int]],
+    sigma: np.ndarray,
     info: Information | None = None,
 ) -> np.ndarray:
     """How the calibration ``fit`` predicts its own ``trials`` when they are left out, fold by fold: mean squared error
-    (R,) of the 30 s windows of each over six states in units of ``sigma`` (6,), by default pooled over the trials.
+    (R,) of the 30 s windows of each over six states in units of ``sigma`` (6,).
 
-    folds: numbers of the trials left out, together all, default each alone; info: of the windows, by default that of
-    the calibration; with other weights of windows or samples the estimate is what these make it. A run without a whole
-    window has NaN, one on which the estimate diverges inf. Takes about a second. Raises UserError for trials without
-    positions.
+    folds: numbers of the trials left out together, each in one; info: of the windows, by default that of the
+    calibration; with other weights of windows or samples the estimate is what these make it. A run without a whole
+    window has NaN, one on which the estimate diverges inf. Raises UserError for trials without positions.
     """
-    problem, folds = fit.problem, each_alone(len(trials)) if folds is None else folds
-    own = np.full((len(trials), len(problem.ship.symbols)), np.nan)
-    group = dict(zip(problem.segments.run.tolist(), problem.columns.window.tolist(), strict=True))
-    for out, p in zip(folds, estimates_without(info or fit.information, folds, problem.p_bounds()), strict=True):
-        theta = np.atleast_2d(problem.coefficients(p))
-        for i in out:
-            own[i] = theta[group.get(i, 0)]
-    simulator = ShipsByTrial(problem.ship, own, not problem.kernels.interpreted_because)
-    rows = score(simulator, list(trials), pooled_sigma(trials) if sigma is None else sigma).trials
+    own = coefficients_without(fit, folds, info)
+    simulator = ShipsByTrial(fit.ship, own, not fit.problem.kernels.interpreted_because)
+    rows = score(simulator, list(trials), sigma).trials
     return np.array([row.window if row.windows > 0 else np.nan for row in rows])

@@ -3,8 +3,8 @@
 The change of u, v, r since the beginning of a short window is the integral of the accelerations, which are linear in
 the coefficients (nearly so in the added masses). The integrals are taken along the measured motion, so no trajectory is
 simulated and nothing can run away: the integral form of equation-error regression (Klein and Morelli 2006, ch. 5).
-Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag under which their
-integral follows the positions best.
+Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag that the kinematics of
+the trials show.
 
 The error of a velocity is white noise of the sensor and the integral of white noise in the acceleration, which stands
 for what the polynomial cannot say: the longer a window lasts, the less its end counts. The ratio of the two is that of
@@ -15,6 +15,7 @@ largest likelihood, by channel. The sizes of the terms, which their prior only g
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -22,8 +23,10 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from cases.evidence.kinematics import kinematics_of
 from cases.trial import Trial
 from fitting.nlp.grid import Grid, grids
+from fitting.solvers.condensing import within_bounds
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import TooFewData
 from mmg.model import assemble
@@ -33,8 +36,6 @@ from mmg.ship import Ship
 
 LAG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 """Symbols, in a ship, of the lag [s] and of whether u and v are late in body axes (1) or in the earth frame (0)."""
-TRIED = 41
-"""Number of lags that are tried."""
 WINDOW, STEP = 20.0, 0.5
 """Length of a window and sampling step [s of a 3 m model]."""
 SMOOTHED, DEGREE = 7, 2
@@ -47,23 +48,6 @@ VANISHED = 1e4
 """A term whose size came down to a hundredth of its prior, as a precision, is none."""
 STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3
 """Steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
-
-
-def likeliest_lag(pieces: Sequence[Grid], longest: float, rows: int, body_axes: float = 0.0) -> float:
-    """The lag [s] of ``pieces``, 0 to ``longest``, by the positions in stretches of so many ``rows``; 0 without any.
-    body_axes: of the filter."""
-    squares = np.zeros(TRIED)
-    lags = np.linspace(0.0, longest, TRIED)
-    for piece in pieces:
-        step = float(piece.t[1] - piece.t[0])
-        for i, lag in enumerate(lags):
-            north, east = _earth(piece, lag, body_axes)
-            for velocity, place in ((north, piece.states[:, 0]), (east, piece.states[:, 1])):
-                way = np.concatenate([[0.0], np.cumsum(0.5 * step * (velocity[1:] + velocity[:-1]))])
-                error = (way - place)[: len(way) - _lost(longest, step)]
-                whole = error[: len(error) // rows * rows].reshape(-1, rows)
-                squares[i] += np.nansum((whole - whole.mean(axis=1, keepdims=True)) ** 2)
-    return float(lags[np.argmin(squares)])
 
 
 def without_lag(piece: Grid, lag: float, body_axes: float = 0.0) -> Grid:
@@ -117,7 +101,7 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
     step = max(STEP * scale, min(t.dt for t in trials))
     pieces = [piece for t in trials for piece in grids(t, step, ship.inputs)]
     n = max(8, round(WINDOW * scale / step))
-    lag, axes = _lag(ship, pieces, n), _body_axes(ship)
+    lag, axes = _lag(ship, trials), _body_axes(ship)
     pieces = [without_lag(piece, lag, axes) for piece in pieces]
     rates = _Rates(ship)
     change, slope, third = [], [], []
@@ -145,12 +129,14 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
     return Increments(np.array(change), np.array(slope), step, np.maximum(noise, floor), rates.symbols, lag)
 
 
-def _lag(ship: Ship, pieces: Sequence[Grid], rows: int) -> float:
-    """The lag [s] of the velocities of ``pieces`` if it is free in the ``ship``, else hers."""
+def _lag(ship: Ship, trials: Sequence[Trial]) -> float:
+    """The lag [s] of the velocities of ``trials`` against their positions if it is free in the ``ship``, else hers."""
     known = ship.coefficients.get(LAG)
     if known is None or known.fixed:
         return known.value if known else 0.0
-    return likeliest_lag(pieces, known.upper, rows, _body_axes(ship))
+    seen = kinematics_of(trials, ship)
+    lag = seen.pooled["lag"].value if seen else math.nan
+    return float(np.clip(lag, 0.0, known.upper)) if math.isfinite(lag) else 0.0
 
 
 def _body_axes(ship: Ship) -> float:
@@ -233,9 +219,11 @@ def regress(ship: Ship, system: Increments, sparse: bool = False) -> Regression:
             error = b - A @ p
             ratio = np.array([_likeliest(error[:, :, i], system.step) for i in range(3)])
     gone = own & (precision > VANISHED) if sparse else np.zeros(P, dtype=bool)
-    H = sum(gram / s for (gram, _, _), s in zip(grams, variance, strict=True))
+    H = sum(gram / s for (gram, _, _), s in zip(grams, variance, strict=True)) + np.diag(precision)
     g = sum(right / s for (_, right, _), s in zip(grams, variance, strict=True))
-    p = _bounded(H, g, precision, np.where(gone, 0.0, (lower - base) / std), np.where(gone, 0.0, (upper - base) / std))
+    left = np.flatnonzero(~gone)
+    p = np.zeros(P)
+    p[left] = within_bounds(H[np.ix_(left, left)], -g[left], ((lower - base) / std)[left], ((upper - base) / std)[left])
     values = base + std * p
     values[[s == LAG for s in system.symbols]] = system.lag
     return Regression(
@@ -320,19 +308,3 @@ def _largest_evidence(
         precision[np.setdiff1d(np.arange(P), used)] = 1e8
         used = np.flatnonzero(precision < 1e7)
     return p, precision, variance
-
-
-def _bounded(H: np.ndarray, g: np.ndarray, precision: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Minimum of 1/2 p'(H + precision)p - g'p; what lies outside its bounds is put on them and the others follow."""
-    p, free = np.clip(np.zeros(len(g)), lower, upper), lower < upper
-    full = H + np.diag(precision)
-    for _ in range(10):
-        rest = np.flatnonzero(free)
-        fixed = np.flatnonzero(~free)
-        p[rest] = np.linalg.solve(full[np.ix_(rest, rest)], g[rest] - full[np.ix_(rest, fixed)] @ p[fixed])
-        outside = free & ((p < lower) | (p > upper))
-        p = np.clip(p, lower, upper)
-        if not outside.any():
-            break
-        free &= ~outside
-    return p

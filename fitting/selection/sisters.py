@@ -151,23 +151,16 @@ def sister_widths(ships: Sequence[SisterEvidence]) -> SisterWidths:
     common, interval = _common(A, b)
     width = _by_coefficient(A, b, common)
     at = Marginal.of(A, b, width)
-    covariance = np.linalg.inv(at.S)
-    estimate, std, others, away, p = [], [], [], [], []
-    for i in range(len(ships)):
-        rest = at.S - at.W[i]
-        known = np.linalg.inv(rest)
-        mean = known @ (at.w.sum(axis=0) - at.w[i])
-        prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + known)
-        posterior = np.linalg.inv(A[i] + prior)
-        estimate.append(posterior @ (b[i] + prior @ mean))
-        std.append(np.sqrt(np.diag(posterior)))
-        others.append(mean)
-        z, chance = _apart(at.W[i], at.w[i], mean, known)
-        away.append(z)
-        p.append(chance)
+    covariance, known = np.linalg.inv(at.S), np.linalg.inv(at.S - at.W)
+    others = (known @ (at.w.sum(axis=0) - at.w)[:, :, None])[:, :, 0]
+    prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + known)
+    posterior = np.linalg.inv(A + prior)
+    estimate = (posterior @ (b[:, :, None] + prior @ others[:, :, None]))[:, :, 0]
+    std = np.sqrt(np.diagonal(posterior, axis1=1, axis2=2))
+    away, chance = zip(*map(_apart, at.W, at.w, others, known), strict=True)
     return SisterWidths(
-        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, np.array(estimate),
-        np.array(std), np.array(others), np.array(away), np.array(p),
+        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, estimate, std, others,
+        np.array(away), np.array(chance),
     )  # fmt: skip
 
 
@@ -217,19 +210,30 @@ class UncertainMean:
     covariance: np.ndarray
 
 
-def sister_start(start: Ship, widths: SisterWidths, names: Sequence[str]) -> Ship:
-    """The ship ``start`` with the prior of her sisters, whose ``names`` are said as its source.
+@dataclass(frozen=True)
+class SisterStart:
+    """What her sisters say of a ship. ship: to start from; values: most likely ones by symbol, from which the solver
+    begins; mean: how uncertain that of her prior is."""
+
+    ship: Ship
+    values: Mapping[str, float]
+    mean: UncertainMean
+
+
+def sister_start(start: Ship, widths: SisterWidths, names: Sequence[str], number: int) -> SisterStart:
+    """The start of the sister of this ``number`` among ``names``: the ship ``start`` with the prior of all of them.
 
     widths: of the group.
     """
-    mean = widths.centre + widths.unit * widths.mean
-    std = widths.unit * widths.used_width
+    unit, rows = widths.unit, dict(start.coefficients)
+    mean, likely = (widths.centre + unit * scaled for scaled in (widths.mean, widths.estimate[number]))
     words = f"mean of the sisters {', '.join(names)}; std: how much they differ"
-    rows = dict(start.coefficients)
-    for symbol, value, width in zip(widths.symbols, mean.tolist(), std.tolist(), strict=True):
+    for symbol, value, width in zip(widths.symbols, mean.tolist(), (unit * widths.used_width).tolist(), strict=True):
         c = rows[symbol]
         rows[symbol] = c.with_(value=float(np.clip(value, c.lower, c.upper)), std=width, source=words)
-    return replace(start, coefficients=rows)
+    uncertain = UncertainMean(widths.symbols, unit[:, None] * widths.mean_covariance * unit)
+    values = dict(zip(widths.symbols, likely.tolist(), strict=True))
+    return SisterStart(replace(start, coefficients=rows), values, uncertain)
 
 
 def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
@@ -241,17 +245,6 @@ def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
         if c.prior_std is not None:
             rows[symbol] = c.with_(prior_std=float(np.hypot(c.prior_std, np.sqrt(variance))))
     return replace(ship, coefficients=rows)
-
-
-def mean_of(widths: SisterWidths) -> UncertainMean:
-    """How uncertain the mean of the ``widths`` is."""
-    return UncertainMean(widths.symbols, widths.unit[:, None] * widths.mean_covariance * widths.unit)
-
-
-def estimates_of(widths: SisterWidths, number: int) -> Mapping[str, float]:
-    """Symbol -> most likely value of the sister of this ``number`` in the ``widths``, from which her fit begins."""
-    values = widths.centre + widths.unit * widths.estimate[number]
-    return dict(zip(widths.symbols, values.tolist(), strict=True))
 
 
 def with_uncertain_mean(found: Calibration, mean: UncertainMean | None) -> Calibration:

@@ -1,7 +1,8 @@
 """Choice of a model's structure: fit every candidate, choose by validation, test the choice once.
 
 The ship as given is fitted by multiple shooting. A polynomial is estimated by regression on the velocities
-(``polynomial_regression``), whole and thinned out, in seconds; the best of them are also refined by multiple shooting.
+(``polynomial_regression``), whole and thinned out, in seconds. (Multiple shooting from there was no better on trials
+that neither saw, of ESSO OSAKA and of her simulation.)
 What is chosen must stay a ship under random harbour use of all its actuators (Miyauchi et al. 2023, req. 7).
 """
 
@@ -9,8 +10,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,45 +19,42 @@ import numpy as np
 from cases.shipfiles.model_changes import with_instruments
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.trial import Trial
-from fitting.calibrate import FitOptions, calibrate, started_from
+from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import estimate_coefficients
-from fitting.parallel import run_all
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
+from fitting.report.run_folder import plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
-from fitting.selection.kept import Kept
-from fitting.selection.learning import Learned, Method, learn_all
-from fitting.selection.polynomial_regression import STEP, increments, regress
+from fitting.selection.learning import Kept, Learned, learn_all
+from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
 from mmg.components.expansion.series import STALL, speed_scale
 from mmg.components.expansion.words import Word, parse_monomial
-from mmg.errors import Missing, NoSolution, TooFewData, Unreadable
+from mmg.errors import Missing, NoSolution, TooFewData
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-WINDOW, REFINED_WINDOW = 100.0, 30.0
+WINDOW, SHORT = 100.0, 30.0
 """Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
-polynomial that is refined, that of the windows by which it is judged."""
+polynomial that is chosen, that of the windows by which it is judged."""
 INTERVAL = 10
 """Steps of a shooting interval of a polynomial, half as long as those of others: there are as many."""
 LARGEST = 1000
 """Most unknowns of a candidate that is tried without being named."""
-REFINED = 2
-"""Number of polynomials that are refined."""
 LARGEST_CHOSEN = 450
-"""Most unknowns of one of them, and of the choice while there are smaller ones: its errors by multiple shooting take
-gigabytes and minutes. Larger ones are chosen as thinned out."""
+"""Most unknowns of the choice while there are smaller ones: its errors by multiple shooting take gigabytes and minutes.
+Larger ones are chosen as thinned out."""
 START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
 """Factor on the best validation error up to which a model with fewer unknowns is preferred."""
 INSTRUMENTS = ("velocity_filter",)
-THINNED, SHOT = "-thinned", "-refined"
-"""Endings of the names of candidates."""
+THINNED = "-thinned"
+"""Ending of the names of candidates."""
 SEQUENCES, SECONDS = 1000, 400.0
 """Number of sequences and their length [s of a 3 m model]."""
 MOST = 4.0
@@ -123,47 +121,41 @@ class Tried:
     sequences: int = 0
     left_out: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, NaN as None."""
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()}
-
 
 @dataclass(frozen=True)
 class StructureChoice:
-    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability; by
-    candidate its runs on the objective of the paper, if there were any."""
+    """The chosen candidate, calibrated; the table of all; errors on the test trials of some models; its stability;
+    runs on the objective of the paper, if there were any."""
 
     chosen: str
     result: FitResult
     table: tuple[Tried, ...]
     test: dict[str, float]
     stability: Stability
-    runs: dict[str, tuple[Learned, ...]] = field(default_factory=dict)
+    runs: tuple[Learned, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Content of selection.json."""
-        test = {name: value if np.isfinite(value) else None for name, value in self.test.items()}
+        """Content of selection.json, numbers that are not finite as None."""
         keys = ("name", "seed", "objective", "training", "validation", "evaluations", "seconds")
-        learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)}
-                   for some in self.runs.values() for run in some]  # fmt: skip
-        return {
-            "chosen": self.chosen,
-            "candidates": [row.to_dict() for row in self.table],
-            "test": test,
-            "stability": asdict(self.stability),
-            **({"learned": learned} if learned else {}),
-        }
+        learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)} for run in self.runs]
+        found = {"chosen": self.chosen, "candidates": self.table, "test": self.test, "stability": self.stability}
+        content: dict[str, Any] = plain(found | ({"learned": learned} if learned else {}))
+        return content
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """A candidate with its estimate. values: by regression, empty for the ship as given; held: no more than these."""
+    """A candidate with its estimate. values: of a polynomial, which are held; empty for the ship as given."""
 
     row: Tried
     ship: Ship
     start: StructureCandidate
     values: dict[str, float]
-    held: bool
+
+    @property
+    def error(self) -> float:
+        """On the validation trials, inf where it diverges."""
+        return self.row.validation if np.isfinite(self.row.validation) else float("inf")
 
 
 def choose_structure(
@@ -173,71 +165,67 @@ def choose_structure(
     settings: Settings | None = None,
     named: bool = False,
     progress: OnProgress | None = None,
-    learned: Method | None = None,
+    seeds: int = 0,
     kept: Kept | None = None,
 ) -> StructureChoice:
     """The best of candidates ``given`` for ``ship``, calibrated.
 
     trials: to fit on, to choose by, to test once; settings: of the fits; named: the candidates were named by the user,
     so that one that the trials cannot determine is an error; progress: called before each fit. Each polynomial is also
-    tried without the terms that its evidence speaks against, and the best REFINED are fitted by multiple shooting too;
-    that is chosen only where it predicts the trials of the fit better. Those on top of the ship's own forces take these
-    as calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour
-    sequences is not chosen while another one does not. learned: polynomials are learned by the objective of the paper
-    instead, and not refined; kept: finished fits, which are taken from there, and to which others are added;
-    settings.workers: processes over which fits are spread. Raises UserError where no candidate can be fitted, for
-    trials without positions, and for a named one that the trials cannot determine.
+    tried without the terms that its evidence speaks against. Those on top of the ship's own forces take these as
+    calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour sequences
+    is not chosen while another one does not. seeds: polynomials are learned by the objective of the paper instead, so
+    many runs of each; kept: finished ones, which are taken from there, and to which others are added. Raises UserError
+    where no candidate can be fitted, for trials without positions, and for a named one that they cannot determine.
     """
     train, validate, test = trials
     _check(train, validate, ship.inputs)
-    work = _Work.of(ship, train, validate, settings or Settings(), kept or Kept())
-    fitted: list[_Fitted] = []
+    scale = time_scale(ship.particulars["L"])
+    work = _Work(train, validate, pooled_sigma(train), settings or Settings(), scale, frozenset(ship.free))
     able, table = _able(given, train, named)
     table.insert(0, work.row(given[0], ship, name=START, words="the ship as given, not fitted", unknowns=0, terms=0))
-    runs: dict[str, tuple[Learned, ...]] = {}
-    if learned:
+
+    def say(task: str, number: int) -> None:
         if progress:
-            progress(Progress(f"learning {len(able)} candidates", 0, len(given)))
-        runs = learn_all([work.prepared(one) for one in able if one.order], (train, validate), learned, kept)
-    calibrated: Ship | None = None
+            progress(Progress(task, number, len(given)))
+
+    runs: dict[str, list[Learned]] = {}
+    if seeds:
+        say(f"learning {len(able)} candidates", 0)
+        runs = learn_all(
+            [work.prepared(one) for one in able if one.order], (train, validate), work.settings, seeds, kept
+        )
+    fitted: list[_Fitted] = []
     for number, one in enumerate(able):
-        if progress:
-            progress(Progress(f"fitting {one.name}", number, len(given)))
+        say(f"fitting {one.name}", number)
         if not one.order:
-            fitted += work.shots([(one, {})])
-            calibrated = fitted[-1].ship
-        elif learned:
-            fitted += [work.learned(one, best) for best in runs[one.name][:1]]
-            table += [] if runs[one.name] else [_row(one, left_out="nothing was evaluated within its time limit")]
+            fitted.append(work.shot(one))
+        elif seeds:
+            fitted.append(work.learned(one, runs[one.name][0]))
         else:
-            fitted += work.regressed(_based_on(one, calibrated))
-    if not learned:
-        if progress:
-            progress(Progress("refining the best polynomials", len(given), len(given)))
-        better, no_better = work.refined(fitted)
-        fitted += better
-        table += no_better
+            own = next((f.ship for f in fitted if f.row.name == GIVEN), None)
+            fitted += work.regressed(_based_on(one, own))
     if not fitted:
         raise NoSolution(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
     small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted
     best, checked = _stable_best(small, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
-    options = FitOptions(start=best.values, hold=best.held, instruments=INSTRUMENTS, next_trial=False)
+    options = FitOptions(start=best.values, hold=bool(best.values), instruments=INSTRUMENTS, next_trial=False)
     result = calibrate(best.start.ship, train, validate, work.settings_of(best.start), options, progress)
     if INTERRUPTED.requested:
         raise KeyboardInterrupt
     if table[0].validation < best.row.validation:  # false where the ship as given diverges
         worse = f"the ship as given predicts the validation trials better ({table[0].validation:.4g}): keep her"
         result = replace(result, messages=(MessageRow("warning", "worse_after", worse), *result.messages))
-    others = {f.row.name: f.ship for f in fitted if f.row.name == GIVEN}
-    models = {START: ship, **{f"{name} calibrated": own for name, own in others.items()}, "chosen": result.ship}
+    others = {f"{GIVEN} calibrated": f.ship for f in fitted if f.row.name == GIVEN}
+    models = {START: ship, **others, "chosen": result.ship}
     errors = {name: _window_error(model, test, work.sigma) for name, model in models.items()} if test else {}
     final = stability(result.ship, SEQUENCES, work.settings.seed, work.settings.compiled)
     if final.diverged:
         words = f"the chosen model diverges in {final.diverged} of {final.sequences} random harbour sequences"
         advice = "no candidate stays stable in all: keep to motions of the trials, or give more trials"
         result = replace(result, messages=(MessageRow("warning", "diverges", f"{words}; {advice}"), *result.messages))
-    return StructureChoice(best.row.name, result, (*rows, *table), errors, final, runs)
+    return StructureChoice(best.row.name, result, (*rows, *table), errors, final, tuple(chain(*runs.values())))
 
 
 def _able(
@@ -272,10 +260,6 @@ def _row(one: StructureCandidate, **more: Any) -> Tried:
     return Tried(one.name, one.words, one.unknowns, sum(one.counts), **more)
 
 
-def _error(fitted: _Fitted) -> float:
-    return fitted.row.validation if np.isfinite(fitted.row.validation) else float("inf")
-
-
 def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> float:
     return score(Simulator(ship), list(trials), sigma).window
 
@@ -283,8 +267,7 @@ def _window_error(ship: Ship, trials: Sequence[Trial], sigma: np.ndarray) -> flo
 @dataclass(frozen=True)
 class _Work:
     """What all fits share: trials to fit on and to choose by, sigma of the errors, settings; scale of time, by a 3 m
-    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her; finished fits.
-    """
+    model; free coefficients of the ship as given, which count as unknowns of a polynomial on top of her."""
 
     train: Sequence[Trial]
     validate: Sequence[Trial]
@@ -292,16 +275,10 @@ class _Work:
     settings: Settings
     scale: float
     own: frozenset[str]
-    kept: Kept
-
-    @classmethod
-    def of(cls, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], settings: Settings, kept: Kept) -> _Work:
-        scale = time_scale(ship.particulars["L"])
-        return cls(train, validate, pooled_sigma(train), settings, scale, frozenset(ship.free), kept)
 
     def settings_of(self, one: StructureCandidate) -> Settings:
         """Those of the multiple shooting of a candidate: a polynomial takes shorter windows and steps."""
-        window = self.settings.window or (REFINED_WINDOW if one.order else WINDOW) * self.scale
+        window = self.settings.window or (SHORT if one.order else WINDOW) * self.scale
         step = max(STEP * self.scale, min(t.dt for t in self.train)) if one.order else None
         interval = INTERVAL if one.order else self.settings.interval
         return replace(self.settings, window=window, step=self.settings.step or step, interval=interval)
@@ -332,7 +309,7 @@ class _Work:
             named = replace(one, name=one.name + THINNED, words=words) if sparse else one
             start = replace(named, ship=ship)
             model = ship.with_values(estimate.values)
-            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values, True))
+            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values))
         return found
 
     def prepared(self, one: StructureCandidate) -> StructureCandidate:
@@ -342,60 +319,19 @@ class _Work:
     def learned(self, one: StructureCandidate, best: Learned) -> _Fitted:
         """A polynomial by its best run on the objective of the paper, without the terms that are zero."""
         ship = with_instruments(self.prepared(one).ship, INSTRUMENTS, self.train)
-        rows = {s: c for s, c in ship.coefficients.items() if s not in best.vanished}
-        values = {s: x for s, x in best.values.items() if s in rows}
-        start = replace(one, ship=replace(ship, coefficients=rows))
+        values = {s: x for s, x in best.values.items() if s not in best.vanished}
+        start = replace(one, ship=Regression(values, {}, best.vanished).ship(ship))
         model = start.ship.with_values(values)
-        row = self.row(start, model, converged=True, seconds=best.seconds)
-        return _Fitted(row, model, start, values, True)
+        return _Fitted(self.row(start, model, converged=True, seconds=best.seconds), model, start, values)
 
-    def shots(self, given: Sequence[tuple[StructureCandidate, dict[str, float]]]) -> list[_Fitted]:
-        """Candidates fitted by multiple shooting, each from its values by symbol, unless they are kept already."""
-        named = [(replace(one, name=one.name + SHOT) if values else one, values) for one, values in given]
-        found = {one.name: self.kept.get(one.name) for one, _ in named}
-        left = [(one, values) for one, values in named if found[one.name] is None]
-        task = partial(_shot, work=self)
-        for content in run_all(task, left, self.settings.workers, lambda c: self.kept.put(c["name"], c), "models"):
-            found[content["name"]] = content
-        return [self._taken_up(one, values, found[one.name] or {}) for one, values in named]
-
-    def refined(self, fitted: Sequence[_Fitted]) -> tuple[list[_Fitted], list[Tried]]:
-        """The best polynomials by multiple shooting: those that predict their trials better, and rows on others."""
-        small = sorted((f for f in fitted if f.start.order and f.row.unknowns <= LARGEST_CHOSEN), key=_error)[:REFINED]
-        found = self.shots([(f.start, f.values) for f in small])
-        better, no_better = [], []
-        for before, after in zip(small, found, strict=True):
-            if after.row.training <= before.row.training:
-                better.append(after)
-            else:  # no refinement: better by its own measure, not by that of the choice
-                no_better.append(after.row)
-        return better, no_better
-
-    def _taken_up(self, one: StructureCandidate, values: dict[str, float], content: dict[str, Any]) -> _Fitted:
-        """A candidate with the outcome of ``_shot``."""
-        try:
-            ship = with_instruments(one.ship, INSTRUMENTS, self.train).with_values(content["values"])
-            row = self.row(one, ship, converged=bool(content["converged"]), seconds=float(content["seconds"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise Unreadable(
-                f"{self.kept.path(one.name)}.json: cannot be read ({error}); start without --resume"
-            ) from None
-        return _Fitted(row, ship, one, values, False)
-
-
-def _shot(task: tuple[StructureCandidate, dict[str, float]], work: _Work) -> dict[str, Any]:
-    """A candidate fitted by multiple shooting from values: plain values of what came out."""
-    (one, values), began = task, time.perf_counter()
-    start = with_instruments(one.ship, INSTRUMENTS, work.train)
-    found = estimate_coefficients(start, work.train, work.settings_of(one), warm=started_from(start, values))
-    if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
-        raise KeyboardInterrupt
-    return {
-        "name": one.name,
-        "values": {s: found.ship.coefficients[s].value for s in start.free},
-        "converged": found.converged,
-        "seconds": time.perf_counter() - began,
-    }
+    def shot(self, one: StructureCandidate) -> _Fitted:
+        """The ship as given, fitted by multiple shooting."""
+        began, start = time.perf_counter(), with_instruments(one.ship, INSTRUMENTS, self.train)
+        found = estimate_coefficients(start, self.train, self.settings_of(one))
+        if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
+            raise KeyboardInterrupt
+        ship = start.with_values({s: found.ship.coefficients[s].value for s in start.free})
+        return _Fitted(self.row(one, ship, began, converged=found.converged), ship, one, {})
 
 
 def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:
@@ -411,18 +347,18 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
 
     Returns it, and the rows of those that were checked. If none stays stable, the one that diverges least often.
     """
-    least = min(map(_error, fitted))
+    least = min(f.error for f in fitted)
     if not np.isfinite(least):
         raise NoSolution(
             "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
         )
-    near = sorted((f for f in fitted if _error(f) <= NO_LOSS * least), key=lambda f: f.row.unknowns)
-    order = [*near, *sorted((f for f in fitted if f not in near), key=_error)]
+    near = sorted((f for f in fitted if f.error <= NO_LOSS * least), key=lambda f: f.row.unknowns)
+    order = [*near, *sorted((f for f in fitted if f not in near), key=lambda f: f.error)]
     checked: dict[str, Tried] = {}
     for one in order:
         found = stability(one.ship, SEQUENCES, settings.seed, settings.compiled)
         checked[one.row.name] = replace(one.row, stable=found.sequences - found.diverged, sequences=found.sequences)
-        if not found.diverged and np.isfinite(_error(one)):
+        if not found.diverged and np.isfinite(one.error):
             return one, checked
     return max(order, key=lambda f: checked[f.row.name].stable), checked
 

@@ -1,4 +1,4 @@
-"""The objective of Miyauchi et al. (2023), Eqs. 16 to 30, for many candidates at once and with exact derivatives.
+"""The objective of Miyauchi et al. (2023), Eqs. 16 to 30, for many candidates at once, and its derivatives.
 
 J = E + w_D D + w_1 sum |p_i|. E is the mean squared error of u, v and r, each by its standard deviation over the
 training trials, in subsequences simulated from their measured beginning; from the step on at which a subsequence leaves
@@ -12,23 +12,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 
-import casadi as ca
 import numpy as np
 
 from cases.simulation.harbour_inputs import ranges_of
 from cases.trial import Trial
 from fitting.nlp.grid import default_step, grids
 from fitting.nlp.prior import Prior
-from mmg.compile.batch import batch_functions
 from mmg.errors import OutOfRange, TooFewData
-from mmg.model import Model, settled
+from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
-from mmg.runge_kutta import NODES, WEIGHTS
 from mmg.ship import Ship
 
 LENGTH = 100.0
@@ -44,6 +40,10 @@ INPUTS_EACH = 50
 LEVELS = {"rps": 2, "rad": 5}
 """Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
 conversion)."""
+DIFFERENCE = 1e-8
+"""Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives."""
+AT_ONCE = 4000
+"""Subsequences simulated side by side for these, which bounds the memory it takes."""
 PERCENTILE = 99.7
 """Of the accelerations in the trials, from which on they are limited (Miyauchi et al. 2023)."""
 
@@ -187,44 +187,10 @@ class Penalties:
     sparsity: float = 0.0
 
 
-@dataclass(frozen=True)
-class Quadratic:
-    """The smooth part of the objective about a point: its ``value``, ``gradient`` (P,) and Gauss-Newton ``hessian``
-    (P, P)."""
-
-    value: float
-    gradient: np.ndarray
-    hessian: np.ndarray
-
-
-class RatesWithJacobian:
-    """Rates of the states that a ``model``'s rates depend on, with their Jacobian: at (Q, m) states, (C, m) inputs.
-
-    free: positions of the free coefficients among all; compiled: use a C compiler if there is one.
-    """
-
-    def __init__(self, model: Model, free: np.ndarray, compiled: bool) -> None:
-        self.first, self.Q, self.P = model.first, len(model.states) - model.first, len(free)
-        q, c = ca.SX.sym("q", self.Q), ca.SX.sym("c", len(model.controls))
-        theta = ca.SX.sym("theta", len(model.symbols))
-        k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))[self.first :]
-        jacobian = ca.jacobian(k, ca.vertcat(q, *[theta[int(i)] for i in free]))
-        self.rows, self.columns = (np.array(a, dtype=int) for a in jacobian.sparsity().get_triplet())
-        function = ca.Function("f_slopes", [q, c, theta], [ca.densify(k), jacobian], {"cse": True})
-        (self.batch,), _ = batch_functions([function], compiled)
-
-    def at(self, q: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rates (Q, m) and their Jacobian (m, Q, Q + P) to states and free coefficients, for coefficients (all,)."""
-        k, nonzeros = self.batch.at(q, c, theta)
-        full = np.zeros((q.shape[1], self.Q, self.Q + self.P))
-        full[:, self.rows, self.columns] = nonzeros.T
-        return k, full
-
-
 class SubsequenceObjective:
     """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
 
-    train, validate: trials, the latter perhaps none; penalties: weights; step: of simulation [s], None:
+    train, validate: trials; penalties: weights; step: of simulation [s], None:
     ``default_step``; compiled: use a C compiler if there is one. Scaled coefficients p are (P,) or, for K candidates,
     (P, K); p = 0 are the values of the ship. Raises UserError for trials without motion or without a piece long enough.
     """
@@ -233,7 +199,7 @@ class SubsequenceObjective:
         self,
         ship: Ship,
         train: Sequence[Trial],
-        validate: Sequence[Trial] = (),
+        validate: Sequence[Trial],
         penalties: Penalties | None = None,
         step: float | None = None,
         compiled: bool = True,
@@ -245,17 +211,12 @@ class SubsequenceObjective:
         self.step, self.length = step or default_step(train, L), LENGTH * time_scale(L)
         self.sigma = spread_of(train)
         self.train = subsequences(train, self.step, self.length, ship.inputs)
-        self.validate = subsequences(validate, self.step, self.length, ship.inputs) if validate else None
-        self.extremes: Extremes = extremes_of(ship, train)
+        self.validate = subsequences(validate, self.step, self.length, ship.inputs)
+        self.extremes = extremes_of(ship, train)
         self.lower, self.upper = self.prior.scaled_bounds
         own = ship.monomials
         self.sparse = np.array([s in own for s in self.prior.symbols], dtype=float)
         self.evaluations = 0
-
-    @cached_property
-    def slopes(self) -> RatesWithJacobian:
-        """Rates with their Jacobian; late, since they take long to compile and the evolution has no use for them."""
-        return RatesWithJacobian(self.simulator.model, self.free, self.simulator.compiled)
 
     @property
     def P(self) -> int:
@@ -273,10 +234,9 @@ class SubsequenceObjective:
         """The ship with the coefficients ``p`` (P,)."""
         return self.ship.with_values(dict(zip(self.prior.symbols, self.coefficients(p)[self.free], strict=True)))
 
-    def values(self, p: np.ndarray, data: Subsequences | None = None) -> np.ndarray:
-        """J (K,) of the candidates ``p`` (P, K); data: other subsequences than the training ones."""
-        weights = self.penalties
-        total = self.errors(p, self.train if data is None else data)
+    def values(self, p: np.ndarray) -> np.ndarray:
+        """J (K,) of the candidates ``p`` (P, K)."""
+        weights, total = self.penalties, self.errors(p, self.train)
         if weights.deviation:
             total = total + weights.deviation * self.deviations(p)
         return total + weights.sparsity * (self.sparse @ np.abs(p))
@@ -284,72 +244,55 @@ class SubsequenceObjective:
     @np.errstate(all="ignore")
     def errors(self, p: np.ndarray, data: Subsequences) -> np.ndarray:
         """E (K,) of the candidates ``p`` (P, K) on ``data``."""
-        K, W = p.shape[1], data.count
-        self.evaluations += K
-        theta = np.repeat(self.coefficients(p), W, axis=1)
-        start, controls = np.tile(data.start, K), np.tile(data.controls, (1, 1, K))
-        states = self.simulator.run(start, controls, data.h, theta, threads=1)[1:, VELOCITIES]
-        e = (states.reshape(len(states), 3, K, W) - data.measured[:, :, None]) / self.sigma[:, None, None]
-        inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]
-        squares = np.where(np.logical_and.accumulate(inside, axis=0)[:, None], e**2, LIMIT**2)
+        self.evaluations += p.shape[1]
+        e, inside = self._errors(p, data)
+        squares = np.where(inside, e**2, LIMIT**2)
         return (squares * data.weight[:, None, None]).sum(axis=(0, 1, 3)) / (3 * data.samples)
 
     @np.errstate(all="ignore")
     def deviations(self, p: np.ndarray) -> np.ndarray:
         """D (K,) of the candidates ``p`` (P, K)."""
+        return np.array([(np.maximum(np.abs(one) - 1, 0) ** 2).mean() for one in self._accelerations(p)])
+
+    @np.errstate(all="ignore")
+    def _errors(self, p: np.ndarray, data: Subsequences) -> tuple[np.ndarray, np.ndarray]:
+        """Standardised errors (N, 3, K, W) of the candidates ``p`` (P, K) on ``data``, and where they count: a
+        subsequence (N, 1, K, W) that has not left the limits yet."""
+        K, W = p.shape[1], data.count
+        theta = np.repeat(self.coefficients(p), W, axis=1)
+        start, controls = np.tile(data.start, K), np.tile(data.controls, (1, 1, K))
+        states = self.simulator.run(start, controls, data.h, theta, threads=1)[1:, VELOCITIES]
+        e = (states.reshape(len(states), 3, K, W) - data.measured[:, :, None]) / self.sigma[:, None, None]
+        inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]
+        return e, np.logical_and.accumulate(inside, axis=0)[:, None]
+
+    @np.errstate(all="ignore")
+    def _accelerations(self, p: np.ndarray) -> list[np.ndarray]:
+        """Accelerations (3, m) at the extremes by their limits, of each of the candidates ``p`` (P, K)."""
         far, found = self.extremes, []
         for theta in self.coefficients(p).T:
             state = settled(self.simulator.model, far.state, far.controls, theta)
             rates = self.simulator.rates(state, far.controls, np.ascontiguousarray(theta))[VELOCITIES]
-            found.append((np.maximum(np.abs(rates) / far.limit[:, None] - 1, 0) ** 2).mean())
-        return np.array(found)
+            found.append(rates / far.limit[:, None])
+        return found
 
-    @np.errstate(all="ignore")
-    def quadratic(self, p: np.ndarray, data: Subsequences | None = None) -> Quadratic:
-        """E + w_D D about ``p`` (P,), without the sparsity; data: as of ``values``."""
-        data = self.train if data is None else data
-        theta, P = self.coefficients(p), self.P
-        e, J = self._sweep(theta, data)
+    def quadratic(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient (P,) and Gauss-Newton Hessian (P, P) of E + w_D D on the training trials at ``p`` (P,), by
+        differences of what is squared; what has left the limits is constant."""
+        data, P, near = self.train, self.P, p[:, None] + DIFFERENCE * np.eye(self.P)
+        e, inside = (part[:, :, 0] for part in self._errors(p[:, None], data))
+        counted = np.broadcast_to(inside & (data.weight > 0)[:, None], e.shape)
+        J, at_once = np.zeros((int(counted.sum()), P)), max(1, AT_ONCE // data.count)
+        for first in range(0, P, at_once):
+            some = slice(first, first + at_once)
+            moved = np.moveaxis(self._errors(near[:, some], data)[0], 2, 3)[counted]
+            J[:, some] = (moved - e[counted][:, None]) / DIFFERENCE
         n = 3 * data.samples
-        value, gradient, hessian = float((e**2).sum()) / n, 2 / n * (e @ J), 2 / n * (J.T @ J)
+        gradient, hessian = 2 / n * (e[counted] @ J), 2 / n * (J.T @ J)
         if self.penalties.deviation:
-            far, w = self.extremes, self.penalties.deviation
-            state = settled(self.simulator.model, far.state, far.controls, theta)
-            k, full = self.slopes.at(state[self.slopes.first :], far.controls, theta)
-            own = slice(VELOCITIES.start - self.slopes.first, VELOCITIES.stop - self.slopes.first)
-            rates = k[own].T / far.limit
-            excess = np.maximum(np.abs(rates) - 1, 0)
-            over = excess > 0
-            A = (full[:, own, self.slopes.Q :] / far.limit[:, None] * np.sign(rates)[:, :, None])[over]
-            A, m = A * self.prior.std, excess.size
-            value += w * float((excess**2).sum()) / m
-            gradient = gradient + w * 2 / m * (excess[over] @ A)
-            hessian = hessian + w * 2 / m * (A.T @ A)
-        return Quadratic(value, gradient.reshape(P), hessian)
-
-    def _sweep(self, theta: np.ndarray, data: Subsequences) -> tuple[np.ndarray, np.ndarray]:
-        """Standardised errors (n,) and their Jacobian (n, P) to the scaled coefficients; constant beyond the limits."""
-        slopes, h, (N, _, W) = self.slopes, data.h, data.controls.shape
-        first, Q, P = slopes.first, slopes.Q, slopes.P
-        own = slice(VELOCITIES.start - first, VELOCITIES.stop - first)
-        begin = settled(self.simulator.model, data.start, data.controls[0], theta)[first:]
-        z, S, alive = begin.copy(), np.zeros((W, Q, P)), np.ones(W, dtype=bool)
-        errors, J = np.zeros((N, W, 3)), np.zeros((N, W, 3, P))
-        for k in range(N):
-            c, rate, dk = data.controls[k], np.zeros((Q, W)), np.zeros((W, Q, P))
-            dz, dS = np.zeros((Q, W)), np.zeros((W, Q, P))
-            for fraction, weight in zip(NODES, WEIGHTS, strict=True):
-                rate, full = slopes.at(z + fraction * h * rate, c, theta)
-                dk = full[:, :, :Q] @ (S + (fraction * h) * dk) + full[:, :, Q:]
-                dz += weight * rate
-                dS += weight * dk
-            z, S = z + h * dz, S + h * dS
-            e = (z[own].T - data.measured[k].T) / self.sigma
-            there = data.weight[k] > 0
-            alive &= (np.abs(e) < LIMIT).all(axis=1) | ~there
-            errors[k] = np.where(alive[:, None], e, LIMIT) * there[:, None]
-            good = alive & there
-            J[k, good] = S[good][:, own] / self.sigma[:, None]
-            if not good.all():  # those that have left, or ended, go on from their start without harm
-                z[:, ~good], S[~good] = begin[:, ~good], 0.0
-        return errors.reshape(-1), (J * self.prior.std).reshape(-1, P)
+            now, *others = self._accelerations(np.column_stack([p, near]))
+            over = np.abs(now) > 1
+            A = np.transpose([(one - now)[over] / DIFFERENCE for one in others]) * np.sign(now[over])[:, None]
+            share = 2 * self.penalties.deviation / now.size
+            gradient, hessian = gradient + share * ((np.abs(now[over]) - 1) @ A), hessian + share * (A.T @ A)
+        return gradient, hessian

@@ -40,13 +40,8 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     """The calibration ``found`` with the means of its estimates and those of a ``second`` estimator. Its covariance has
     the square of half their difference added: so far each may be off by its own way of seeing what the model lacks. As
     it is, with a notice, where ``second`` says why it has none."""
-
-    def noted(calibration: Calibration, words: str) -> Calibration:
-        """The notice comes first, so that those of a run that goes on have the same order."""
-        return replace(calibration, notices=(Message(words, "two_estimates"), *calibration.notices))
-
     if isinstance(second, str):
-        return noted(found, f"the estimate is that of multiple shooting alone: {second}")
+        return _noted(found, f"the estimate is that of multiple shooting alone: {second}")
     if not np.isfinite(found.covariance).all():
         return found
     prior = found.prior
@@ -57,4 +52,9 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:SHOWN])
     words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
     words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
-    return noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)
+    return _noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)
+
+
+def _noted(found: Calibration, words: str) -> Calibration:
+    """The notice comes first, so that those of a run that goes on have the same order."""
+    return replace(found, notices=(Message(words, "two_estimates"), *found.notices))

@@ -1,93 +1,39 @@
-"""What stretches that were left out of the trials were worth: scores and estimates with and without them."""
+"""What stretches that were left out of the trials were worth: scores with and without them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from cases.io.leave_out import inside, spans_left_out
 from cases.trial import Trial
-from fitting.calibration import Calibration, prepared
-from fitting.nlp.fisher_information import information
-from fitting.nlp.run_constants import Own
-from fitting.prediction.score import score
-from fitting.prediction.score_pairs import ScorePair
-from fitting.prediction.score_words import in_words
-from mmg.errors import Conflict, UserError
+from fitting.prediction.score import ScorePair, in_words, score
 from mmg.messages import Message
 from mmg.rollout import Simulator
 
 SETS = {"validation": "held-out trials", "training": "training trials"}
-LISTED = 3
-"""Coefficients named in the message."""
-
-
-def moved_by(found: Calibration, per_run: Own, trials: Sequence[Trial]) -> np.ndarray:
-    """How far the estimates of ``found`` would move were it made from other ``trials``: p (P,) in standard errors.
-
-    One Gauss-Newton step on these trials, less that on the windows of the calibration, both from the estimates and the
-    measured states. per_run: as of ``estimate_coefficients`` that made it. Raises UserError for trials that cannot be
-    fitted.
-    """
-    p, settings = found.iterate["p"], replace(found.settings, sigma=tuple(found.sigma.tolist()))
-    forces = found.problem.captive
-    points = forces.points if forces else None
-    other = prepared(found.problem.ship, trials, settings, {"p": p}, points, per_run)[0]
-    if len(p) != other.P:
-        raise Conflict("the runs that have constants of their own are others")
-    steps = []
-    for problem in (other, found.problem):
-        about = information(problem, problem.start(p))
-        steps.append(-np.linalg.solve(about.hessian, about.score.sum(axis=0) + about.prior_score))
-    shared = slice(len(found.p))
-    return np.asarray((steps[0] - steps[1])[shared] / np.sqrt(np.diag(found.covariance)))
 
 
 def worth_of_left_out(
-    after: Simulator,
-    sets: Mapping[str, Sequence[Trial]],
-    scores: Mapping[str, ScorePair],
-    found: Calibration,
-    per_run: Own,
+    after: Simulator, sets: Mapping[str, Sequence[Trial]], scores: Mapping[str, ScorePair]
 ) -> dict[str, Any] | None:
     """Content of "left_out" in result.json; None where nothing was left out.
 
     after: the calibrated ship; sets: trials by name, "training" and "validation"; scores: of them, without what was
-    left out; found, per_run: as of ``moved_by``.
-    Returns seconds and trials that are concerned, both metrics with and without, and the step by symbol.
+    left out. Returns seconds and trials that are concerned, and both metrics with and without.
     """
     concerned = {t.name: _row(t) for some in sets.values() for t in some if t.whole is not None}
     if not concerned:
         return None
-    worth: dict[str, Any] = {
-        "seconds": sum(row["seconds"] for row in concerned.values()),
-        "trials": concerned,
-        "scores": {},
-        "estimates": None,
-    }
+    errors = {}
     for name, pair in scores.items():
-        whole = [t.whole or t for t in sets[name] if t.has_position]
         if any(t.whole is not None for t in sets[name]):
-            kept = score(after, whole, pair.after.sigma)
-            worth["scores"][name] = {
+            kept = score(after, [t.whole or t for t in sets[name] if t.has_position], pair.after.sigma)
+            errors[name] = {
                 metric: {"without": getattr(pair.after, metric), "with": getattr(kept, metric)}
                 for metric in ("window", "paper")
             }
-    if any(t.whole is not None for t in sets["training"]):
-        try:
-            steps = moved_by(found, per_run, [t.whole or t for t in sets["training"]])
-        except (UserError, np.linalg.LinAlgError) as error:
-            return worth | {"estimates": {"method": "none", "why": str(error)}}
-        moves = dict(zip(found.prior.symbols, steps.tolist(), strict=True))
-        worth["estimates"] = {
-            "method": "step",
-            "change_in_standard_errors": moves,
-            "rms": float(np.sqrt(np.mean(steps**2))),
-        }
-    return worth
+    return {"seconds": sum(row["seconds"] for row in concerned.values()), "trials": concerned, "scores": errors}
 
 
 def worth_message(found: Mapping[str, Any] | None) -> list[Message]:
@@ -102,15 +48,6 @@ def worth_message(found: Mapping[str, Any] | None) -> list[Message]:
             for key, label in (("window", "30 s windows"), ("paper", "100 s restarts"))
         ]
         parts.append(f"with them the {SETS.get(name, name)} have {', '.join(words)}")
-    if (estimates := found["estimates"]) and "rms" in estimates:
-        moves = estimates["change_in_standard_errors"]
-        most = sorted(moves, key=lambda s: -abs(moves[s]))[:LISTED]
-        named = ", ".join(f"{s} {moves[s]:+.1f}" for s in most)
-        parts.append(
-            f"fitted with them, the estimates would move by {estimates['rms']:.2g} standard errors (rms), most {named}"
-        )
-    elif estimates:
-        parts.append(f"with them nothing could be fitted ({estimates['why']})")
     return [Message("; ".join(parts), "left_out_worth")]
 
 

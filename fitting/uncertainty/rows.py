@@ -1,28 +1,13 @@
-"""The uncertainty of a calibration as plain values for ``result.json``; bootstrap and profiles on request."""
+"""The uncertainty of a calibration as plain values for ``result.json``."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from fitting.calibration import Calibration
-from fitting.uncertainty.bootstrap import Replicates, bootstrap
-from fitting.uncertainty.profile_likelihood import profiles
 from fitting.uncertainty.sandwich import changes_without_each
-from mmg.errors import OutOfRange, UnknownName
-
-
-def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
-    """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not
-    ``free``."""
-    if replicates < 0:
-        raise OutOfRange(f"--bootstrap {replicates} must not be negative")
-    unknown = [s for s in symbols if s not in free]
-    if unknown:
-        raise UnknownName(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
 
 
 def uncertainty_rows(calibration: Calibration) -> dict:
@@ -53,44 +38,7 @@ def uncertainty_rows(calibration: Calibration) -> dict:
     }
 
 
-def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
-    """Keys "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a ``calibration``.
-
-    Refits are spread over the calibration's workers. What fails is listed, never raised.
-    """
-    info, spread = calibration.information, calibration.spread
-    content: dict[str, Any] = {}
-    sizes = np.sqrt(np.diag(spread.covariance))
-    problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
-    if replicates:
-        began = time.perf_counter()
-        full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
-        content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
-    if profiled:
-        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
-    return content
-
-
 def _most_moved(moved: np.ndarray, symbols: Sequence[str]) -> dict:
     """What leaving a run out moves, in standard errors: the coefficients it moves most."""
     most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
     return {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}
-
-
-def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:
-    prior = calibration.prior
-    std, interval = np.sqrt(np.diag(found.covariance)), found.interval()
-    return {
-        "method": found.method,
-        "replicates": len(found.p),
-        "failed": [{"replicate": label, "reason": why} for label, why in found.failures],
-        "coefficients": {
-            s: {
-                "std": float(std[i] * prior.std[i]),
-                "std_over_robust": float(std[i] / sizes[i]),
-                "lower": float(prior.mean[i] + prior.std[i] * interval[0, i]),
-                "upper": float(prior.mean[i] + prior.std[i] * interval[1, i]),
-            }
-            for i, s in enumerate(prior.symbols)
-        },
-    }

@@ -115,7 +115,8 @@ def _with_intervals(
     from dataclasses import replace
 
     from cases.shipfiles.estimates import is_starting_ship
-    from fitting.prediction.figure_intervals import DRAWS, correlation_in, with_intervals
+    from fitting.prediction.bands import correlation_in
+    from fitting.prediction.figure_intervals import DRAWS, with_intervals
     from fitting.report.run_folder import content_on
     from mmg.messages import Message
 

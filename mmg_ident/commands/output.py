@@ -19,7 +19,7 @@ from mmg.errors import BadValue, Conflict, Missing, NoSolution, NotWritable, Out
 
 if TYPE_CHECKING:
     from cases.trial import Trial
-    from fitting.prediction.score_pairs import ScorePair
+    from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
     from residual.result import TrainResult
@@ -96,17 +96,20 @@ def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
 
     scores: by name of the set; what: words on the two models.
     """
-    from fitting.prediction.score_words import in_words
+    from fitting.prediction.score import in_words
 
     for name, pair in scores.items():
         before, after = pair.before, pair.after
         windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
         say(f"{name}{what}: {windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}")
         if before.units and after.units and after.units.pooled.windows:
-            units = {"position": "m", "heading": "deg", "u": "m/s", "r": "deg/s"}
-            errors = before.units.pooled.errors, after.units.pooled.errors
-            words = ", ".join(f"{c} {errors[0][c]:.3g} -> {errors[1][c]:.3g} {unit}" for c, unit in units.items())
-            say(f"{name}{what}: rms errors over {after.units.window:g} s: {words}")
+            units = {"position_m": "m", "heading_deg": "deg", "u_m_s": "m/s", "r_deg_s": "deg/s"}
+            pooled = before.units.pooled, after.units.pooled
+            words = ", ".join(
+                f"{key.partition('_')[0]} {getattr(pooled[0], key):.3g} -> {getattr(pooled[1], key):.3g} {unit}"
+                for key, unit in units.items()
+            )
+            say(f"{name}{what}: rms errors over {after.units.window_s:g} s: {words}")
 
 
 def refuse_target(option: str, path: Path | None, force: bool, endings: Sequence[str] = ()) -> None:

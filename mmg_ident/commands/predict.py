@@ -47,7 +47,7 @@ def predict(
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
     from fitting.prediction.predict import write_tables
-    from fitting.prediction.worth_of_past import past_to_use
+    from fitting.prediction.score import past_to_use
     from mmg.messages import has_code
     from mmg_ident import api
 

@@ -50,10 +50,9 @@ def score(
     from cases.checks.trusted import remarks
     from cases.io.campaigns import campaigns_taken, said_campaign
     from cases.shipfiles.ship_file import load_ship
-    from fitting.prediction.score import pooled_sigma
+    from fitting.prediction.score import past_to_use, pooled_sigma
     from fitting.prediction.score import score as scored
     from fitting.prediction.units import window_for
-    from fitting.prediction.worth_of_past import past_to_use
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 
@@ -150,7 +149,7 @@ def _print(scores: Mapping[str, Score]) -> None:
 
 def _cell(found: Score | TrialScore) -> str:
     """Both metrics of one trial or of all."""
-    from fitting.prediction.score_words import in_words
+    from fitting.prediction.score import in_words
 
     return f"{in_words(found.paper)} | {in_words(found.window)}"
 
@@ -160,8 +159,8 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
     if not units:
         return
     first = next(iter(units.values()))
-    times = f", {first.lengths:.1f} L/U" if first.lengths else ""
-    title = f"rms errors over {first.window:g} s windows{times}: position | heading | u | r | share of change"
+    times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
+    title = f"rms errors over {first.window_s:g} s windows{times}: position | heading | u | r | share of change"
     rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
     rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
     cli.print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
@@ -179,16 +178,16 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
 
 
 def _units(run: RunErrors) -> str:
-    e = run.errors
-    if not run.windows or not math.isfinite(e["position"]):
+    if not run.windows or not math.isfinite(run.position_m):
         return "diverges" if run.windows else "-"
-    return " | ".join(f"{value:.3g}" for value in (e["position"], e["heading"], e["u"], e["r"], 100 * run.share))
+    numbers = (run.position_m, run.heading_deg, run.u_m_s, run.r_deg_s, 100 * run.share_of_change)
+    return " | ".join(f"{value:.3g}" for value in numbers)
 
 
 def _worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     """A line for each of the ``scores`` that is worse on some run than the first with as much past, which is itself
     compared with the first of all."""
-    from fitting.prediction.score_pairs import ScorePair
+    from fitting.prediction.score import ScorePair
 
     first, *others = scores
     lines = []

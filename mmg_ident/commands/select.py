@@ -15,7 +15,6 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from cases.trial import Trial
     from fitting.selection.candidates import Rules, StructureCandidate
-    from fitting.selection.learning import Method
     from fitting.selection.structure_choice import StructureChoice
     from mmg.ship import Ship
 
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     Settings,
     Look="list_ terms write force",
     Candidates="only order actuators asymmetric duplicates moduli hard",
-    Solver="objective optimizer seeds seed time_limit workers scheduler",
+    Solver="objective seeds seed time_limit workers scheduler",
 )
 def select(
     ship: o.Ship,
@@ -49,7 +48,6 @@ def select(
     moduli: Annotated[str, Option(help="Squares as moduli: paper, full, none.")] = "paper",
     hard: Annotated[bool, Option("--hard", help="Sub-models switch at once, not blended.")] = False,
     objective: Annotated[str, Option(help="regression, or paper (Miyauchi et al. 2023).")] = "regression",
-    optimizer: Annotated[str | None, Option(help="Of the paper's: gradient (default) or cmaes.")] = None,
     seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
     scheduler: o.Scheduler = None,
 ) -> int:
@@ -76,9 +74,13 @@ def select(
     model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
     if trials and out is not None:
         chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
-        method = _method(objective, optimizer, seeds, chosen)
+        if objective not in ("regression", "paper"):
+            raise UnknownName(f"--objective {objective}: must be regression or paper")
+        if seeds is not None and objective != "paper":
+            raise Conflict("--seeds belongs to --objective paper; add it or leave it out")
+        runs = (seeds or 1) if objective == "paper" else 0
         sets = _sets(trials, validate, test, unchecked)
-        return _choose(model, rules, sets, cli.names_of(only), chosen, method, resume, not no_report, out, json)
+        return _choose(model, rules, sets, cli.names_of(only), chosen, runs, resume, not no_report, out, json)
     if list_:
         found = candidates(model, rules)
         rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in found]
@@ -122,27 +124,13 @@ def _sets(
     return train, held, last
 
 
-def _method(objective: str, optimizer: str | None, seeds: int | None, settings: Settings) -> Method | None:
-    """How candidates are learned by the objective of the paper; None for the other objective."""
-    from fitting.selection.learning import Method
-
-    if objective == "paper":
-        shared = {name: getattr(settings, name) for name in ("seed", "workers", "time_limit", "compiled")}
-        return Method(optimizer or "gradient", seeds or 1, **shared)
-    if objective != "regression":
-        raise UnknownName(f"--objective {objective}: must be regression or paper")
-    if optimizer is not None or seeds is not None:
-        raise Conflict("--optimizer and --seeds belong to --objective paper; add it or leave them out")
-    return None
-
-
 def _choose(
     model: Ship,
     rules: Rules,
     sets: tuple[list[Trial], list[Trial], list[Trial]],
     only: list[str],
     settings: Settings,
-    method: Method | None,
+    seeds: int,
     resume: bool,
     report: bool,
     out: Path,
@@ -154,7 +142,7 @@ def _choose(
     from fitting.report.run_folder import PENDING, check_target, reserved
     from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
-    from fitting.selection.kept import fingerprint, kept_beside
+    from fitting.selection.learning import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
@@ -165,7 +153,7 @@ def _choose(
     wanted = fingerprint(model, sets) | {
         "--only": ", ".join(only),
         "options of the candidates": list(asdict(rules).values()),
-        "--objective and --optimizer": method.optimizer if method else "regression",
+        "--objective": "paper" if seeds else "regression",
         "--seed": settings.seed,
     }
     with reserved(out):
@@ -175,7 +163,7 @@ def _choose(
             cli.say(f"{out} is there already, whole")
             return 0
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), method, kept)
+            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), seeds, kept)
         except (KeyboardInterrupt, UserError) as error:
             if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
                 cli.say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
@@ -195,13 +183,12 @@ def _beside(choice: StructureChoice, folder: Path) -> None:
     from fitting.selection.learning import write_learning
 
     write_json(folder / "selection.json", choice.to_dict())
-    runs = [run for some in choice.runs.values() for run in some]
-    if runs:
-        write_learning([(run.name, run.seed, run.lessons) for run in runs], folder / "learning.csv")
+    if choice.runs:
+        write_learning(choice.runs, folder / "learning.csv")
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:
-    from fitting.prediction.score_words import in_words
+    from fitting.prediction.score import in_words
 
     rows = []
     for row in choice.table:
@@ -210,7 +197,7 @@ def _tell(choice: StructureChoice, out: Path) -> None:
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))
     cli.print_table(("candidate", "unknowns|n", "validation|n", "training|n", "diverged|n", ""), rows)
-    for run in (run for some in choice.runs.values() for run in some):
+    for run in choice.runs:
         print(
             f"{run.name}, seed {run.seed}: objective {run.objective:.4f}, subsequences of validation trials "
             f"{in_words(run.validation)}, {run.evaluations} evaluations in {run.seconds:.0f} s, "

@@ -84,7 +84,7 @@ def simulate(
             maneuver, model, n=n, speed=speed, rudder_rate=rate, seed=seed, duration=duration, sampled=sampled_helm
         )
     if scatter is not None:
-        from fitting.prediction.maneuver_scatter import maneuver_scatter
+        from fitting.prediction.figure_intervals import maneuver_scatter
         from fitting.report.plot_maneuvers import maneuver_figure
         from fitting.report.run_folder import content_on
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from diagnosis.groups.findings import Between, GroupDifference
     from diagnosis.result import Diagnosis
-    from fitting.prediction.score_pairs import ScorePair
+    from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from fitting.selection.sisters import SisterWidths
     from mmg_ident.fleet.plan import PlannedShip
@@ -172,8 +172,8 @@ def _scores(pair: ScorePair) -> dict[str, Any]:
         name: {"before": getattr(pair.before, name), "after": getattr(pair.after, name)} for name in ("window", "paper")
     }
     if units := pair.after.units:
-        errors = units.pooled.errors
-        found |= {"window_s": units.window, "position_m": errors["position"], "heading_deg": errors["heading"]}
+        errors = units.pooled
+        found |= {"window_s": units.window_s, "position_m": errors.position_m, "heading_deg": errors.heading_deg}
     return found
 
 

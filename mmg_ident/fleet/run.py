@@ -36,6 +36,7 @@ from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions
 from fitting.result import FitResult
 from fitting.selection import sisters
+from fitting.selection.sisters import SisterStart
 from fitting.settings import Settings
 from mmg.errors import Conflict, NotCalibrated, NotWritable, UserError
 from mmg.progress import LOGGER, OnProgress, Progress
@@ -70,6 +71,14 @@ class FleetTask:
         """Words and arrays of a part that was finished from the same, None where there is none."""
         found = self.store(stage).load(self.ship.name)
         return found if found and found[0].get("key") == self.key else None
+
+    @property
+    def sister(self) -> SisterStart | None:
+        """What her sisters say of the ship, None where they say nothing."""
+        if (group := self.sisters) is None:
+            return None
+        number = group.ships.index(self.ship.name)
+        return sisters.sister_start(self.ship.start, group.widths, group.ships, number)
 
     @property
     def key(self) -> str:
@@ -212,13 +221,12 @@ def finish_ship(task: FleetTask) -> None:
 
 
 def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Trial]) -> FitResult:
-    o, group, start = task.options, task.sisters, task.ship.start
+    o, sister, start = task.options, task.sister, task.ship.start
     settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
     options = FitOptions(next_trial=False, instruments=tuple(o.measurement), command=task.command, name=task.ship.name)
-    if group:
-        start = sisters.sister_start(start, group.widths, group.ships)
-        values = sisters.estimates_of(group.widths, group.ships.index(task.ship.name))
-        options = replace(options, start=values, prior_mean=sisters.mean_of(group.widths))
+    if sister:
+        start = sister.ship
+        options = replace(options, start=sister.values, prior_mean=sister.mean)
     return calibrate(start, list(train), list(held_out), settings, options)
 
 
@@ -234,9 +242,8 @@ def _diagnosed(
         step, task.options.seed, learn=False, command=task.command, between="group" if several else None
     )
     try:
-        ship = (
-            sisters.with_whole_prior(result.ship, sisters.mean_of(task.sisters.widths)) if task.sisters else result.ship
-        )
+        sister = task.sister
+        ship = sisters.with_whole_prior(result.ship, sister.mean) if sister else result.ship
         found = diagnosing.diagnose(ship, train, held_out, None, options, folder)
     except (UserError, np.linalg.LinAlgError) as error:
         return None, f"not diagnosed: {error}"

@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import library, load_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
-from fitting.prediction.novelty import HeldMotion, held_dict, held_of
+from fitting.prediction.envelope import HeldMotion, held_dict, held_of
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName
@@ -98,7 +98,7 @@ def test_a_learned_residual_is_the_same_at_equal_froude_number() -> None:
 
 def test_motions_are_as_new_to_the_ship_as_to_the_model() -> None:
     rng, names = np.random.default_rng(8), load_ship("esso_osaka_3m").inputs
-    held = HeldMotion(names, np.array([0.3, 0.1, 0.2, 5.0, 0.3, 2.0, 2.0]), rng.normal(size=(20, 7)), 0.4, np.ones(6))
+    held = HeldMotion(names, np.array([0.3, 0.1, 0.2, 5.0, 0.3, 2.0, 2.0]), rng.normal(size=(20, 7)), 0.4)
     content = {"acceleration_memory_s": {}, "error_decay_s": {}, "noise": {}, "held": held_dict(held)}
     content["acceleration_std"] = {"r": dict.fromkeys(SIZES, 1.0)}
     scaled = similar_bands(content, LAW)

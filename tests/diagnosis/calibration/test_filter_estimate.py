@@ -12,8 +12,8 @@ import diagnosis.calibration.filter_estimate as module
 from cases.trial import Trial
 from diagnosis.calibration.filter_estimate import filter_estimate
 from fitting.calibrate import FitOptions
+from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings
-from fitting.uncertainty.without_trials import without_trials
 from mmg.errors import UserError
 from mmg_ident import calibrate
 from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
@@ -112,6 +112,7 @@ def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
     assert alone.objects is not None and both.objects is not None
     first, mean = alone.objects.calibration, both.objects.calibration
     at = [first.ship.symbols.index(s) for s in first.prior.symbols]
-    moved = [without_trials(c, both.objects.trials).run[:, at] / first.prior.std for c in (first, mean)]
+    folds = each_alone(len(both.objects.trials))
+    moved = [coefficients_without(c, folds)[:, at] / first.prior.std for c in (first, mean)]
     assert np.isfinite(moved[0]).all()  # without a run the second estimate keeps its distance
     np.testing.assert_allclose(moved[1] - moved[0], np.tile(mean.p - first.p, (len(trials), 1)), atol=1e-6)

@@ -14,8 +14,7 @@ import pytest
 from cases.criteria.imo import imo_figures
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship
-from fitting.prediction.figure_intervals import with_intervals
-from fitting.prediction.maneuver_scatter import maneuver_scatter
+from fitting.prediction.figure_intervals import maneuver_scatter, with_intervals
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.fitting.prediction.test_figure_intervals import SPEED, content, some_ship

@@ -14,8 +14,8 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.prediction.bands import Bands, Process
-from fitting.prediction.novelty import (
-    MOST,
+from fitting.prediction.envelope import (
+    MOST_NEW,
     HeldMotion,
     covering,
     held_dict,
@@ -72,7 +72,7 @@ def test_other_revolutions_are_new() -> None:
 def test_novelty_has_an_end_and_counts_from_the_start() -> None:
     known = held("zigzag:10/10", "zigzag:20/20")
     far = np.full((5, 6, 2), 1e3)
-    assert (known.novelty(far, np.zeros((5, 4, 2)), 3.0) == MOST).all()
+    assert (known.novelty(far, np.zeros((5, 4, 2)), 3.0) == MOST_NEW).all()
     times = np.arange(5.0)[:, None]
     met = met_so_far(times, np.array([0.0, 0, 2, 2, 2])[:, None])
     np.testing.assert_allclose(met[:, 0], [0, 0, 2, 8 / 3, 3])

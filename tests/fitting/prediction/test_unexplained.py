@@ -12,18 +12,18 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Bands, Process, process_dict
-from fitting.prediction.figure_intervals import drawn_figures
-from fitting.prediction.novelty import held_dict, held_motion
-from fitting.prediction.predict import record_of
-from fitting.prediction.unexplained import (
+from fitting.prediction.envelope import held_dict, held_motion
+from fitting.prediction.figure_intervals import (
     RESISTANCE,
     UNTRIED,
     accelerations,
+    drawn_figures,
     drawn_resistance,
     fading,
     greatest_accelerations,
     slow_speed,
 )
+from fitting.prediction.predict import record_of
 from mmg.rollout import Simulator
 from tests.fitting.prediction.test_novelty import run
 

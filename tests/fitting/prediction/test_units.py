@@ -18,8 +18,7 @@ from cases.simulation.sensors import wrap
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.prediction.score import Score, pooled_sigma, score
-from fitting.prediction.score_pairs import ScorePair
+from fitting.prediction.score import Score, ScorePair, pooled_sigma, score
 from fitting.prediction.units import UnitErrors, errors_in_units, ship_time, window_for
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -50,18 +49,18 @@ def other(ship: Ship) -> Simulator:
 
 def test_errors_are_those_of_the_windows_by_hand(trials: list[Trial], other: Simulator) -> None:
     found = errors_in_units(other, trials, window=20.0)
-    assert found.window == 20.0 and found.stride == 10.0
+    assert found.window_s == 20.0 and found.stride_s == 10.0
     for trial, run in zip(trials, found.runs, strict=True):
         windows, _ = predict(other, trial, 20.0, 10.0, False)
         errors = np.vstack([w.error(trial.states)[1:] for w in windows])
         assert run.windows == len(windows)
-        assert run.errors["position"] == pytest.approx(math.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()))
-        assert run.errors["heading"] == pytest.approx(math.degrees(math.sqrt((errors[:, 2] ** 2).mean())))
-        assert run.errors["u"] == pytest.approx(math.sqrt((errors[:, 3] ** 2).mean()))
-        assert run.errors["r"] == pytest.approx(math.degrees(math.sqrt((errors[:, 5] ** 2).mean())))
+        assert run.position_m == pytest.approx(math.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()))
+        assert run.heading_deg == pytest.approx(math.degrees(math.sqrt((errors[:, 2] ** 2).mean())))
+        assert run.u_m_s == pytest.approx(math.sqrt((errors[:, 3] ** 2).mean()))
+        assert run.r_deg_s == pytest.approx(math.degrees(math.sqrt((errors[:, 5] ** 2).mean())))
         last = np.array([w.error(trial.states)[-1] for w in windows])
-        assert run.errors["heading_end"] == pytest.approx(math.degrees(math.sqrt((last[:, 2] ** 2).mean())))
-        assert run.share > 0
+        assert run.heading_end_deg == pytest.approx(math.degrees(math.sqrt((last[:, 2] ** 2).mean())))
+        assert run.share_of_change > 0
 
 
 def test_the_true_ship_has_no_error_of_figures_and_a_wrong_one_has(
@@ -86,7 +85,7 @@ def test_windows_of_a_large_ship_are_four_ship_times_and_those_of_a_model_are_of
     assert 40 < unit < 60 and window_for(trials, 3.0) == 30.0 and window_for([run], None) == 30.0
     assert window_for([run], 320.0) == pytest.approx(4 * unit, abs=5.0)
     found = errors_in_units(Simulator(large), [run])
-    assert found.window == window_for([run], 320.0) and found.lengths == pytest.approx(4.0, abs=0.2)
+    assert found.window_s == window_for([run], 320.0) and found.ship_times == pytest.approx(4.0, abs=0.2)
 
 
 def test_a_heading_that_goes_round_does_not_hide_its_error(ship: Ship) -> None:
@@ -94,7 +93,7 @@ def test_a_heading_that_goes_round_does_not_hide_its_error(ship: Ship) -> None:
     turn = recorded(ship, "turning:35", 0.4, 0.2)
     unwrapped = turn.with_columns(psi=turn.psi_unwrapped)
     found = errors_in_units(Simulator(ship), [unwrapped])
-    assert pooled_sigma([unwrapped])[2] > 1.5 * found.change[2]
+    assert pooled_sigma([unwrapped])[2] > 1.5 * found.change["psi"]
     wrapped = errors_in_units(Simulator(ship), [turn.with_columns(psi=wrap(turn["psi"]))])
     assert wrapped.change == pytest.approx(found.change)
 

@@ -15,7 +15,8 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.prediction.worth_of_past import adaptation_worth, default_past, past_to_use, warnings_on_adaptation
+from fitting.prediction.adaptation import default_past
+from fitting.prediction.score import adaptation_worth, past_to_use
 from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
@@ -78,7 +79,7 @@ def test_what_is_asked_for_is_done_whatever_the_run_knows() -> None:
     poor = {"adaptation": {**PAID, "worthwhile": False}}
     seconds, said = past_to_use(poor, 12.0)
     assert seconds == 12 and has_code(said, "adaptation_does_not_pay")
-    assert has_code(warnings_on_adaptation({}), "adaptation_untested")
+    assert has_code(past_to_use({}, 12.0)[1], "adaptation_untested")
 
 
 def test_the_past_scales_by_froudes_law() -> None:

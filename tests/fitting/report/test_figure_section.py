@@ -9,7 +9,7 @@ import pytest
 
 import fitting.report.delivered as module
 from cases.criteria.imo import imo_figures
-from fitting.prediction.figure_intervals import correlation_in
+from fitting.prediction.bands import correlation_in
 from fitting.report.delivered import Delivered, delivery_sections, drawn_maneuvers, standard_figures
 from tests.support.calibrated import small_result
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
-from fitting.selection import learning, structure_choice
+from fitting.selection import learning
 from fitting.selection.candidates import candidate
-from fitting.selection.kept import fingerprint, kept_beside
-from fitting.selection.learning import Learned, Method, learn_all
-from fitting.selection.structure_choice import choose_structure
+from fitting.selection.learning import Learned, fingerprint, kept_beside, learn_all
 from fitting.settings import Settings
 from mmg.errors import Conflict, UserError
 from tests.fitting.selection.paper_problems import ESSO, harbour
@@ -24,7 +21,8 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     wanted = fingerprint(ESSO, [harbour()]) | {"--seed": 1}
     assert kept_beside(out, wanted, resume=False).done_if_empty()
     kept = kept_beside(out, wanted, resume=False)
-    kept.put("one", {"values": [0.1 + 0.2, 1e-17]})
+    part = Learned("one", 1, {"X_u": 0.1 + 0.2}, (), 1e-17, float("nan"), 1.0, 2.0, 3, ())
+    kept.put("one", part)
     with pytest.raises(UserError, match=r"run.unfinished.*--resume"):
         kept_beside(out, wanted, resume=False)
     with pytest.raises(UserError, match="--seed"):
@@ -32,7 +30,7 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     with pytest.raises(Conflict):
         kept_beside(out, wanted | fingerprint(ESSO, [harbour()[:2]]), resume=True)
     again = kept_beside(out, wanted, resume=True)
-    assert again.get("one") == {"values": [0.1 + 0.2, 1e-17]}
+    assert repr(again.get("one")) == repr(part)
     assert again.get("two") is None
     assert not again.done_if_empty()
     again.done()
@@ -45,19 +43,19 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
 ) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1, 1e-3))
     runs, ones = harbour(), [candidate(ESSO, name) for name in NAMES]
-    trials, method = (runs[:2], runs[2:]), Method(seeds=2)
-    whole = learn_all(ones, trials, method)
+    trials, settings = (runs[:2], runs[2:]), Settings()
+    whole = learn_all(ones, trials, settings, 2)
     kept = kept_beside(tmp_path / "run", {}, resume=False)
-    learn_all(ones[:1], trials, method, kept)
+    learn_all(ones[:1], trials, settings, 2, kept)
     done: list[str] = []
     original = learning.learn_one
 
-    def counted(run, *given):  # type: ignore[no-untyped-def]
+    def counted(run, **given):  # type: ignore[no-untyped-def]
         done.append(f"{run[0].name}_seed{run[1]}")
-        return original(run, *given)
+        return original(run, **given)
 
     monkeypatch.setattr(learning, "learn_one", counted)
-    resumed = learn_all(ones, trials, method, kept)
+    resumed = learn_all(ones, trials, settings, 2, kept)
     assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
     for name in NAMES:
         assert [run.values for run in resumed[name]] == [run.values for run in whole[name]]
@@ -65,40 +63,16 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
         assert {run.seed for run in whole[name]} == {0, 1}
 
 
-def test_a_learned_run_survives_its_file_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
-    runs = harbour()
-    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method())["sm1-order1"][0]
-    assert Learned.of(json.loads(json.dumps(one.to_dict()))) == one
+    runs, kept = harbour(), kept_beside(tmp_path / "run", {}, resume=False)
+    one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Settings(), kept=kept)["sm1-order1"][0]
+    assert kept.get("sm1-order1_seed0") == one
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
 
 
-@pytest.mark.slow
-def test_a_finished_fit_is_not_repeated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    runs, ones = harbour(), [candidate(ESSO, name) for name in ("mmg", "sm1-order1")]
-    sets, settings = (runs[:2], runs[2:], []), Settings(passes=1, time_limit=60.0)
+def test_a_broken_part_is_one_line(tmp_path: Path) -> None:
     kept = kept_beside(tmp_path / "run", {}, resume=False)
-    first = choose_structure(ESSO, ones, sets, settings, kept=kept)
-
-    def never(*_: object, **__: object) -> None:
-        raise AssertionError("fitted again")
-
-    monkeypatch.setattr(structure_choice, "estimate_coefficients", never)
-    second = choose_structure(ESSO, ones, sets, settings, kept=kept)
-    keys = ("name", "unknowns", "validation", "training", "converged")
-    assert [[getattr(row, k) for k in keys] for row in second.table if row.name != "sm1-order1"] == [
-        [getattr(row, k) for k in keys] for row in first.table if row.name != "sm1-order1"
-    ]
-    assert second.chosen == first.chosen
-    (tmp_path / "run.unfinished" / "mmg.json").write_text("{}")
+    (tmp_path / "run.unfinished" / "one.json").write_text("{}")
     with pytest.raises(UserError, match="--resume"):
-        choose_structure(ESSO, ones, sets, settings, kept=kept)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [({"optimizer": "luck"}, "must be one of gradient, cmaes"), ({"seeds": 0}, "--seeds 0")],
-)
-def test_methods_that_are_none_are_refused(wrong: dict, told: str) -> None:
-    with pytest.raises(UserError, match=told):
-        Method(**wrong)
+        kept.get("one")

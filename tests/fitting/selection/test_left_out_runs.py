@@ -79,7 +79,8 @@ def test_all_runs_left_out_leaves_the_prior():
 
 def test_scores_without_a_run_are_near_those_of_a_refit():
     trials, found = calibrated()
-    fast, sigma = leave_out(found, trials), pooled_sigma(trials)
+    sigma = pooled_sigma(trials)
+    fast = leave_out(found, trials, each_alone(len(trials)), sigma)
     inside = score(Simulator(found.ship), trials, sigma).trials
     moved, off = [], []
     for i, trial in enumerate(trials):
@@ -98,7 +99,7 @@ def test_a_fold_of_runs_is_left_out_together():
     estimates = estimates_without(found.information, folds, found.problem.p_bounds())
     alone = estimates_without(found.information, each_alone(4), found.problem.p_bounds())
     assert np.abs(estimates[0] - alone[0]).max() > 0
-    rows = leave_out(found, trials, folds)
+    rows = leave_out(found, trials, folds, pooled_sigma(trials))
     ship = found.problem.ship.with_values(
         dict(zip(found.prior.symbols, found.prior.mean + found.prior.std * estimates[1], strict=True))
     )

@@ -47,7 +47,7 @@ def plain_error(one: SubsequenceObjective, p: np.ndarray) -> float:
 
 def test_the_error_is_that_of_a_plain_loop_for_each_candidate_of_a_population() -> None:
     one = problem()
-    p = 0.3 * np.random.default_rng(0).normal(size=(one.P, 3)) + regression(one)[:, None]
+    p = 0.3 * np.random.default_rng(0).normal(size=(one.P, 3)) + regression(one, harbour()[:2])[:, None]
     p[:, 2] *= -6.0  # this one runs away
     found = one.errors(p, one.train)
     assert found == pytest.approx([plain_error(one, column) for column in p.T], rel=1e-7)
@@ -107,15 +107,14 @@ def test_the_sparsity_penalises_generated_terms_only() -> None:
 def test_derivatives_agree_with_differences() -> None:
     one = problem("sm2-order2", Penalties(deviation=0.3))
     rng = np.random.default_rng(2)
-    p = regression(one) + 0.01 * rng.normal(size=one.P)
-    about = one.quadratic(p)
-    assert about.value == pytest.approx(one.values(p[:, None])[0], rel=1e-10)
+    p = regression(one, harbour()[:2]) + 0.01 * rng.normal(size=one.P)
+    gradient, hessian = one.quadratic(p)
     assert one.deviations(p[:, None])[0] > 0
     for _ in range(4):
         d, h = rng.normal(size=one.P) / np.sqrt(one.P), 1e-5
         high, low = one.values(np.transpose([p + h * d, p - h * d]))
-        assert about.gradient @ d == pytest.approx((high - low) / (2 * h), rel=1e-4, abs=1e-7)
-    assert np.linalg.eigvalsh(about.hessian)[0] > -1e-9 * np.trace(about.hessian)
+        assert gradient @ d == pytest.approx((high - low) / (2 * h), rel=1e-4, abs=1e-7)
+    assert np.linalg.eigvalsh(hessian)[0] > -1e-9 * np.trace(hessian)
 
 
 def test_the_domain_is_that_of_the_ship_file_and_p_0_the_ship() -> None:

@@ -1,8 +1,7 @@
-"""Both optimisers of the objective: the step, the descent, the path of the sparsity, and CMA-ES that can be resumed."""
+"""The optimiser of the objective: the step, the descent, the path of the sparsity."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,19 +13,17 @@ from scipy.optimize import minimize
 from fitting.selection import learning as learning_module
 from fitting.selection.candidates import candidate
 from fitting.selection.learning import (
+    Learned,
     Learning,
-    Method,
     descent,
-    evolve,
     follow,
-    learn_all,
     learn_one,
     minimise_quadratic,
     regression,
     write_learning,
 )
 from fitting.selection.subsequences import Penalties, SubsequenceObjective, subsequences
-from mmg.errors import UserError
+from fitting.settings import Settings
 from tests.fitting.selection.paper_problems import ESSO, harbour, problem
 
 
@@ -49,34 +46,33 @@ def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -
         method="L-BFGS-B",
         options={"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10},
     )
-    assert split(np.concatenate([np.maximum(x, 0), np.maximum(-x, 0)])) <= least.fun + 1e-8 * abs(least.fun)
+    assert split(np.concatenate([np.maximum(x, 0), np.maximum(-x, 0)])) <= least.fun + 1e-6 * abs(least.fun)
     assert np.abs(x).max() <= 1
 
 
 def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
     one = problem("sm2-order2")
-    nothing, found = one.errors(
-        np.transpose([np.zeros(one.P), regression(one)]), subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs)
-    )
+    tried = np.transpose([np.zeros(one.P), regression(one, harbour()[:2])])
+    nothing, found = one.errors(tried, subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs))
     assert found < 0.85 * nothing
 
 
 def test_the_descent_converges_where_no_slope_is_left() -> None:
     one = problem(penalties=Penalties(deviation=0.02))
-    start = regression(one)
+    start = regression(one, harbour()[:2])
     *_, p = descent(one, start, 200)
     first, last = one.values(np.transpose([start, p]))
     assert last < 0.9 * first
     inside = (p > one.lower + 1e-9) & (p < one.upper - 1e-9)
-    about = one.quadratic(p)
-    gain = about.gradient[inside] @ np.linalg.lstsq(about.hessian[np.ix_(inside, inside)], about.gradient[inside])[0]
+    gradient, hessian = one.quadratic(p)
+    gain = gradient[inside] @ np.linalg.lstsq(hessian[np.ix_(inside, inside)], gradient[inside])[0]
     assert gain < 5e-3 * last  # what a further step would bring
 
 
 def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
     terms: list[int] = []
     errors: list[float] = []
-    p = regression(problem("sm1-order2"))
+    p = regression(problem("sm1-order2"), harbour()[:2])
     for weight in (1e-1, 1e-2, 1e-4):
         one = problem("sm1-order2", Penalties(0.0, weight))
         *_, p = descent(one, p, 12)
@@ -91,68 +87,21 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
     monkeypatch.setattr(learning_module, "SPARSITIES", (1e-2,))
     one = problem()
     learning = Learning(one)
-    follow(learning, regression(one))
+    follow(learning, regression(one, harbour()[:2]))
     validation = [lesson.validation for lesson in learning.lessons]
     assert one.validate is not None and len(validation) > 3
-    assert one.errors(learning.p_chosen[:, None], one.validate)[0] == pytest.approx(min(validation))
+    assert one.errors(learning.p[:, None], one.validate)[0] == pytest.approx(min(validation))
     assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
-    write_learning([("sm1-order1", 0, learning.lessons)], tmp_path / "learning.csv")
+    write_learning(
+        [Learned("sm1-order1", 0, {}, (), 0.0, 0.0, 0.0, 0.0, 0, tuple(learning.lessons))], tmp_path / "learning.csv"
+    )
     lines = (tmp_path / "learning.csv").read_text().splitlines()
     assert len(lines) == 1 + len(validation)
     assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
 
 
-def test_an_evolution_stays_in_the_box_and_follows_its_seed() -> None:
-    pytest.importorskip("cma")
-    one, runs = problem(), []
-    for seed in (3, 3, 4):
-        runs.append(Learning(one))
-        evolve(runs[-1], seed, evaluations=600)
-    assert np.array_equal(runs[0].p, runs[1].p) and not np.array_equal(runs[0].p, runs[2].p)
-    assert runs[0].best < 0.5 * one.values(np.zeros((one.P, 1)))[0]
-    assert (runs[0].p >= one.lower).all() and (runs[0].p <= one.upper).all()
-
-
-def test_missing_pycma_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "cma", None)
-    with pytest.raises(UserError, match="--optimizer cmaes"):
-        evolve(Learning(problem()))
-
-
-# The time limit
-
-
-def learned_in(seconds: float, optimizer: str = "cmaes", evaluations: int | None = None) -> dict[str, Any]:
-    """``learn_one`` of a candidate of first order under a time limit."""
-    runs = harbour()
-    return learn_one(
-        (candidate(ESSO, "sm1-order1"), 0),
-        (runs[:2], runs[2:]),
-        Method(optimizer, time_limit=seconds, evaluations=evaluations),
-    )
-
-
-def test_an_evolution_that_is_stopped_early_gives_the_best_so_far() -> None:
-    """Before it made a note of its best, after twenty generations."""
-    pytest.importorskip("cma")
-    found = learned_in(600.0, evaluations=60)
-    assert 40 < found["evaluations"] <= 60 and len(found["vanished"]) == 0
-    assert found["objective"] < problem().values(np.zeros((problem().P, 1)))[0]
-
-
-def test_a_run_without_an_evaluation_is_refused_and_not_the_zero_polynomial() -> None:
-    pytest.importorskip("cma")
-    with pytest.raises(UserError, match="--time-limit 1e-06"):
-        learned_in(1e-6)
-    runs = harbour()
-    with pytest.raises(UserError):
-        learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Method("cmaes", time_limit=1e-6))
-
-
-@pytest.mark.parametrize("optimizer", ["cmaes", "gradient"])
-def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A clock on which preparing alone takes longer than the limit."""
-    pytest.importorskip("cma")
+def test_preparing_counts_against_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock on which preparing alone takes longer than the limit: the start, by regression, is the best so far."""
     now, real = [0.0], learning_module.SubsequenceObjective
     clock = SimpleNamespace(perf_counter=lambda: now[0])
     monkeypatch.setattr(learning_module, "time", clock)
@@ -162,16 +111,6 @@ def test_preparing_counts_against_the_time_limit(optimizer: str, monkeypatch: py
         return real(*arguments, **more)
 
     monkeypatch.setattr(learning_module, "SubsequenceObjective", slow)
-    if optimizer == "cmaes":
-        with pytest.raises(UserError, match="100 s"):
-            learned_in(40.0, optimizer)
-    else:  # its start, by regression, is the best so far
-        found = learned_in(40.0, optimizer)
-        assert len(found["lessons"]) == 1 and found["seconds"] == 100.0
-
-
-def test_an_evolution_compiles_no_derivatives() -> None:
-    pytest.importorskip("cma")
-    one = problem()
-    evolve(Learning(one), evaluations=30)
-    assert "slopes" not in vars(one)
+    runs = harbour()
+    found = learn_one((candidate(ESSO, "sm1-order1"), 0), (runs[:2], runs[2:]), Settings(time_limit=40.0))
+    assert len(found.lessons) == 1 and found.seconds == 100.0 and any(found.values.values())

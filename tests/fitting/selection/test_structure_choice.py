@@ -89,7 +89,7 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1, compiled=False))
     rows = {row.name: row for row in choice.table}
     assert {"as given", "sm1-order1", "sm1-order2"} <= set(rows)
-    assert sum(name.endswith("-refined") for name in rows) == 2
+    assert sum(name.endswith("-thinned") for name in rows) >= 1
     assert choice.chosen in rows and np.isfinite(rows[choice.chosen].validation)
     thin = next(row for name, row in rows.items() if name.endswith("-thinned"))
     assert thin.unknowns < rows[thin.name.removesuffix("-thinned")].unknowns
@@ -117,7 +117,7 @@ def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) 
         return found
 
     monkeypatch.setattr("fitting.selection.structure_choice.estimate_coefficients", interrupted)
-    runs, given = harbour(3), [candidate(ESSO, "sm1-order1")]
+    runs, given = harbour(3), [candidate(ESSO, "mmg")]
     with pytest.raises(KeyboardInterrupt):
         choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2, compiled=False))
 

@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 from fitting.nlp.problem import Problem
 from fitting.nlp.sparsity import upper_triangle
 from fitting.solvers.condensing import gauss_newton, lead, newton, solved, within_bounds
-from fitting.uncertainty.bootstrap import reweighted
+from fitting.uncertainty.refits import reweighted
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix

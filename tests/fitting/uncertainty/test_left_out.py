@@ -31,12 +31,6 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
     errors = worth["scores"]["training"]["window"]
     assert errors["with"] > errors["without"] == pytest.approx(result.scores["training"].after.window)
     assert "validation" not in worth["scores"]
-    moves = worth["estimates"]["change_in_standard_errors"]
-    refitted = calibrate(start, [broken], (), settings, options)
-    for symbol, row in result.coefficients.items():
-        other = refitted.coefficients[symbol]
-        assert row.std is not None and abs(moves[symbol] - (other.value - row.value) / row.std) < 3.0, symbol
-    assert worth["estimates"]["rms"] > 0.1
     (message,) = [m for m in result.warnings if m.code == "left_out_worth"]
     assert "30 s" in message and broken.name not in message
     assert read_fit(result.save(tmp_path / "run").folder).left_out == worth

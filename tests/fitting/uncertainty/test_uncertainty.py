@@ -13,8 +13,7 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.parallel import Shared
 from fitting.solvers.ipopt import Solution, solve
-from fitting.uncertainty.bootstrap import bootstrap, drawn_runs, refit, reweighted
-from fitting.uncertainty.profile_likelihood import LIMIT, profiles
+from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
 from tests.support.synthetic_runs import SIGMA, kernel, runs
 
@@ -115,12 +114,6 @@ def test_runs_are_drawn_whole() -> None:
     assert (counts[:, [0, 2, 3]].sum(axis=1) == 3).all() and len(np.unique(counts[:, 0])) > 1
 
 
-def test_the_bootstrap_of_a_linear_fit_agrees_with_the_sandwich() -> None:
-    info, _ = linear(300, 3, 5, 3.0, 4)
-    spread = np.sqrt(np.diag(bootstrap(info, 2000, 1).covariance))
-    np.testing.assert_allclose(spread, np.sqrt(np.diag(robust(info).covariance)), rtol=0.15)
-
-
 @lru_cache(maxsize=1)
 def small() -> tuple[Problem, Solution, Information]:
     """A calibration of six coefficients on five runs."""
@@ -148,9 +141,6 @@ def test_one_step_and_refit_agree_where_the_fit_is_nearly_linear() -> None:
     assert len(step) == len(p.segments.trials) and not any(why for _, why in outcomes)
     moved = np.array([found for found, _ in outcomes]) - info.p
     assert np.abs(step - moved).max() < 0.2 * np.abs(moved).max()
-    few = [bootstrap(info, 6, 2, *more) for more in ((), (p, s.x))]
-    apart, spread = (np.abs(few[1].p - other).max(axis=1) for other in (few[0].p, info.p))
-    assert np.median(apart / spread) < 0.25 and (apart < 0.6 * spread).all()
 
 
 def test_refits_do_not_depend_on_the_number_of_workers() -> None:
@@ -160,7 +150,7 @@ def test_refits_do_not_depend_on_the_number_of_workers() -> None:
 
 
 def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
-    import fitting.uncertainty.bootstrap as module
+    import fitting.uncertainty.refits as module
 
     p, s, info = small()
     calls, module_solve = iter([0, 1]), module.solve_led

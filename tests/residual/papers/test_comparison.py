@@ -262,7 +262,7 @@ def test_shares_of_the_data_are_blocks_spread_evenly() -> None:
 
 
 def entry(model: str, seed: int | None, value: float, subset: Subset = Subset()) -> Entry:
-    row = TrialScore("one", 2 * value, np.zeros(6), value, np.zeros(6), 3)
+    row = TrialScore("one", 2 * value, {}, value, {}, 3)
     found = Score((row,), 20 * value, 10 * value, np.ones(6), "")
     return Entry(model, subset, seed, "finished", 100.0, 1.0, found, np.full((len(HORIZONS), 2), value))
 

@@ -1,0 +1,286 @@
+"""Uncertainty by refits, on request: the bootstrap by run, and profiles of the likelihood.
+
+Runs are resampled, never samples: residuals of one run belong together (block bootstrap, Kuensch 1989; by cluster,
+Cameron, Gelbach & Miller 2008). Each replicate also draws the prior's centres anew from the prior, so that the spread
+includes the uncertainty of the prior; without that, a coefficient that no run excites would look certain.
+
+A profile says how much worse the fit becomes when one coefficient is held and all others adapt. The increase of the
+objective is divided by the dispersion of that coefficient (robust over model-based variance), so that its 95 % limit is
+1.92 also for correlated residuals (Pace, Salvan & Sartori 2011). A profile that stays below the limit up to a bound
+says that the data and the prior leave the coefficient open on that side.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fitting.calibration import Calibration
+from fitting.nlp.fisher_information import Information
+from fitting.nlp.loss import Loss
+from fitting.nlp.problem import Problem
+from fitting.parallel import Shared, run_all, width
+from fitting.solvers.condensing import solve_led
+from mmg.errors import OutOfRange, UnknownName
+
+WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
+"""IPOPT options for a refit that starts near its optimum."""
+REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
+CHUNK = 5
+"""Refits of a task: few, so that workers end together and little is lost with one of them."""
+LIMIT = 1.9207
+"""Half the 95 % quantile of chi-squared with one degree of freedom."""
+STEPS = 5
+"""Points on either side of the estimate, one every 0.75 robust standard errors: the last at 3.75."""
+STRIDE = 0.75
+
+
+def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
+    """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not
+    ``free``."""
+    if replicates < 0:
+        raise OutOfRange(f"--bootstrap {replicates} must not be negative")
+    unknown = [s for s in symbols if s not in free]
+    if unknown:
+        raise UnknownName(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
+
+
+def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
+    """Keys "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a ``calibration``.
+
+    Refits are spread over the calibration's workers. What fails is listed, never raised.
+    """
+    info, spread = calibration.information, calibration.spread
+    content: dict[str, Any] = {}
+    sizes = np.sqrt(np.diag(spread.covariance))
+    problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
+    if replicates:
+        began = time.perf_counter()
+        full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
+        content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
+    if profiled:
+        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
+    return content
+
+
+def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:
+    prior, shape = calibration.prior, (2, found.p.shape[1])
+    std = found.good.std(axis=0, ddof=1) if len(found.good) > 1 else np.full(shape[1], np.nan)
+    interval = np.quantile(found.good, (0.025, 0.975), axis=0) if len(found.good) else np.full(shape, np.nan)
+    return {
+        "method": "refit",
+        "replicates": len(found.p),
+        "failed": [{"replicate": label, "reason": why} for label, why in found.failures],
+        "coefficients": {
+            s: {
+                "std": float(std[i] * prior.std[i]),
+                "std_over_robust": float(std[i] / sizes[i]),
+                "lower": float(prior.mean[i] + prior.std[i] * interval[0, i]),
+                "upper": float(prior.mean[i] + prior.std[i] * interval[1, i]),
+            }
+            for i, s in enumerate(prior.symbols)
+        },
+    }
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Estimates of changed data, scaled and relative to the original prior.
+
+    p: (replicates, P), NaN where a refit failed; failures: (number, reason) of those.
+    """
+
+    p: np.ndarray
+    failures: tuple[tuple[str, str], ...]
+
+    @property
+    def good(self) -> np.ndarray:
+        """Replicates that did not fail, (n, P)."""
+        return self.p[np.isfinite(self.p).all(axis=1)]
+
+
+def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The ``problem`` in which window w counts ``counts[w]`` times (W,), the prior's centre moved by ``shift`` (P,).
+
+    Windows that do not count are left out; also returns which nodes (B,) are kept. A robust loss becomes the weights
+    that it gives the samples at x (n,).
+    """
+    seg = problem.segments
+    kept = np.flatnonzero(counts > 0)
+    prior = replace(problem.prior, mean=problem.prior.mean + problem.prior.std * shift)
+    part = problem.with_changes(prior=prior, segments=seg.subset(kept), loss=Loss())
+    times, kept_nodes, kept_at = counts[kept].astype(float), np.isin(seg.node_window, kept), np.isin(seg.window, kept)
+    node_weight, weight = problem.weights_at(x)
+    at_nodes, inside = times[part.segments.node_window], times[part.segments.window]
+    part.scale = problem.scale
+    part.measured_nodes = problem.measured_nodes[kept_nodes]
+    part.node_weight = node_weight[kept_nodes] * at_nodes[:, None]
+    part.memory_weight = part.memory_weight * at_nodes[:, None]
+    part.weight = weight[:, :, kept_at] * inside
+    return part, kept_nodes
+
+
+def refit(task: tuple[Shared[tuple[Problem, np.ndarray]], np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
+    """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``.
+
+    A task is a problem with x (n,) at its estimate, how often each window counts (replicates, W), and the shifts of the
+    prior's centres in prior standard deviations (replicates, P).
+    """
+    (problem, x), counts, shifts = task[0].value, *task[1:]
+    return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
+
+
+def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, str]:
+    nothing = np.full(problem.P, np.nan)
+    if not (counts > 0).any():
+        return nothing, "no window is left"
+    try:
+        nodes, p = problem.split(x)
+        part, kept = reweighted(problem, x, counts, shift)
+        start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
+        with np.errstate(all="ignore"):
+            s = solve_led(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, None, None, "refit", WARM)
+    except Exception as error:  # a replicate that breaks is a result, not the end of the others
+        return nothing, f"{type(error).__name__}: {error}"
+    if not s.converged and s.status != "Solved_To_Acceptable_Level":
+        return nothing, s.status
+    return part.split(s.x)[1] + shift, ""
+
+
+def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
+    """How often each window counts when its ``run`` (W,) is drawn with replacement by ``rng``, (replicates, W)."""
+    runs, position = np.unique(run, return_inverse=True)
+    drawn = rng.multinomial(len(runs), np.full(len(runs), 1 / len(runs)), size=replicates)
+    return drawn[:, position]
+
+
+def bootstrap(
+    info: Information, replicates: int, seed: int, problem: Problem, x: np.ndarray, workers: int = 1
+) -> Replicates:
+    """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior, and
+    refits over ``workers`` processes.
+
+    info: of the windows of the ``problem`` at its solution x (n,). The draws depend on the ``seed`` only, not on the
+    number of workers. A single run is replaced by its windows.
+    """
+    rng = np.random.default_rng([11, seed])
+    clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))
+    counts = drawn_runs(clusters, replicates, rng)
+    # a centre outside the bounds is no prior of this ship
+    shifts = np.clip(rng.standard_normal((replicates, len(info.p))), *problem.p_bounds())
+    parts = -(-replicates // CHUNK) if width(workers) > 1 else 1
+    shared = Shared((problem, x))
+    tasks = [(shared, counts[i], shifts[i]) for i in np.array_split(np.arange(replicates), parts)]
+    outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
+    failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
+    return Replicates(np.array([p for p, _ in outcomes]), failures)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Profile of one coefficient in its own unit.
+
+    values: held, rising, the estimate among them; increase: of the objective, NaN where the refit failed; dispersion:
+    by which it is divided; lower, upper: where increase / dispersion passes LIMIT, NaN where it does not within the
+    range; failures: sentences.
+    """
+
+    symbol: str
+    values: tuple[float, ...]
+    increase: tuple[float, ...]
+    dispersion: float
+    lower: float
+    upper: float
+    failures: tuple[str, ...]
+
+
+def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple[float, str]]:
+    """(objective, reason of failure or "") along one ``side`` of a profile; each solve starts from the one before.
+
+    A side is a problem, x (n,) at its estimate, i, and the values of p[i] to hold in turn, ever further from it.
+    """
+    problem, x, i, values = side
+    found = []
+    for value in values:
+        lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
+        lower[i] = upper[i] = problem.prior.mean[i] + problem.prior.std[i] * value
+        try:
+            held = problem.with_bounds(lower, upper)
+            nodes, p = held.split(x)
+            with np.errstate(all="ignore"):
+                start = held.join(nodes, np.clip(p, *held.p_bounds()))
+                s = solve_led(held, start, 1e-5, 100, None, None, "profile", WARM)
+        except Exception as error:
+            found.append((np.nan, f"{type(error).__name__}: {error}"))
+            continue
+        good = s.converged or s.status == "Solved_To_Acceptable_Level"
+        found.append((s.objective, "") if good else (np.nan, s.status))
+        x = s.x if good else x
+    return found
+
+
+def profiles(
+    problem: Problem, x: np.ndarray, symbols: Sequence[str], covariance: np.ndarray, model: np.ndarray,
+    workers: int = 1,
+) -> list[Profile]:  # fmt: skip
+    """Profiles of the free coefficients ``symbols`` about the solution x (n,) of ``problem``.
+
+    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for a symbol that is not
+    free.
+    """
+    names, (_, p) = list(problem.prior.symbols), problem.split(x)
+    lower, upper = problem.p_bounds()
+    mean, std, best, tasks = problem.prior.mean, problem.prior.std, problem.objective(x), []
+    for symbol in symbols:
+        if symbol not in names:
+            raise ValueError(f"{symbol} is not among the free coefficients")
+        i = names.index(symbol)
+        se = np.sqrt(covariance[i, i]) if np.isfinite(covariance[i, i]) else 1.0
+        for sign in (-1, 1):
+            held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
+            held = held[np.abs(held - p[i]) > 1e-9]
+            held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
+            tasks.append((problem, x, i, held))
+    outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
+    for k, symbol in enumerate(symbols):
+        sides, i = slice(2 * k, 2 * k + 2), names.index(symbol)
+        ratio = covariance[i, i] / model[i, i]
+        dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
+        held = [mean[i] + std[i] * values for *_, values in tasks[sides]]
+        found.append(_profile(symbol, mean[i] + std[i] * p[i], best, dispersion, held, outcomes[sides]))
+    return found
+
+
+def _profile(
+    symbol: str, estimate: float, best: float, dispersion: float,
+    held: list[np.ndarray], found: list[list[tuple[float, str]]],
+) -> Profile:  # fmt: skip
+    """The profile from the values ``held`` below and above the ``estimate``, and the objective and reason of each."""
+    rises = [np.array([value for value, _ in side]) - best for side in found]
+    lower, upper = (_crossing(np.r_[estimate, v], np.r_[0.0, r] / dispersion) for v, r in zip(held, rises, strict=True))
+    outcomes = zip(np.concatenate(held), [why for side in found for _, why in side], strict=True)
+    return Profile(
+        symbol=symbol,
+        values=tuple(np.r_[held[0][::-1], estimate, held[1]].tolist()),
+        increase=tuple(np.r_[rises[0][::-1], 0.0, rises[1]].tolist()),
+        dispersion=dispersion,
+        lower=lower,
+        upper=upper,
+        failures=tuple(f"{symbol} = {value:.6g}: {why}" for value, why in outcomes if why),
+    )
+
+
+def _crossing(at: np.ndarray, rise: np.ndarray) -> float:
+    """Where a rise first passes LIMIT, linear in its square root; NaN where it does not."""
+    good = np.isfinite(rise)
+    at, root = at[good], np.sqrt(np.maximum(rise[good], 0.0))
+    beyond = np.flatnonzero(root > np.sqrt(LIMIT))
+    if not len(beyond):
+        return np.nan
+    k = beyond[0]
+    share = (np.sqrt(LIMIT) - root[k - 1]) / (root[k] - root[k - 1])
+    return float(at[k - 1] + share * (at[k] - at[k - 1]))
