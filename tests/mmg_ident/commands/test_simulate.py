@@ -111,7 +111,7 @@ def test_inputs_that_the_model_does_not_have_are_said_to_be_ignored(tmp_path: Pa
         (["--controls", "missing.csv"], "missing.csv"),
         (["--controls", "words.csv"], "not a number"),
         (["--controls", "nothing.csv"], "missing column"),
-        (["--controls", "backwards.csv"], "time must increase"),
+        (["--controls", "backwards.csv"], "time runs backwards at row 2"),
         (["--controls", "inputs.csv", "--speed", "1"], "--speed"),
         (["--maneuver", "straight", "--out", "inputs.csv"], "exists"),
     ],
