@@ -65,6 +65,8 @@ WHOLE = 3
 """Fewest runs of which whole ones judge."""
 GAP = 30.0
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
+SHORTER = (120.0, 90.0, 75.0)
+"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
 
 
 class Split(NamedTuple):
@@ -113,11 +115,13 @@ def _role(number: int, turn: int, folds: int, judge: bool) -> int:
 def _blocks_by_role(
     pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
 ) -> tuple[list[tuple[Piece, int]], int]:
-    """Blocks of ``seconds``, or less for FOLDS of them, GAP apart, and what each is for; those shorter than ``least``
-    [s] are trained on."""
-    total = h * sum(piece.steps for piece in pieces)
-    cut = blocks(pieces, min(seconds, max(least, total / FOLDS)), h)
-    long = [b.steps * h >= least - 1e-9 for b in cut]
+    """Blocks of ``seconds``, or shorter for FOLDS of them, GAP apart, and what each serves for; those shorter than
+    ``least`` [s] are trained on."""
+    for length in (seconds, *(s for s in SHORTER if s < seconds)):
+        cut = blocks(pieces, length, h)
+        long = [b.steps * h >= least - 1e-9 for b in cut]
+        if sum(long) >= FOLDS:
+            break
     folds = max(3, min(FOLDS, sum(long)))
     roles = [
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
