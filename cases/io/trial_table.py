@@ -192,6 +192,13 @@ def check_forward(path: Path, t: np.ndarray, rows: np.ndarray) -> None:
         )
 
 
+def _texts(chunk: Any) -> np.ndarray:
+    """The texts (N,) of a ``chunk`` in which rows name the entries of a dictionary; each text is held once."""
+    texts = np.array([*chunk.dictionary.to_pylist(), None], dtype=object)
+    rows: np.ndarray = texts[chunk.indices.fill_null(len(texts) - 1).to_numpy()]
+    return rows
+
+
 def _parquet(path: Path) -> TrialTable:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -228,7 +235,7 @@ def _parquet(path: Path) -> TrialTable:
                 longest = max((len(str(text)) for chunk in found.chunks for text in chunk.dictionary), default=0)
                 if longest > LONGEST_CELL:
                     raise ValueError(f"column '{name}' holds a text of {longest} characters")
-                found = found.cast(found.type.value_type)
+                return np.concatenate([_texts(chunk) for chunk in found.chunks] or [np.empty(0, dtype=object)])
             if pa.types.is_decimal(kind):
                 found = found.cast(pa.float64())
             return np.asarray(found.to_numpy())

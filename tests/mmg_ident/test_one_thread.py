@@ -35,7 +35,7 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
     first_quick(
         [
             ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
-            ("diagnosis.diagnose", "diagnose", "timed", "(None, [])"),
+            ("diagnosis.diagnose", "diagnose", "parted", "(None, [])"),
             ("residual.pipeline", "train", "_start", "(None, [])"),
         ]
     ),
