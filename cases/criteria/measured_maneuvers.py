@@ -336,10 +336,6 @@ def _unrecorded(speed: float, turn: float) -> tuple[float, list[str], list[str]]
     return speed, [], [words]
 
 
-WAY_OFF = 0.1
-"""Share of the speed at the order at which a ship counts as stopped where her record ends."""
-
-
 @dataclass(frozen=True)
 class Stop:
     """order_time, end: s after the first sample; stopped: whether the way is off at the end."""
