@@ -61,8 +61,8 @@ def silent_about_return() -> list[str]:
     return found
 
 
-KINDS = {kind.__name__ for kind in UserError.__subclasses__()}
-"""Names of the kinds of errors that users meet."""
+KINDS = {kind.__name__ for kind in UserError.__subclasses__() if kind.__module__ == UserError.__module__}
+"""Names of the kinds of errors that users meet: those of one module, whatever else was imported before."""
 
 
 def own_raises(function: Function) -> set[str]:
