@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import PlainValidator, TypeAdapter
+from pydantic import GetPydanticSchema, TypeAdapter
+from pydantic_core.core_schema import no_info_plain_validator_function
 
 from cases.inputs import assumed
 from cases.trial import Trial
@@ -82,7 +83,7 @@ class Score:
     trials: tuple[TrialScore, ...]
     paper: Real
     window: Real
-    sigma: Annotated[np.ndarray, PlainValidator(_by_state)]
+    sigma: Annotated[np.ndarray, GetPydanticSchema(lambda *_: no_info_plain_validator_function(_by_state))]
     sigma_from: str
     notes: tuple[str, ...] = field(default=())
     units: UnitErrors | None = None
