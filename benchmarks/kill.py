@@ -130,7 +130,7 @@ def alone(folder: Path, verb: str, out: str) -> tuple[Any, float]:
 def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whole: Any, seconds: float) -> Ended:
     """A ``verb`` in ``folder`` to which the signal ``number`` is sent after a ``fraction`` of its ``seconds``, and
     which is then made once more; whole: what it makes when it is left alone."""
-    out, faults = f"{verb}_{number.name}_{fraction:.6f}", []
+    out, faults = f"{verb}_{number.name}_{round(1e6 * fraction)}", []
     process = started(folder, verb, out)
     if process.wait(fraction * seconds) is None:
         os.kill(process.pid, number)
@@ -162,8 +162,8 @@ def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whol
 
 
 def made(folder: Path, out: str) -> Any:
-    """The files that a command made as ``out`` in ``folder``: values of JSON, text without times, else bytes. {}
-    where there is nothing."""
+    """The files that a command made as ``out`` in ``folder``: values of JSON, text without times, else bytes, in
+    which ``out`` may stand: a ship has the name of its run. {} where there is nothing."""
     place = folder / out
     files = [p for p in (place.rglob("*") if place.is_dir() else folder.glob(f"{out}.*")) if p.is_file()]
     found: dict[str, Any] = {}
@@ -174,7 +174,7 @@ def made(folder: Path, out: str) -> Any:
         elif path.suffix == ".safetensors" and "training" not in name:
             found[name] = _numbers(path)
         elif path.suffix not in (".html", ".png") and "training" not in name and "entries" not in name:
-            found[name] = sha256(path.read_bytes()).hexdigest()
+            found[name] = sha256(path.read_bytes().replace(out.encode(), b"OUT")).hexdigest()
         elif path.suffix in (".html", ".png"):
             found[name] = "there"
     return found
