@@ -194,10 +194,12 @@ def _complete(left: dict[str, Any]) -> bool:
     result = left.get("result.json")
     if result is None:
         return "training/settings.json" not in left and "entries/settings.json" not in left
+    if result.get("interrupted"):
+        return False
     if "messages" in result:
         codes = {row.get("code") for row in result["messages"]}
         return bool(result.get("converged", True)) and not codes & {"parts_left_out", "seeds_stopped", "seeds_missing"}
-    return bool(result.get("complete", not result.get("interrupted", False) and result.get("figures", True)))
+    return bool(result.get("complete", result.get("figures", True)))
 
 
 def _in_session(session: int) -> Iterator[int]:
