@@ -81,6 +81,8 @@ class Trial:
     kind: "turning", "zigzag", "random", "berthing", ... or "".
     role: "train", "validate", "test" or "".
     std: standard errors of states that were derived and not measured, by column [their units].
+    ancestors: columns that were not measured -> those from which they were derived; none for what was assumed. A name
+        that is no column, such as "cog", is one that the log had and the trial has not.
     whole: the run with what was left out of this one (``cases.io.leave_out``), None where nothing was.
     """
 
@@ -93,6 +95,7 @@ class Trial:
     role: str = ""
     meta: Mapping[str, str] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
+    ancestors: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     whole: Trial | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -121,6 +124,17 @@ class Trial:
     def duration(self) -> float:
         """Last minus first time stamp [s]."""
         return float(self.t[-1] - self.t[0])
+
+    def measured(self, column: str) -> bool:
+        """Whether ``column`` was measured, neither derived from others nor assumed."""
+        return column in self.columns and column not in self.ancestors
+
+    def roots(self, *columns: str) -> frozenset[str]:
+        """The measured columns on which ``columns`` rest: themselves, or what they were derived from."""
+        found: set[str] = set()
+        for name in columns:
+            found |= self.roots(*self.ancestors[name]) if name in self.ancestors else {name}
+        return frozenset(found)
 
     @property
     def has_position(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,7 +37,8 @@ LARGE = 1e5
 @dataclass(frozen=True)
 class ImportedRun:
     """A run as it is written: canonical ``columns`` (N,) in SI and radians with "t" from zero, standard errors ``std``
-    of those that were derived, the logs it came from without their rows, its ``day`` (or ""), and what was done."""
+    of those that were derived, the logs it came from without their rows, its ``day`` (or ""), what was done, and the
+    ``ancestors`` of columns that were not measured."""
 
     name: str
     columns: dict[str, np.ndarray]
@@ -45,6 +46,7 @@ class ImportedRun:
     logs: tuple[Log, ...]
     day: str
     notices: tuple[Message, ...]
+    ancestors: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[float, float] | None) -> ImportedRun:
@@ -80,13 +82,16 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
     std: dict[str, float] = {}
+    ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
         if "true_wind_angle" in columns and "wind_direction" not in columns:
             columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
+            ancestors["wind_direction"] = ("psi", "true_wind_angle")
             notices.append(Message("wind_direction is heading and angle of the true wind from the bow", "wind_angle"))
-        new, std, said = derived_velocities(t, columns, steps)
-        columns |= new
-        notices += said
+        derived = derived_velocities(t, columns, steps)
+        std, ancestors = derived.std, ancestors | derived.ancestors
+        columns |= derived.columns
+        notices += derived.said
     _require(where, columns, logs)
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
@@ -98,7 +103,13 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
     return ImportedRun(
-        name, canonical, std, tuple(log.without_rows() for log in logs), day, tuple(dict.fromkeys(notices))
+        name,
+        canonical,
+        std,
+        tuple(log.without_rows() for log in logs),
+        day,
+        tuple(dict.fromkeys(notices)),
+        ancestors,
     )
 
 

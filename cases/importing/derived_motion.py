@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -102,26 +103,38 @@ def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smo
     return Smoothed(x * unit + centre, np.gradient(x) * unit / h, error * unit / h)
 
 
+class Derived(NamedTuple):
+    """columns: that were derived, (N,) each; std: their standard errors; ancestors: what each was derived from; said:
+    what was done."""
+
+    columns: dict[str, np.ndarray]
+    std: dict[str, float]
+    ancestors: dict[str, tuple[str, ...]]
+    said: list[Message]
+
+
 def derived_velocities(
     t: np.ndarray, columns: dict[str, np.ndarray], steps: Mapping[str, float] | None = None
-) -> tuple[dict[str, np.ndarray], dict[str, float], list[Message]]:
+) -> Derived:
     """What is missing of u, v and r, from x and y or ``sog`` and ``cog``, and psi.
 
     t: (N,) even times [s]; columns: quantities (N,) in SI and radians; steps: time between the measurements of those
-    that lie on lines between rarer ones [s]. Returns the new columns, their standard errors and what was done.
+    that lie on lines between rarer ones [s].
     """
     h, steps = float(np.median(np.diff(t))), steps or {}
     new: dict[str, np.ndarray] = {}
     std: dict[str, float] = {}
+    ancestors: dict[str, tuple[str, ...]] = {}
     said: list[Message] = []
     heading = unwrapped(columns["psi"])
     good = np.isfinite(heading)
     if "r" not in columns:
         found = _smoothed_every(steps.get("psi", h), h, heading)
         new["r"], std["r"] = _where_near(good, found.rate, h), found.rate_std
+        ancestors["r"] = ("psi",)
         said.append(Message(f"r derived from the heading, standard error {found.rate_std:.2g} rad/s", "derived"))
     if "u" in columns and "v" in columns:
-        return new, std, said
+        return Derived(new, std, ancestors, said)
     ground, step = None, steps.get("x" if "x" in columns else "sog", h)
     if "sog" in columns and "cog" in columns:
         ground = columns["sog"] * np.cos(columns["cog"]), columns["sog"] * np.sin(columns["cog"])
@@ -137,18 +150,19 @@ def derived_velocities(
         north, east, how = *ground, "speed and course over ground"
         error = float(np.mean([np.nanstd(part - s.rate) for part, s in zip(ground, both, strict=True)]))
     else:
-        return new, std, said
+        return Derived(new, std, ancestors, said)
     u = north * np.cos(heading) + east * np.sin(heading)
     v = -north * np.sin(heading) + east * np.cos(heading)
     for name, values in (("u", u), ("v", v)):
         if name not in columns:
             new[name], std[name] = values, error
+            ancestors[name] = ("psi", *(q for q in ("x", "y", "sog", "cog") if q in columns and (ground or q in "xy")))
     said.append(
         Message(
             f"{' and '.join(n for n in 'uv' if n in new)} derived from {how}, standard error {error:.2g} m/s", "derived"
         )
     )
-    return new, std, said
+    return Derived(new, std, ancestors, said)
 
 
 def _smoothed_every(step: float, h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:

@@ -80,8 +80,8 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
 
 
 def _sidecar(found: Imported, inputs: str) -> str:
-    """The sidecar: what samples of the ``inputs`` are, the day of each run, and the standard errors of what was
-    derived."""
+    """The sidecar: what samples of the ``inputs`` are, the day of each run, what was derived from what and with
+    which standard errors."""
     import tomlkit
 
     files: dict[str, dict[str, object]] = {}
@@ -89,6 +89,8 @@ def _sidecar(found: Imported, inputs: str) -> str:
         entry: dict[str, object] = {"day": run.day} if run.day else {}
         if run.std:
             entry["std"] = {name: float(f"{value:.3g}") for name, value in run.std.items()}
+        if run.ancestors:
+            entry["derived"] = {name: list(parts) for name, parts in run.ancestors.items()}
         if entry:
             files[f"{run.name}.csv"] = entry
     words = "# Written by mmg import; the files are canonical (SI, radians), what was done: import.toml\n"

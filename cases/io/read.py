@@ -118,6 +118,7 @@ def read_trial(
         kind=kind,
         role=entry.role,
         std=dict(entry.std),
+        ancestors=_ancestors(columns, labels, entry),
         meta={
             "labels": json.dumps(labels),
             "rows_before": str(int(np.argmax(raw["t"] == columns["t"][0]))),
@@ -125,6 +126,20 @@ def read_trial(
         },
     )
     return trial if entry.exclude is None else left_out(trial, [(b, e) for b, e in entry.exclude], "trials.toml")
+
+
+APPARENT = ("apparent_wind_speed", "apparent_wind_direction", "psi", "u", "v")
+"""What the true wind is derived from."""
+
+
+def _ancestors(
+    columns: Mapping[str, np.ndarray], labels: Mapping[str, tuple[str, str]], entry: SidecarEntry
+) -> dict[str, tuple[str, ...]]:
+    """What of the ``columns`` was not measured: derived before the file was written, by the sidecar, on reading, or
+    assumed. labels: of those in the file."""
+    new = [name for name in columns if name not in labels]
+    on_reading = {name: APPARENT if name in ("wind_speed", "wind_direction") else () for name in new}
+    return on_reading | {name: tuple(parts) for name, parts in entry.derived.items() if name in columns}
 
 
 def _files_of(folder: Path) -> list[Path]:

@@ -22,6 +22,7 @@
     group = "before docking"                        # any word, to compare groups of trials by
     campaign = "spring"                             # runs with the same instruments and loading; default: the day
     std = { u = 0.02, v = 0.02 }                    # standard errors of what was derived [m, rad, m/s, rad/s]
+    derived = { r = ["psi"] }                       # columns that were not measured, and from which they were derived
     exclude = [[125.0, 140.0], [28.0, 30.0]]        # s on the clock of the file; [] keeps every row
 
     [files."run_07.csv"]              # the same keys for one file, added to or replacing the default
@@ -127,7 +128,8 @@ class SidecarEntry(Section):
 
     columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
     heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. inputs: whether
-    actuators are held from sample to sample, or logged as they are at each. sentinels: numbers of the file that stand
+    actuators are held from sample to sample, or logged as they are at each. derived: canonical name -> what it was
+    derived from, nothing for what was assumed. sentinels: numbers of the file that stand
     for no value, None for those that are well known.
     exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
     """
@@ -144,6 +146,7 @@ class SidecarEntry(Section):
     sentinels: list[float] | None = None
     reference_point: ReferencePoint = ReferencePoint()
     std: dict[State, Annotated[float, Field(ge=0.0, le=1e3)]] = Field(default_factory=dict)
+    derived: dict[Column, list[str]] = Field(default_factory=dict)
     kind: str = ""
     role: Literal["", "train", "validate", "test"] = ""
     name: Name = ""
@@ -151,6 +154,16 @@ class SidecarEntry(Section):
     group: Name = ""
     campaign: Campaign = ""
     exclude: list[Span] | None = None
+
+    @model_validator(mode="after")
+    def _no_circle(self) -> SidecarEntry:
+        for column in self.derived:
+            above, last = {column}, set[str]()
+            while above != last:
+                last, above = above, above | {a for name in above for a in self.derived.get(name, ())}
+            if any(column in self.derived.get(name, ()) for name in above):
+                raise ValueError(f"derived.{column}: {column} is derived from itself; name the measured columns")
+        return self
 
     @field_validator("units")
     @classmethod
@@ -182,7 +195,9 @@ class Sidecar(Section):
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
         for key, value in own.model_dump(exclude_unset=True).items():
             values[key] = (
-                {**values.get(key, {}), **value} if key in ("columns", "units", "sign", "lag", "std") else value
+                {**values.get(key, {}), **value}
+                if key in ("columns", "units", "sign", "lag", "std", "derived")
+                else value
             )
         return SidecarEntry(**values)
 

@@ -47,7 +47,7 @@ def test_lines_between_rare_measurements_do_not_count_as_measurements(noise: flo
     t, seconds = np.arange(0.0, 170.0, 0.1), np.arange(0.0, 171.0)
     rare = {c: np.interp(seconds, truth.t, truth[c]) + noise * rng.standard_normal(len(seconds)) for c in ("x", "y")}
     columns = {c: np.interp(t, seconds, values) for c, values in rare.items()}
-    new, std, _ = derived_velocities(
+    new, std, *_ = derived_velocities(
         t, {**columns, "psi": np.interp(t, truth.t, truth.psi_unwrapped)}, {"x": 1.0, "y": 1.0, "psi": 0.5}
     )
     errors = [np.sqrt(np.nanmean((new[c] - np.interp(t, truth.t, truth[c]))[50:-50] ** 2)) for c in "uv"]
@@ -60,7 +60,7 @@ def test_surge_and_sway_of_a_turning_ship() -> None:
     rng = np.random.default_rng(3)
     x, y = (truth[c] + 0.03 * rng.standard_normal(len(truth)) for c in ("x", "y"))
     x[120:150] = np.nan
-    new, std, said = derived_velocities(truth.t, {"x": x, "y": y, "psi": truth["psi"]})
+    new, std, _, said = derived_velocities(truth.t, {"x": x, "y": y, "psi": truth["psi"]})
     gap = np.isnan(new["u"])
     assert gap[120:150].all() and gap.sum() == 30
     for name in "uv":
@@ -74,7 +74,7 @@ def test_speed_and_course_alone_suffice() -> None:
     truth = raw_logs.run()
     sog, cog = raw_logs.ground(truth)
     columns = {"sog": sog * raw_logs.KNOT, "cog": np.radians(cog), "psi": truth["psi"], "r": truth["r"]}
-    new, std, _ = derived_velocities(truth.t, columns)
+    new, std, *_ = derived_velocities(truth.t, columns)
     assert max(np.abs(new[c] - truth[c]).max() for c in "uv") < 1e-9 and set(std) == {"u", "v"}
 
 
