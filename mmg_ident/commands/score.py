@@ -123,7 +123,7 @@ METRIC = {
 
 def _print(scores: Mapping[str, Score]) -> None:
     """Everything about the ``scores`` of models, by name."""
-    from cases.trial import UNITS
+    from cases.quantities import UNITS
 
     first = next(iter(scores.values()))
     rows = [
