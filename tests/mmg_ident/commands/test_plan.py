@@ -41,7 +41,7 @@ def test_a_plan_stays_inside_and_simulate_follows_it(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--area", "2x1"], "2 x 1"),
+        (["--area", "2x1"], "--area 2x1"),
         (["--area", "sixty"], "length x width"),
         (["--coefficients", "Y_vvv"], "Y_vvv"),
         (["--coefficients", "A_1"], "A_1"),
