@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from residual.train import Outcome, Task
 
 MINIMUM_GAIN = 0.01
-"""Smallest mean improvement of the judged 30 s windows that is worth a network."""
+"""Smallest mean improvement of the judged 30 s windows that is worth a network. Set by hand."""
 LEVEL = 0.95
 """One-sided probability of chance's limit: the interval on other runs holds 90 %."""
 BLOCK = 5

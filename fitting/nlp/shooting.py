@@ -23,7 +23,8 @@ from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
 
 CLOSE = 1e-9
-"""Largest difference of a kernel from the portable path on the few intervals on which a new one is tried, relative."""
+"""Largest difference of a kernel from the portable path on the few intervals on which a new one is tried, relative. It
+bounds rounding by sums in another order."""
 
 
 class Kernels:

@@ -31,6 +31,7 @@ STYLES: tuple[dict, ...] = (
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Of lines that are many: no two alike, so that a figure can be read in grey."""
 WIDTH, DPI = 8.2, 110
+"""Width of a figure [inch] and pixels per inch: 900 pixels, the width of a page."""
 COLOURS = 128
 """Of a PNG file: shades of few inks."""
 PNG = b"\x89PNG\r\n\x1a\n"

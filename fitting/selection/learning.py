@@ -39,17 +39,17 @@ ASKED = "choice.json"
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
 """Weights of the sparsity, from strong to weak."""
 WORSE, PATIENCE = 1.5, 3
-"""The path ends where the validation error is so many times its least at so many weights in a row."""
+"""The path ends where the validation error is so many times its least at so many weights in a row. Set by hand."""
 SPREAD = 0.3
-"""Standard deviation of the starts of further seeds about that by regression, in standard deviations of the priors."""
+"""Standard deviation of starts of further seeds about the regression, by those of the priors. Set by hand."""
 ON_PATH, LAST = 10, 20
-"""Most steps at each weight of the path, and without any."""
+"""Most steps at each weight of the path, and without any. Set by hand: they bound the time."""
 FACTORS = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3])
-"""Dampings tried at once, by the last that was best."""
+"""Dampings tried at once, by the last that was best. A grid set by hand."""
 TOLERANCE = 1e-4
-"""Relative decrease of the objective in three steps below which it has converged."""
+"""Relative decrease of the objective in three steps below which it has converged, far below what validation tells."""
 STEPS, NEAR = 200, 1e-5
-"""Most gradient steps to the minimum of a quadratic, and relative change at which they end."""
+"""Most gradient steps to the minimum of a quadratic, and relative change at which they end. Set by hand."""
 
 
 @dataclass(frozen=True)

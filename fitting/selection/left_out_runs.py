@@ -22,7 +22,7 @@ from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import score
 
 ROUNDS = 8
-"""Most times that a step is made again with coefficients held at their bounds."""
+"""Most times that a step is made again with coefficients held at their bounds. It bounds the time."""
 
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:

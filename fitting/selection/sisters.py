@@ -29,9 +29,9 @@ from mmg.ship import Ship
 COMMON = np.geomspace(0.005, 5.0, 61)
 """Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too."""
 LEAST = 0.02
-"""Least width with which sisters are fitted, and least scale of the half-Cauchy prior."""
+"""Least width with which sisters are fitted, and least scale of the half-Cauchy prior: it bounds a division."""
 MOST = 5.0
-"""Greatest width, in the scale of the prior."""
+"""Greatest width, in the scale of the prior. It bounds a search."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from mmg.ship import Ship
 Second = Callable[[Ship, Sequence[Trial]], "Mapping[str, float] | str"]
 """Another estimator: of a ship on trials, values of free coefficients by symbol, or why there are none."""
 SHARE = 0.5
-"""Of the second estimate."""
+"""Share [-] of the second estimate: the plain mean of both."""
 SHOWN = 3
 """Coefficients of which it is said how far the estimates are apart."""
 

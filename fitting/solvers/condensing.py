@@ -30,7 +30,7 @@ from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
 from mmg.progress import OnProgress, Progress
 
 LEAST = 1e-8
-"""Least eigenvalue of a block that is inverted, relative to its largest."""
+"""Least eigenvalue of a block that is inverted, relative to its largest. It bounds a division."""
 
 
 @dataclass(frozen=True)
@@ -181,19 +181,20 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
 
 
 CUTS = 10
-"""Halvings of a step before it counts as failed."""
+"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing."""
 CORRECTIONS = 3
-"""Corrections of a trial point towards where the intervals join."""
+"""Corrections of a trial point towards where the intervals join. Set by hand."""
 
 
 SLOW = 0.03
-"""Share of the merit that a step of Gauss and Newton must gain for another one to follow."""
+"""Share of the merit that a step of Gauss and Newton must gain for another one to follow. Set by hand: it decides how a
+solve gets there, not where."""
 SHORT = 0.25
-"""Length of a Newton step below which one of Gauss and Newton follows."""
+"""Length of a Newton step below which one of Gauss and Newton follows. Set by hand, as SLOW."""
 MARGIN = 1.1
-"""Price of a violation over its multiplier."""
+"""Price of a violation over its multiplier. Any factor above 1 makes the merit exact (Han 1977)."""
 STALLS = 2
-"""Steps in a row that gain little before a sequence counts as stalled."""
+"""Steps in a row that gain little before a sequence counts as stalled. Set by hand."""
 Watch = Callable[[float, float], bool]
 """Of an iterate: takes the objective and the largest violation, returns whether to stop."""
 
@@ -303,15 +304,15 @@ def _searched(
 
 
 STEPS = 30
-"""Steps of the leading method before IPOPT is left alone."""
+"""Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case."""
 ROUGH_CHANGE = 3e-4
-"""Predicted relative change of the objective at which a rough solve ends."""
+"""Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
 ROUGH_GAIN = 3e-4
 """Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
 FEASIBLE = 1e-2
 """Largest violation with which a rough solve may end."""
 NEAR = 1e-7
-"""Predicted relative change at which IPOPT takes over."""
+"""Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
 
 
 def solve_led(

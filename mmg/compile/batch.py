@@ -30,13 +30,13 @@ GENERATORS = (sys.modules[__name__], codegen, stages)
 """Modules that the source of batch kernels comes from."""
 
 CLOSE = 1e-7
-"""Largest difference of a result, over the largest number of its kind, by which sums may be rounded otherwise."""
+"""Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding."""
 ROUNDING = float(np.finfo(float).eps)
 """A difference of results that cancel, of arguments of the order of 1."""
 MORE = 8
-"""So many times the points are drawn where some have no finite value."""
+"""So many times the points are drawn where some have no finite value. Set by hand."""
 LOW, HIGH = 0.2, 1.0
-"""Range of all arguments of a test, in which nothing is singular."""
+"""Range of all arguments of a test, in which nothing is singular. Set by hand."""
 
 
 @dataclass

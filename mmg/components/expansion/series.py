@@ -27,7 +27,7 @@ STALL = 0.6545
 WIDTH = 0.02
 """Width of a modulus in the scaled variables: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad]."""
 REVOLUTIONS = 50.0
-"""Revolutions are by this times V/L: 9 rps at 3 m."""
+"""Revolutions are by this times V/L: 9 rps at 3 m. Set by hand, so that the scaled number is about 1."""
 
 DAMPING = {"u": 0.1, "v": 0.3, "r": 0.1}
 """Resistance to motion beyond the range, by 1/2 rho L d V^2 (of r by L more) for one scaled velocity: the usual size
