@@ -32,8 +32,6 @@ SCATTER = 10.0
 """Scatter of a run from sample to sample, by that of the median run, from which it is refused. Set by hand."""
 WHITE = 0.3
 """Lag-one autocorrelation of residuals below which they are outliers of sensors, not of the ship. Set by hand."""
-ROUGH_TOLERANCE, ROUGH_ITERATIONS = 1e-3, 60
-"""Of the fit of a run's states alone. Set by hand: runs are compared by factors, see FAR."""
 ASTERN = 1e-3
 """Share of its effect going astern that a coefficient must have in the trials to count as excited. Set by hand."""
 TURNED_ROUND = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -0.3), (-1.0, -0.3), (-1.0, 0.3))
@@ -122,7 +120,7 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
         np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
     start = alone.start(p)
-    held = solve_led(alone, start, ROUGH_TOLERANCE, ROUGH_ITERATIONS, None, None, "a run alone", ROUGH)
+    held = solve_led(alone, start, 1e-3, 60, None, None, "a run alone", ROUGH)
     return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 

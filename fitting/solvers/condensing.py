@@ -29,9 +29,6 @@ from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
 from mmg.progress import OnProgress, Progress
 
-LEAST = 1e-8
-"""Least eigenvalue of a block that is inverted, relative to its largest. It bounds a division."""
-
 
 @dataclass(frozen=True)
 class Subproblem:
@@ -153,7 +150,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
 def _positive(blocks: np.ndarray) -> np.ndarray:
     """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
     values, vectors = np.linalg.eigh(blocks)
-    least = LEAST * np.abs(values).max(axis=1, keepdims=True)
+    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)
     if (values > least).all():
         return blocks
     values = np.maximum(np.abs(values), least)
@@ -191,8 +188,6 @@ SLOW = 0.03
 solve gets there, not where."""
 SHORT = 0.25
 """Length of a Newton step below which one of Gauss and Newton follows. Set by hand, as SLOW."""
-MARGIN = 1.1
-"""Price of a violation over its multiplier. Any factor above 1 makes the merit exact (Han 1977)."""
 STALLS = 2
 """Steps in a row that gain little before a sequence counts as stalled. Set by hand."""
 Watch = Callable[[float, float], bool]
@@ -243,7 +238,7 @@ def lead(
         step = solved(problem, sub, problem.split(x)[1])
         if step is None:
             break
-        needed = MARGIN * np.abs(step.multipliers)
+        needed = 1.1 * np.abs(step.multipliers)  # any factor above 1 makes the merit exact (Han 1977)
         prices = np.maximum(needed, 0.5 * (prices + needed))
         merit, slope = f + float(prices @ c), step.decrease - float(prices @ c)
         taken = _searched(problem, x, sub, step, (merit, slope), prices)
