@@ -24,7 +24,7 @@ MINIMUM_GAIN = 0.01
 LEVEL = 0.95
 """One-sided probability of chance's limit: the interval on other runs holds 90 %."""
 BLOCK = 5
-"""Windows that count as one observation where fewer than WHOLE runs judge: 75 s."""
+"""Windows that count as one observation where fewer than WHOLE runs judge: 75 s. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ AHEAD = 2
 KEPT = 4
 """Shared values that a process keeps. Set by hand: it bounds memory."""
 PROCESS = 300e6
-"""Least memory of a process that fits or trains [bytes]: its libraries and a few trials."""
+"""Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """How many threads numerical libraries start, read by each when it is loaded."""
 MALLOPT = {-1: 256 * 2**20, -2: 32 * 2**20, -3: 32 * 2**20}

@@ -42,7 +42,7 @@ MOST_WINDOWS = 400
 NORMAL = 1.6448536269514722
 """Half width of the 90 % band in standard deviations."""
 COVER = 0.9
-"""Share of the errors of trials left out in that band."""
+"""Share of the errors of trials left out in that band. Set with NORMAL."""
 
 
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:

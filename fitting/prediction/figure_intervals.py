@@ -35,7 +35,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 STEP = 0.5
-"""Sampling interval [s] of a 3 m model; scales with sqrt(L)."""
+"""Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand."""
 DRAWS = 500
 """Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations."""
 MOST = 20_000

@@ -44,13 +44,13 @@ FREEDOM, PASSES = 4.0, 20
 first is that of ``student`` (fitting/nlp/loss.py)."""
 
 SIZE = 0.5
-"""Share of its typical size at which the sensitivity to a candidate is taken."""
+"""Share of its typical size at which the sensitivity to a candidate is taken. Set by hand."""
 
 UNEXPLAINED = 8.0
 """A stretch whose squared distance is so many usual ones was moved by what the log does not hold. Set by hand."""
 
 BATCH = 300
-"""Windows that are predicted at a time."""
+"""Windows that are predicted at a time. It bounds memory."""
 
 
 @dataclass(frozen=True)

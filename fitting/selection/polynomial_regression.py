@@ -43,7 +43,7 @@ RATIOS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 40.0)
 LEAST_NOISE = 0.3
 """Smallest variance of the velocities, by that of the third differences. Set by hand."""
 VANISHED = 1e4
-"""A term whose size came down to a hundredth of its prior, as a precision, is none."""
+"""A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand."""
 STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3
 """Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
 
