@@ -97,13 +97,13 @@ def read_trial(
     raw, digest = _si_columns(path, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
-    sentence = implausible(columns) if refuse else ""
-    if sentence:
-        raise BadValue(f"{path}: {sentence}")
     try:
         columns = converted(columns, entry, notices)
     except UserError as error:
         raise type(error)(f"{path}: {error}") from None
+    sentence = implausible(columns) if refuse else ""  # of body axes: earth-fixed ones would look like a wrong psi
+    if sentence:
+        raise BadValue(f"{path}: {sentence}")
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:

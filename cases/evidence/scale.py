@@ -1,0 +1,149 @@
+"""Gains of u, v and r, an angle between track and heading, and a set of the water, with their standard errors.
+
+Over windows of a record the way made is what u and v make of it, each times a gain, turned by an angle; a lever arm
+turns with the heading, and where u and v are through the water a current adds the same everywhere. The change of the
+heading is that of the integrated turn rate times a gain. The errors have the density of Cauchy: receivers that repeat
+or skip a fix leave most rows right and others off by half a step. Standard errors are those of a jackknife over pieces
+of the records (Kunsch 1989), so that neighbours that err alike count once, of half the way from the regression to the
+reverse one, between which errors of u, v and r leave the gain (Fuller 1987, section 1.1), and of what windows of
+several lengths differ by; the value is that of the one with the least.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cases.evidence.signals import PIECES, independent, white_noise
+from cases.inputs import integral
+from cases.trial import Trial
+
+WINDOWS = (1, 3, 10, 30, 100)
+"""Rows of a window; the longest is at most a piece of the record."""
+
+STEPS = 30
+"""Of the iteration, which converges linearly."""
+
+SIGMAS = 4.0
+"""Standard errors beyond which a value is no chance: the best of five windows is taken."""
+
+MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
+"""Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
+(usual deviation as in competition.py)."""
+
+TRACK, TURN = ("u", "v", "angle", "arm_x", "arm_y", "lag", "drift_x", "drift_y"), ("r",)
+
+
+class Scale(NamedTuple):
+    """values, std: by the names of TRACK or TURN; gains are what the column has to be multiplied by, less one, the
+    angle [rad] that by which the track lies clockwise of heading and velocities, arms in m and drifts in m/s.
+    noise: standard deviation of a sample of u or r over its rms."""
+
+    values: dict[str, float]
+    std: dict[str, float]
+    noise: float
+
+    def significant(self, name: str, least: float = 0.0) -> bool:
+        """Whether a value is no chance and beyond the ``least``."""
+        return name in self.values and abs(self.values[name]) - 2 * self.std[name] > max(
+            least, (SIGMAS - 2) * self.std[name]
+        )
+
+    def matters(self, name: str) -> bool:
+        """Whether a gain errs by more than matters and by more than the noise of a sample."""
+        return self.significant(name, max(MATTERS[name], self.noise))
+
+
+def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
+    """The values ``names``, the first of TRACK or all of TURN, of all ``trials`` together; None where nothing tells."""
+    turns = tuple(names) == TURN
+    use = [trial for trial in trials if independent(trial, "turn" if turns else "track")]
+    if not use:
+        return None
+    found = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
+    if not found:
+        return None
+    values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
+    least = std.min(axis=1, keepdims=True)
+    spread = np.where(std <= 3 * least, values, np.nan)
+    values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]
+    std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))
+    column, place = ("r", 5) if turns else ("u", 3)
+    size = [max(float(np.sqrt(np.nanmean(trial[column] ** 2))), 1e-12) for trial in use]
+    share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
+    values = values - [name in "uvr" for name in names]
+    value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
+    return Scale(value_of, std_of, share)
+
+
+def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """What is predicted by each value (M, count) and what was measured (M,), of windows of so many ``rows``."""
+    for trial in trials:
+        psi = trial.psi_unwrapped
+        if turns:
+            measured, parts = psi, [trial["r"]]
+        else:
+            turn = np.exp(1j * psi)
+            u, v = trial["u"] * turn, 1j * trial["v"] * turn
+            measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]
+        known = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
+        if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not known.any():
+            continue
+        totals = [integral(trial.t, np.where(known, part, 0.0)) for part in parts]
+        if not turns:
+            totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
+        A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
+        bad = np.concatenate([[0], np.cumsum(~known)])
+        A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan
+        yield A, measured[rows:] - measured[:-rows]
+
+
+def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tuple[np.ndarray, np.ndarray] | None:
+    """Values and standard errors, (count,) each, by windows of so many ``rows``."""
+    parts = list(_rows(trials, count, rows, turns))
+    if not parts:
+        return None
+    A, y = (np.concatenate(some) for some in zip(*parts, strict=True))
+    piece = np.concatenate([PIECES * k + np.arange(len(a)) * PIECES // len(a) for k, (a, _) in enumerate(parts)])
+    good = np.isfinite(A).all(axis=1) & np.isfinite(y)
+    A, y, piece = A[good], y[good], piece[good]
+    made = A[:, 0] if turns else A[:, :2].sum(axis=1)
+    power = np.abs(made) ** 2
+    if len(y) < 10 * PIECES or not power.sum() > 0:
+        return None
+    strong = power >= np.median(power)
+    values = np.array(
+        [_densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count
+    )
+    values[2:] = 0.0
+    size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
+    A, values = A / size, values * size
+    flat = 1e-9 * np.eye(count)
+    for _ in range(STEPS):
+        error = np.abs(y - A @ values)
+        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)
+        values = np.linalg.solve(
+            np.real((A.conj().T * weight) @ A) + flat * weight.sum(), np.real((A.conj().T * weight) @ y)
+        )
+    edges = np.flatnonzero(np.diff(piece, prepend=-1))
+    N = np.add.reduceat(np.real(np.conj(A)[:, :, None] * A[:, None, :]) * weight[:, None, None], edges)
+    h = np.add.reduceat(np.real(A.conj() * (weight * y)[:, None]), edges)
+    if len(edges) < PIECES // 2:
+        return None
+    total = N.sum(axis=0) + flat * weight.sum()
+    gained = values**2 / np.diag(np.linalg.inv(total))
+    left = float(weight @ np.abs(y - A @ values) ** 2)
+    noisy = np.where([name in "uvr" for name in (TURN if turns else TRACK)[:count]], 0.5 * left / gained * values, 0.0)
+    without = np.linalg.solve(N.sum(axis=0) - N + flat * weight.sum(), (h.sum(axis=0) - h)[..., None])[..., 0]
+    std = np.sqrt((len(edges) - 1) * without.var(axis=0) + noisy**2)
+    return values / size, std / size
+
+
+def _densest(values: np.ndarray) -> float:
+    """Middle of the shortest interval that holds a third of the ``values`` (N,)."""
+    ordered, count = np.sort(values), max(1, len(values) // 3)
+    widths = ordered[count:] - ordered[:-count]
+    at = int(np.argmin(widths)) if len(widths) else 0
+    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))
