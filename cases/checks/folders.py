@@ -117,12 +117,13 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
         together = scale([trials[k] for k in able], names)
         for k in able:
             for name in names:
-                one = own[k] if together is None or not together.significant(name) else together
+                shared = together is not None and together.significant(name, LEAST_SHARE)
+                one = together if shared else own[k]
                 if own[k] is None or one is None or name not in (*"uvr", "angle"):
                     continue
                 out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(own[k], name)
                 if one.significant(name, LEAST_SHARE):
-                    out[k][1].append(_scale_said(one, name, [trials[j] for j in (able if one is together else [k])]))
+                    out[k][1].append(_scale_said(one, name, [trials[j] for j in (able if shared else [k])]))
     return out
 
 
@@ -236,7 +237,7 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
 
 def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Value | None]]]:
     """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
-    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
+    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) and (s.has_track or s.has_turn)]
     out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
     for track in (True, False):
         some = [(k, s) for k, s in kept if s.has_track == track]

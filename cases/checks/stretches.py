@@ -11,6 +11,7 @@ record over a few seconds. The stretch is where it changes most for its length (
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -34,6 +35,7 @@ from cases.checks.breaks import (
     without_cause,
 )
 from cases.checks.report import DOUBTFUL, INFO, Found
+from cases.inputs import integral
 from cases.trial import Trial
 
 STEP = 10
@@ -129,7 +131,8 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
     explained = list(rows)  # counts no more
     for name, signal in signals.items():
         rounded = resolution(trial, COLUMNS[name][0])
-        found = list(there_and_back(drifts(trial.t, signal, name, way, rows, rounded), trial.t, BACK))
+        moved = integral(trial.t, np.abs(filled(trial["r"]))) if name == "psi" else way * trial.t
+        found = list(there_and_back(drifts(trial.t, signal, name, moved, rows, rounded), trial.t, BACK))
         own = np.zeros(len(trial), bool)
         for first, last in found:
             own[first : last + 1] = True
@@ -147,6 +150,8 @@ def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Brea
     if name is None:
         return found
     begin, end = tightened(signals[name], first, last)
+    size = float(np.abs(signals[name][first : last + 1] - signals[name][first]).max())
+    what = f"{what} by {size:.3g} m" if name == "position" else f"{what} by {math.degrees(size):.3g} deg"
     return max(begin - margin, first), min(end + margin, last), what, channels
 
 
@@ -181,8 +186,10 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     """
     r, w = filled(trial["r"]), filled(trial["u"]) + 1j * filled(trial["v"])
     errors = mismatches(trial)
-    signals = {"psi": (errors["psi"], side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
-    if trial.has_position:
+    signals = {"u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
+    if "psi" in errors:
+        signals = {"psi": (errors["psi"], side), **signals}
+    if "position" in errors:
         signals |= {"position": (errors["position"], side), "sharp position": (errors["position"], 1)}
     moves = {"psi": (r, side * trial.dt), "u, v": (w, 1.0), "r": (r, 1.0), "position": (w, side * trial.dt)}
     out = {}
@@ -214,6 +221,8 @@ def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterat
                 (first, last, what, channels)
                 for first, last in _there_and_back(trial.t, found[name][0], peaks, side * trial.dt * PAIR)
             )
+    if not set(TOGETHER) <= set(ratio):
+        return
     shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
     agreed = np.minimum(*(_most(share, 4 * side + 1) for share in shares)) >= 1.0
     for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
@@ -318,7 +327,8 @@ LEAST_TURN = 0.1
 """rad; a heading that is off by less is not broken."""
 
 LEAST_WAY = 0.1
-"""A position that is off by less than this share of the way is not broken."""
+"""A position, or heading, that is off by less than this share of what the ship has run or turned is not broken: gains
+of logs and gyros."""
 
 CORE = 0.08
 """Share of the change that may lie outside the stretch at each end."""
@@ -334,13 +344,18 @@ Drift = tuple[int, int, complex]
 
 
 def drifts(
-    t: np.ndarray, mismatch: np.ndarray, channel: str, way: float, known: Sequence[tuple[int, int]], rounded: float
+    t: np.ndarray,
+    mismatch: np.ndarray,
+    channel: str,
+    moved: np.ndarray,
+    known: Sequence[tuple[int, int]],
+    rounded: float,
 ) -> list[Drift]:
     """The stretches of a record in which its ``mismatch`` (N,) drifts by more than is usual, in order of time.
 
-    t: (N,) [s]; channel: "psi" or "position"; way: root mean square speed [m/s] of the record; known: first and last
-    rows of stretches that were found before, in which nothing is looked for; rounded: resolution of heading [rad] or
-    position [m], by which they are off in any case.
+    t: (N,) [s]; channel: "psi" or "position"; moved: (N,) what the ship has turned [rad] or run [m] by then; known:
+    first and last rows of stretches that were found before, in which nothing is looked for; rounded: resolution of
+    heading [rad] or position [m], by which they are off in any case.
     """
     steps = np.diff(mismatch)
     for first, last in known:
@@ -349,7 +364,7 @@ def drifts(
     found: list[Drift] = []
     while len(found) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
-        one = _largest(t, total, usual, channel, way, rounded)
+        one = _largest(t, total, usual, channel, moved, rounded)
         if one is None:
             break
         found.append(one)
@@ -389,7 +404,7 @@ def _largest(
     total: np.ndarray,
     usual: dict[float, tuple[float, complex]],
     channel: str,
-    way: float,
+    moved: np.ndarray,
     rounded: float,
 ) -> Drift | None:
     """What drifts most for its length among what is beyond the limit; None where nothing is."""
@@ -398,10 +413,11 @@ def _largest(
     for seconds, (size, centre) in usual.items():
         rows = round(seconds / dt)
         change = np.abs(total[rows:] - total[:-rows] - centre)
-        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * way * seconds)
+        least = rounded + LEAST_TURN * (channel == "psi") + LEAST_WAY * (moved[rows:] - moved[:-rows])
+        change = np.where(change > least, change, 0.0)
         at = int(np.argmax(change))
         value = float(change[at])
-        if value > max(float(np.interp(seconds, times, limits)) * size, least) and value / np.sqrt(seconds) > most:
+        if value > float(np.interp(seconds, times, limits)) * size and value / np.sqrt(seconds) > most:
             best, most = (at, at + rows), value / np.sqrt(seconds)
     return _cut(total, *best) if best else None
 

@@ -124,7 +124,7 @@ def independent(trial: Trial, comparison: str) -> bool:
     if any(name not in trial for side in sides for name in side):
         return False
     one, other = (trial.roots(*side) for side in sides)
-    return bool(one) and bool(other) and not one & other
+    return all(trial.roots(name) for side in sides for name in side) and not one & other
 
 
 def over_windows(values: np.ndarray) -> np.ndarray:

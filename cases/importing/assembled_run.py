@@ -13,7 +13,7 @@ from cases.importing.clock_match import clock_problems
 from cases.importing.derived_motion import derived_velocities, smoothed
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
-from cases.importing.track_direction import positions_problem
+from cases.importing.track_direction import positions_problem, speed_problem
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, turn_of, unit_of
 from cases.io.conventions import converted
 from cases.io.headers import lacking
@@ -81,6 +81,10 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
+    problem, said = speed_problem(t, columns, logs, chosen, where)
+    if problem:
+        raise BadValue(problem)
+    notices += said
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
