@@ -224,14 +224,16 @@ def _replayed(trial: Trial, names: tuple[str, ...], rows: np.ndarray, same: np.n
     follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)
     for first, last in runs(follows):
         moving = float(np.mean(~same[first:last])) if last > first else 0.0
-        if last - first >= least and moving > CHANGES and _begins_anew(rows, first):
+        if last - first >= least and moving > CHANGES and _begins_anew(trial, names, first):
             yield int(first), int(last), "earlier samples are repeated", names
 
 
-def _begins_anew(rows: np.ndarray, first: int) -> bool:
-    """Whether the ``rows`` (N, columns) jump at the row ``first``: a ship that comes round again does not."""
-    before = np.abs(np.diff(rows[max(first - MANY, 0) : first + 1], axis=0))
-    return first == 0 or bool((before[-1] > JUMP * np.nanmedian(before, axis=0)).any())
+def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
+    """Whether the columns ``names`` of ``trial`` jump at the row ``first``: a ship that comes round again does not."""
+    rows = slice(max(first - MANY, 0), first + 1)
+    values = np.column_stack([trial.psi_unwrapped[rows] if name == "psi" else trial[name][rows] for name in names])
+    change = np.abs(np.diff(values, axis=0))
+    return first == 0 or bool((change[-1] > JUMP * np.nanmedian(change, axis=0)).any())
 
 
 SURE = 8.0

@@ -81,10 +81,6 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
-    problem, said = speed_problem(t, columns, logs, chosen, where)
-    if problem:
-        raise BadValue(problem)
-    notices += said
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
@@ -97,6 +93,10 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    problem, said = speed_problem(t, columns, logs, chosen, where)
+    if problem:
+        raise BadValue(problem)
+    notices += said
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))

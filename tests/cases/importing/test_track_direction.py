@@ -80,11 +80,11 @@ def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) 
     ("scale", "speed", "lines"),
     [
         (1 / 0.3048, 1.0, {"x": {"from": "x", "unit": "ft"}, "y": {"from": "y", "unit": "ft"}}),
-        (1.0, 0.5144, {"sog": {"from": "SOG [kn]", "unit": "m/s"}}),
+        (1.0, 0.5144, {"sog": {"from": "SOG", "unit": "m/s"}}),
     ],
 )
 def test_positions_at_another_speed_than_over_ground_are_refused_and_the_line_mends_it(
-    tmp_path: Path, scale: float, speed: float, lines: dict[str, object]
+    tmp_path: Path, scale: float, speed: float, lines: dict[str, dict[str, str]]
 ) -> None:
     truth, log = raw_logs.run(), bridge(raw_logs.run())
     log = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
