@@ -115,22 +115,21 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
         able = [k for k, trial in enumerate(trials) if independent(trial, "turn" if names == TURN else "track")]
         own = {k: scale([trials[k]], names) for k in able}
         together = scale([trials[k] for k in able], names)
-        for k in able:
-            for name in names:
-                shared = together is not None and together.significant(name, LEAST_SHARE)
-                one = together if shared else own[k]
-                if own[k] is None or one is None or name not in (*"uvr", "angle"):
+        for name in names[:3]:
+            shared = together is not None and together.significant(name, LEAST_SHARE)
+            said = _scale_said(together, name, [trials[k] for k in able]) if together and shared else None
+            for k, one in own.items():
+                if one is None:
                     continue
-                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(own[k], name)
-                if one.significant(name, LEAST_SHARE):
-                    out[k][1].append(_scale_said(one, name, [trials[j] for j in (able if shared else [k])]))
+                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name)
+                if said or one.significant(name, LEAST_SHARE):
+                    out[k][1].append(said or _scale_said(one, name, [trials[k]]))
     return out
 
 
-def _logged_as(found: Scale | None, name: str) -> float:
+def _logged_as(found: Scale, name: str) -> float:
     """A gain as what the column is of the truth, an angle as it is."""
-    value = found.values[name] if found else math.nan
-    return value if name == "angle" else 1.0 / max(1.0 + value, 0.1)
+    return found.values[name] if name == "angle" else 1.0 / max(1.0 + found.values[name], 0.1)
 
 
 def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:

@@ -35,6 +35,7 @@ from cases.checks.breaks import (
     without_cause,
 )
 from cases.checks.report import DOUBTFUL, INFO, Found
+from cases.evidence.signals import densest
 from cases.inputs import integral
 from cases.trial import Trial
 
@@ -382,21 +383,13 @@ def _usual(t: np.ndarray, total: np.ndarray, channel: str) -> dict[float, tuple[
             continue
         change = (total[rows:] - total[:-rows])[:: max(1, len(total) // MANY)]
         plane = np.iscomplexobj(change)
-        centre = complex(_dense(change.real), _dense(change.imag) if plane else 0.0)
+        centre = complex(densest(change.real, DENSE), densest(change.imag, DENSE) if plane else 0.0)
         size = AS_MEDIAN[plane] * float(np.quantile(np.abs(change - centre), DENSE))
         if seconds > SHORT and SHORT in found:
             base, drift = found[SHORT]
             size, centre = min(size, base * (seconds / SHORT) ** GROWTH[channel]), drift * seconds / SHORT
         found[seconds] = (max(size, 1e-9), centre)
     return found
-
-
-def _dense(values: np.ndarray) -> float:
-    """Middle of the shortest interval that holds DENSE of the ``values`` (N,)."""
-    ordered, count = np.sort(values), max(1, int(DENSE * len(values)))
-    widths = ordered[count:] - ordered[:-count]
-    at = int(np.argmin(widths)) if len(widths) else 0
-    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))
 
 
 def _largest(

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cases.evidence.signals import PIECES, independent, white_noise
+from cases.evidence.signals import PIECES, densest, independent, white_noise
 from cases.inputs import integral
 from cases.trial import Trial
 
@@ -118,9 +118,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     if len(y) < 10 * PIECES or not power.sum() > 0:
         return None
     strong = power >= np.median(power)
-    values = np.array(
-        [_densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count
-    )
+    values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
     values[2:] = 0.0
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
@@ -144,11 +142,3 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     without = np.linalg.solve(N.sum(axis=0) - N + flat * weight.sum(), (h.sum(axis=0) - h)[..., None])[..., 0]
     std = np.sqrt((len(edges) - 1) * without.var(axis=0) + noisy**2)
     return values / size, std / size
-
-
-def _densest(values: np.ndarray) -> float:
-    """Middle of the shortest interval that holds a third of the ``values`` (N,)."""
-    ordered, count = np.sort(values), max(1, len(values) // 3)
-    widths = ordered[count:] - ordered[:-count]
-    at = int(np.argmin(widths)) if len(widths) else 0
-    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))

@@ -245,6 +245,14 @@ def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -
     return np.where(inside, mean, np.interp(clock, t, values))
 
 
+def densest(values: np.ndarray, share: float = 0.35) -> float:
+    """Middle of the shortest interval that holds this ``share`` of the ``values`` (N,)."""
+    ordered, count = np.sort(values), max(1, int(share * len(values)))
+    widths = ordered[count:] - ordered[:-count]
+    at = int(np.argmin(widths)) if len(widths) else 0
+    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))
+
+
 def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) -> np.ndarray:
     """Standard deviation (6,) of the white noise of logged states, each in its own unit; 0 where it is not known.
 
