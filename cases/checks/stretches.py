@@ -120,9 +120,20 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     breaks += list(_drifting(trial, signals, breaks))
     reach = max(JOIN, side * trial.dt)
     return [
-        BrokenStretch(float(trial.t[first]), float(trial.t[last]), what, channels, SWINGING in what)
+        BrokenStretch(
+            float(trial.t[first]), float(trial.t[last]), _sized(what, signals, first, last), channels, SWINGING in what
+        )
         for first, last, what, channels in _joined(trial.t, sorted(breaks), reach)
     ]
+
+
+def _sized(what: str, signals: Mapping[str, np.ndarray], first: int, last: int) -> str:
+    """``what`` is said of the rows, with how far heading and position jump."""
+    for name, signal in signals.items():
+        size = float(np.abs(signal[first : last + 1] - signal[first]).max())
+        shown = f"{size:.3g} m" if name == "position" else f"{math.degrees(size):.3g} deg"
+        what = what.replace(WORDS[name][0], f"{WORDS[name][0]} by {shown}")
+    return what
 
 
 def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[Break]) -> Iterator[Break]:
@@ -151,8 +162,6 @@ def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Brea
     if name is None:
         return found
     begin, end = tightened(signals[name], first, last)
-    size = float(np.abs(signals[name][first : last + 1] - signals[name][first]).max())
-    what = f"{what} by {size:.3g} m" if name == "position" else f"{what} by {math.degrees(size):.3g} deg"
     return max(begin - margin, first), min(end + margin, last), what, channels
 
 

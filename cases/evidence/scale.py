@@ -4,33 +4,35 @@ Over windows of a record the way made is what u and v make of it, each times a g
 turns with the heading, and where u and v are through the water a current adds the same everywhere. The change of the
 heading is that of the integrated turn rate times a gain. The errors have the density of Cauchy: receivers that repeat
 or skip a fix leave most rows right and others off by half a step. Standard errors are those of a jackknife over pieces
-of the records (Kunsch 1989), so that neighbours that err alike count once, of half the way from the regression to the
-reverse one, between which errors of u, v and r leave the gain (Fuller 1987, section 1.1), and of what windows of
-several lengths differ by; the value is that of the one with the least.
+of the records (Kunsch 1989) and over records, so that neighbours that err alike count once, of half the way from the
+regression to the reverse one, between which errors of u, v and r leave the gain (Fuller 1987, section 1.1), and of what
+windows of several lengths differ by; the value is that of the one with the least.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from cases.evidence.signals import PIECES, densest, independent, white_noise
+from cases.evidence.tails import normal_tail, student_quantile
 from cases.inputs import integral
 from cases.trial import Trial
 
-WINDOWS = (1, 3, 10, 30, 100)
+WINDOWS = (1, 8, 64)
 """Rows of a window; the longest is at most a piece of the record."""
 
 STEPS = 30
 """Of the iteration, which converges linearly."""
 
-MOST_ROWS = 10000
+MOST_ROWS = 3000
 """Windows of a record that are looked at."""
 
 SIGMAS = 4.0
-"""Standard errors beyond which a value is no chance: the best of five windows is taken."""
+"""Standard errors beyond which a value is no chance: the best of several windows is taken."""
 
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
 """Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
@@ -42,17 +44,17 @@ TRACK, TURN = ("u", "v", "angle", "arm_x", "arm_y", "lag", "drift_x", "drift_y")
 class Scale(NamedTuple):
     """values, std: by the names of TRACK or TURN; gains are what the column has to be multiplied by, less one, the
     angle [rad] that by which the track lies clockwise of heading and velocities, arms in m and drifts in m/s.
-    noise: standard deviation of a sample of u or r over its rms."""
+    noise: standard deviation of a sample of u or r over its rms; crit: SIGMAS by Student's t."""
 
     values: dict[str, float]
     std: dict[str, float]
     noise: float
+    crit: float
 
     def significant(self, name: str, least: float = 0.0) -> bool:
         """Whether a value is no chance and beyond the ``least``."""
-        return name in self.values and abs(self.values[name]) - 2 * self.std[name] > max(
-            least, (SIGMAS - 2) * self.std[name]
-        )
+        size, std = abs(self.values.get(name, 0.0)), self.std.get(name, 0.0)
+        return size > self.crit * std and size - 2 * std > least
 
     def matters(self, name: str) -> bool:
         """Whether a gain errs by more than matters and by more than the noise of a sample."""
@@ -78,7 +80,7 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
     values = values - [name in "uvr" for name in names]
     value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
-    return Scale(value_of, std_of, share)
+    return Scale(value_of, std_of, share, -student_quantile(normal_tail(SIGMAS), PIECES * len(use) - 1))
 
 
 def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -100,7 +102,7 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
         bad = np.concatenate([[0], np.cumsum(~known)])
         A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan
-        some = slice(None, None, max(1, len(A) // MOST_ROWS))
+        some = slice(None, None, max(1, rows // 4, len(A) // MOST_ROWS))  # windows that overlap more say nothing new
         yield A[some], (measured[rows:] - measured[:-rows])[some]
 
 
@@ -115,30 +117,39 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     A, y, piece = A[good], y[good], piece[good]
     made = A[:, 0] if turns else A[:, :2].sum(axis=1)
     power = np.abs(made) ** 2
-    if len(y) < 10 * PIECES or not power.sum() > 0:
+    if len(y) < 4 * PIECES or not power.sum() > 0:
         return None
     strong = power >= np.median(power)
     values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
     values[2:] = 0.0
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
+    of = [np.real, np.imag] if np.iscomplexobj(A) else [np.real]
+    rows_of, wanted = [np.ascontiguousarray(part(A)) for part in of], [part(y) for part in of]
     flat = 1e-9 * np.eye(count)
     for _ in range(STEPS):
-        error = np.abs(y - A @ values)
+        error = np.sqrt(sum((b - a @ values) ** 2 for a, b in zip(rows_of, wanted, strict=True)))
         weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)
-        before, AW = values, A.conj().T * weight
-        values = np.linalg.solve(np.real(AW @ A) + flat * weight.sum(), np.real(AW @ y))
+        normal = flat * weight.sum() + sum((a.T * weight) @ a for a in rows_of)
+        before = values
+        values = np.linalg.solve(normal, sum(a.T @ (weight * b) for a, b in zip(rows_of, wanted, strict=True)))
         if np.abs(values - before).max() < 1e-6 * np.abs(values).max():
             break
     edges = np.flatnonzero(np.diff(piece, prepend=-1))
-    N = np.add.reduceat(np.real(np.conj(A)[:, :, None] * A[:, None, :]) * weight[:, None, None], edges)
-    h = np.add.reduceat(np.real(A.conj() * (weight * y)[:, None]), edges)
     if len(edges) < PIECES // 2:
         return None
+    spans = [slice(*span) for span in pairwise([*edges, len(y)])]
+    N = np.array([sum((a[some].T * weight[some]) @ a[some] for a in rows_of) for some in spans])
+    h = np.array([sum(a[some].T @ (weight * b)[some] for a, b in zip(rows_of, wanted, strict=True)) for some in spans])
     total = N.sum(axis=0) + flat * weight.sum()
     gained = values**2 / np.diag(np.linalg.inv(total))
-    left = float(weight @ np.abs(y - A @ values) ** 2)
+    left = float(weight @ error**2)
     noisy = np.where([name in "uvr" for name in (TURN if turns else TRACK)[:count]], 0.5 * left / gained * values, 0.0)
-    without = np.linalg.solve(N.sum(axis=0) - N + flat * weight.sum(), (h.sum(axis=0) - h)[..., None])[..., 0]
-    std = np.sqrt((len(edges) - 1) * without.var(axis=0) + noisy**2)
+    record = piece[edges] // PIECES
+    groups = [np.arange(len(edges)), *([record] if len(parts) > 2 else [])]  # files differ by more than their pieces
+    std = np.abs(noisy)
+    for group in groups:
+        each = [np.flatnonzero(group == one) for one in np.unique(group)]
+        without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
+        std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
     return values / size, std / size
