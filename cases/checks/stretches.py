@@ -370,7 +370,7 @@ def drifts(
     steps = np.diff(mismatch)
     for first, last in known:
         steps[max(first - 1, 0) : last + 1] = 0.0
-    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel)
+    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel, moved)
     found: list[Drift] = []
     while len(found) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
@@ -382,18 +382,22 @@ def drifts(
     return sorted(found, key=lambda drift: drift[0])
 
 
-def _usual(t: np.ndarray, total: np.ndarray, channel: str) -> dict[float, tuple[float, complex]]:
-    """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice."""
+def _usual(t: np.ndarray, total: np.ndarray, channel: str, moved: np.ndarray) -> dict[float, tuple[float, complex]]:
+    """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice: that of all
+    rows, or, where it is more, of those in which the ship has ``moved`` most."""
     found: dict[float, tuple[float, complex]] = {}
     dt = float(np.median(np.diff(t)))
     for seconds in SECONDS:
         rows = round(seconds / dt)
         if rows < 2 or len(t) <= 2 * rows:
             continue
-        change = (total[rows:] - total[:-rows])[:: max(1, len(total) // MANY)]
+        some = slice(None, None, max(1, len(total) // MANY))
+        change, way = (values[rows:][some] - values[:-rows][some] for values in (total, moved))
         plane = np.iscomplexobj(change)
         centre = complex(densest(change.real, DENSE), densest(change.imag, DENSE) if plane else 0.0)
-        size = AS_MEDIAN[plane] * float(np.quantile(np.abs(change - centre), DENSE))
+        off = np.abs(change - centre)
+        sizes = [float(np.quantile(each, DENSE)) for each in (off, off[way >= 0.5 * way.max()])]
+        size = AS_MEDIAN[plane] * max(sizes)
         if seconds > SHORT and SHORT in found:
             base, drift = found[SHORT]
             size, centre = min(size, base * (seconds / SHORT) ** GROWTH[channel]), drift * seconds / SHORT
