@@ -64,9 +64,9 @@ class Scale(NamedTuple):
 def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     """The values ``names``, the first of TRACK or all of TURN, of all ``trials`` together; None where nothing tells."""
     turns = tuple(names) == TURN
+    column, place = ("r", 5) if turns else ("u", 3)
     use = [trial for trial in trials if independent(trial, "turn" if turns else "track")]
-    if not use:
-        return None
+    use = [trial for trial in use if np.isfinite(trial[column]).any()]
     found = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
     if not found:
         return None
@@ -75,7 +75,6 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     spread = np.where(std <= 3 * least, values, np.nan)
     values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]
     std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))
-    column, place = ("r", 5) if turns else ("u", 3)
     size = [max(float(np.sqrt(np.nanmean(trial[column] ** 2))), 1e-12) for trial in use]
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
     values = values - [name in "uvr" for name in names]
