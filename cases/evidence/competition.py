@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.evidence.signals import PIECES, Signals, Stats, evidence, over_windows, relative, signals
+from cases.evidence.signals import PIECES, Signals, Stats, evidence, independent, over_windows, relative, signals
 from cases.io.units import si_unit, to_si, unit_by_factor
 from cases.trial import Trial
 
@@ -245,6 +245,9 @@ APART = 10.0
 STRANGE = 6.0
 """What a unit costs beside, that no header could have hidden behind the one that is written."""
 
+UNTOLD = 100.0
+"""What a reading costs of columns that were derived from those it would be wrong against."""
+
 ORDERS = 2
 """Rudder orders that a turn rate answers in each piece of a record."""
 
@@ -337,6 +340,10 @@ def scores(
     rudders = rudder_nats(turning)
     nats = np.array([track.get(way, (0.0, 0.0))[0] + spin.get(spun, 0.0) + rudders[sign] for way, spun, sign in keys])
     nats += STRANGE * np.array([len(strange.intersection(reading.units)) for reading in competitors()[0]])
+    if "r" in trial.ancestors and not independent(trial, "turn"):  # it has the sign and the unit of the heading
+        nats += UNTOLD * np.array([reading.rate != 1.0 for reading in competitors()[0]])
+    if trial.has_position and not independent(trial, "track"):
+        nats += UNTOLD * np.array([reading.frame not in ("body", "all_mirrored") for reading in competitors()[0]])
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
 
 

@@ -51,6 +51,13 @@ def test_what_relatives_say_of_each_other_is_no_contradiction(fault: dict[str, f
     assert alone.verdict == "contradictory" and related.verdict == "consistent"
 
 
+def test_a_rudder_to_port_is_found_beside_relatives_and_its_rival_is_a_mirrored_world() -> None:
+    c = motion_columns()
+    (report,) = check([Trial("run", {**c, "delta": -c["delta"]}, ancestors=ALL)])
+    (text,) = [f.text for f in report.findings if f.level == "contradictory"]
+    assert 'rudder_positive = "port"' in text and "sign = { y = -1, psi = -1, v = -1, r = -1 }" in text
+
+
 def test_a_folder_is_consistent_and_never_ok(tmp_path) -> None:
     write_csv(tmp_path / "a.csv", motion_columns(seed=1), rows=None)
     write_csv(tmp_path / "b.csv", motion_columns(seed=2), rows=None)
