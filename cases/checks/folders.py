@@ -245,7 +245,12 @@ def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Valu
         own = [trials[k] for k, _ in some]
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
         found = candidates([s for _, s in some], longest)
-        for i, ((k, _), shift) in enumerate(zip(some, shifts(found), strict=True)):
+        said = shifts(found)
+        if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
+            both = scale(own, TRACK[:6])
+            if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
+                said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
+        for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
             out[k] = shift, {name: one.alone[i] for name, one in found.items()}
     return out
 
