@@ -18,6 +18,7 @@ from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, turn_
 from cases.io.conventions import converted
 from cases.io.headers import lacking
 from cases.io.sidecar import SidecarEntry
+from cases.io.through_north import through_north
 from cases.io.trial_table import MOST_ROWS
 from cases.trial import RUDDERS, UNITS, unwrapped, wraps
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
@@ -84,6 +85,10 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
+        columns["psi"], crossings = through_north(t, columns["psi"], columns.get("r"))
+        if crossings:
+            words = f"heading was interpolated straight through 360 at {crossings} crossings of north; mended"
+            notices.append(Message(words, "heading_mended"))
         if "true_wind_angle" in columns and "wind_direction" not in columns:
             columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
             ancestors["wind_direction"] = ("psi", "true_wind_angle")

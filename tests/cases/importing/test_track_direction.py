@@ -106,6 +106,16 @@ def test_a_grid_whose_scale_is_not_one_is_noted(tmp_path: Path) -> None:
         assert ("scale" in [note.code for note in run.notices]) == (scale != 1.0)
 
 
+def test_a_heading_interpolated_through_360_is_mended_before_a_turn_rate_is_derived(tmp_path: Path) -> None:
+    truth = raw_logs.run("turning:35")
+    log, t = bridge(truth), truth.t
+    every = slice(None, None, 4)
+    log["Heading [deg]"] = np.interp(t, t[every], np.asarray(log["Heading [deg]"], dtype=float)[every])
+    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
+    assert "heading_mended" in [note.code for note in run.notices]
+    assert np.abs(run.columns["r"] - truth["r"][: len(run.columns["r"])])[20:-20].max() < 0.01
+
+
 @pytest.mark.parametrize("maneuver", ["zigzag:5/5", "turning:35", "turning:-35", "crash-stop", "random:3"])
 @pytest.mark.parametrize("left_out", [(), HEADING])
 def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...]) -> None:
