@@ -337,8 +337,7 @@ LEAST_TURN = 0.1
 """rad; a heading that is off by less is not broken."""
 
 LEAST_WAY = 0.1
-"""A position, or heading, that is off by less than this share of what the ship has run or turned is not broken: gains
-of logs and gyros."""
+"""A position that is off by less than this share of the way is not broken."""
 
 CORE = 0.08
 """Share of the change that may lie outside the stretch at each end."""
@@ -419,7 +418,7 @@ def _largest(
     for seconds, (size, centre) in usual.items():
         rows = round(seconds / dt)
         change = np.abs(total[rows:] - total[:-rows] - centre)
-        least = rounded + LEAST_TURN * (channel == "psi") + LEAST_WAY * (moved[rows:] - moved[:-rows])
+        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * (moved[rows:] - moved[:-rows]))
         change = np.where(change > least, change, 0.0)
         at = int(np.argmax(change))
         value = float(change[at])
