@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--breaks", type=int, default=30, help="of each kind")
     parser.add_argument("--world", nargs="+", choices=tuple(WORLDS), default=list(NARROW))
     given = parser.parse_args()
-    records = read_trials([data_folder()])
+    records = read_trials([data_folder() / "frt-ds-esso"])
     pool, false, clean = [], 0, 0
     for name in given.world:
         trials = clean_runs(WORLDS[name], given.runs, given.seed)

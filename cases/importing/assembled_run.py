@@ -13,11 +13,12 @@ from cases.importing.clock_match import clock_problems
 from cases.importing.derived_motion import derived_velocities, smoothed
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
-from cases.importing.track_direction import positions_problem
+from cases.importing.track_direction import positions_problem, speed_problem
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
 from cases.io.conventions import converted
 from cases.io.headers import lacking
 from cases.io.sidecar import SidecarEntry
+from cases.io.through_north import through_north
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
 from cases.quantities import quantity as known
@@ -86,6 +87,10 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
+        columns["psi"], crossings = through_north(t, columns["psi"], columns.get("r"))
+        if crossings:
+            words = f"heading was interpolated straight through 360 at {crossings} crossings of north; mended"
+            notices.append(Message(words, "heading_mended"))
         if "true_wind_angle" in columns and "wind_direction" not in columns:
             columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
             ancestors["wind_direction"] = ("psi", "true_wind_angle")
@@ -95,6 +100,10 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    problem, said = speed_problem(t, columns, logs, chosen, where)
+    if problem:
+        raise BadValue(problem)
+    notices += said
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))

@@ -20,6 +20,7 @@ from cases.io.files import check_file
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.leave_out import left_out
 from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
+from cases.io.through_north import through_north
 from cases.io.toml_file import validated
 from cases.io.trial_table import check_forward, trial_table
 from cases.io.unit_sanity import implausible
@@ -92,13 +93,20 @@ def read_trial(
     raw, digest = _si_columns(path, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
-    sentence = implausible(columns) if refuse else ""
-    if sentence:
-        raise BadValue(f"{path}: {sentence}")
+    rate = None if "r" in entry.derived else columns["r"]
+    columns["psi"], crossings = through_north(columns["t"], columns["psi"], rate)
+    if crossings:
+        words = (
+            f"psi was interpolated straight through 360 at {crossings} crossings of north; mended along the turn rate"
+        )
+        notices.append(Message(words, "heading_mended"))
     try:
         columns = converted(columns, entry, notices)
     except UserError as error:
         raise type(error)(f"{path}: {error}") from None
+    sentence = implausible(columns) if refuse else ""  # of body axes: earth-fixed ones would look like a wrong psi
+    if sentence:
+        raise BadValue(f"{path}: {sentence}")
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:

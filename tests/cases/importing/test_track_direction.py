@@ -76,6 +76,46 @@ def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) 
     assert len(problems) == 1 and 'x = "y" and y = "x"' in problems[0]
 
 
+@pytest.mark.parametrize(
+    ("scale", "speed", "lines"),
+    [
+        (1 / 0.3048, 1.0, {"x": {"from": "x", "unit": "ft"}, "y": {"from": "y", "unit": "ft"}}),
+        (1.0, 0.5144, {"sog": {"from": "SOG", "unit": "m/s"}}),
+    ],
+)
+def test_positions_at_another_speed_than_over_ground_are_refused_and_the_line_mends_it(
+    tmp_path: Path, scale: float, speed: float, lines: dict[str, dict[str, str]]
+) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    log = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
+    path = table(tmp_path / "a.csv", {**log, "SOG [kn]": speed * np.asarray(log["SOG [kn]"], dtype=float)})
+    (problem,) = import_logs([path]).problems
+    assert all(
+        f'{name} = {{ from = "{line["from"]}", unit = "{line["unit"]}" }}' in problem for name, line in lines.items()
+    )
+    found = import_logs([path], validated(ImportMap, {"columns": lines}, "map"))
+    assert not found.problems
+    assert np.abs(found.runs[0].columns["u"] - truth["u"])[20:-20].max() < 0.02
+
+
+def test_a_grid_whose_scale_is_not_one_is_noted(tmp_path: Path) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    for scale in (1.0, 1.02):
+        moved = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
+        (run,) = import_logs([table(tmp_path / "a.csv", moved)]).runs
+        assert ("scale" in [note.code for note in run.notices]) == (scale != 1.0)
+
+
+def test_a_heading_interpolated_through_360_is_mended_before_a_turn_rate_is_derived(tmp_path: Path) -> None:
+    truth = raw_logs.run("turning:35")
+    log, t = bridge(truth), truth.t
+    every = slice(None, None, 4)
+    log["Heading [deg]"] = np.interp(t, t[every], np.asarray(log["Heading [deg]"], dtype=float)[every])
+    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
+    assert "heading_mended" in [note.code for note in run.notices]
+    assert np.abs(run.columns["r"] - truth["r"][: len(run.columns["r"])])[20:-20].max() < 0.01
+
+
 @pytest.mark.parametrize("maneuver", ["zigzag:5/5", "turning:35", "turning:-35", "crash-stop", "random:3"])
 @pytest.mark.parametrize("left_out", [(), HEADING])
 def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...]) -> None:
