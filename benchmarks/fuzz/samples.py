@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from fitting.settings import Settings
 from mmg.network import Layers, Network
 from residual.pipeline import train
 from residual.settings import BlackBoxSettings, TrainSettings
+from tests.support import format_logs
 
 GOOD = Path(__file__).with_name("samples")
 """Folder of good text files: a sidecar, a site, captive tests, controls, an import map."""
@@ -45,6 +46,19 @@ NMEA = "\n".join(
     for second in range(24)
 )
 LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA))
+FORMATS: dict[str, Callable[[Path, Trial], Path]] = {
+    "bag": lambda folder, trial: format_logs.bag(folder / "bag.bag", trial, "bag"),
+    "db3": lambda folder, trial: format_logs.bag(folder / "ros", trial, "db3"),
+    "mcap": lambda folder, trial: format_logs.bag(folder / "mcap", trial, "mcap"),
+    "candump": lambda folder, trial: format_logs.bus(folder / "candump.txt", trial),
+    "canboat": lambda folder, trial: format_logs.bus(folder / "canboat.txt", trial, "json"),
+    "signal_k": lambda folder, trial: format_logs.signal_k(folder / "signal_k.jsonl", trial),
+    "iso19848": lambda folder, trial: format_logs.iso19848(folder / "iso19848.txt", trial),
+    "mat": lambda folder, trial: format_logs.matlab(folder / "mat.mat", trial, "series"),
+    "hdf5": lambda folder, trial: format_logs.hdf5(folder / "hdf5.h5", trial, "groups"),
+    "long_table": lambda folder, trial: format_logs.long_rows(folder / "long_table.csv", trial),
+}
+"""Reader -> how a short log of its format is written."""
 GROUPS = "day\nrun_07_2020-11-12\nrun_08_31-Jul-2020\nsea 20201112_zigzag"
 TEXTS = {
     "effect": (
@@ -84,6 +98,12 @@ def write_tables(folder: Path) -> None:
     (folder / "trial").mkdir()
     for path in (folder / "trial" / "a.csv", folder / "trial" / "b.parquet", folder / "side" / "side.csv"):
         write_trial(trial, path)
+    whole = demo_trials(1, dt=0.5)[0][0]
+    longer = replace(whole, columns={name: values[: len(_STAMPS)] for name, values in whole.columns.items()})
+    (folder / "scratch").mkdir()
+    for name, write in FORMATS.items():
+        made = write(folder / "scratch", longer)
+        shutil.copy(made, folder / f"{name}{made.suffix}")
     for name, text in LOGS:
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "ship.toml").write_text(small_ship(), encoding="utf-8")

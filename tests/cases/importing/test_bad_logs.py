@@ -44,7 +44,7 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
     ("words",
      lambda p: rows(p, "It was a fine day", ["and we went out", "to sea again"]),
      "no separator|below a header"),
-    ("no header", lambda p: rows(p, line(0), lines()[1:]), "not headers"),
+    ("no header", lambda p: rows(p, line(0), lines()[1:]), "has no headers"),
     ("a short row",
      lambda p: rows(p, HEADER, [*lines(30), "2026;1;2", *lines()[31:]]),
      "line 32 has 3 cells, the header 7"),
