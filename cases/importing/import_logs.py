@@ -70,7 +70,7 @@ def import_logs(
     problems: list[str] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file)]
+            logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
             problems.append(str(error))
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
@@ -115,7 +115,7 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
-def _tables(file: Path) -> list[RawTable]:
+def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
@@ -128,7 +128,7 @@ def _tables(file: Path) -> list[RawTable]:
         return [_parquet(file)]
     with file.open("rb") as stream:
         if is_nmea(stream.read(8192)):
-            return [read_nmea(file)]
+            return [read_nmea(file, chosen)]
     return [read_text_log(file)]
 
 

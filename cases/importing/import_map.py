@@ -6,11 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from cases.importing.vocabulary import RAW, known_units
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.io.units import is_canonical
+from mmg.errors import Missing
 
 NAME = "import.toml"
 
@@ -53,7 +55,8 @@ class ImportMap(Section):
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
     measured at each sample where it is not said; orders are held. zone_hours: time zone of stamps without one,
-    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
+    ahead of UTC, where it is said. variation: of the compass, positive to the east, by which magnetic headings are
+    true. sentinels: further numbers that stand for nothing. origin: latitude and longitude
     [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
     headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
     them apart.
@@ -65,6 +68,7 @@ class ImportMap(Section):
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
+    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
@@ -83,6 +87,12 @@ class ImportMap(Section):
             raise ValueError("origin must be [latitude, longitude] in degrees")
         return self
 
+    def true_heading(self, heading: np.ndarray, header: str) -> np.ndarray:
+        """The magnetic ``heading`` (N,) [deg] below a ``header`` as a true one. Raises UserError without variation."""
+        if self.variation is None:
+            raise Missing(magnetic(header))
+        return np.asarray(np.remainder(heading + self.variation, 360.0))
+
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by the end of its path, its name or its stem."""
         path = f"/{file.as_posix().lstrip('/')}"
@@ -100,6 +110,11 @@ class ImportMap(Section):
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""
         return {**self.columns, **self.of(file).columns}
+
+
+def magnetic(header: str) -> str:
+    """What is said of a magnetic heading below a ``header`` without a variation."""
+    return f"the log has a magnetic heading ({header}): give variation = ... in the map [deg, positive to the east]"
 
 
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:

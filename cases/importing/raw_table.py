@@ -17,6 +17,9 @@ from mmg.messages import Message
 MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 """Most columns and cells of a raw table."""
 
+NOT_READ = "says nothing that is used"
+"""Of a column or sentence of which nothing is known or wanted."""
+
 
 @dataclass(frozen=True)
 class Clock:

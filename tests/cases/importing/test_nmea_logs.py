@@ -15,7 +15,7 @@ from cases.io.toml_file import validated
 from tests.support import raw_logs
 from tests.support.raw_logs import BEGIN, globe, ground, plain, sentence
 
-pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pynmeagps", reason="needs the extra import")
 pytest.importorskip("pyproj", reason="needs the extra import")
 
 TRUTH = raw_logs.run()
@@ -88,7 +88,7 @@ def log(
     for t, _, body in sorted(events, key=lambda event: event[:2]):
         if gap[0] < t < gap[1]:
             continue
-        now = BEGIN + datetime.timedelta(hours=7, seconds=t + 0.12)
+        now = BEGIN + datetime.timedelta(hours=7, seconds=t + 12.12)
         lines.append((now.strftime(logger)[: len(logger) + 9] + " " if logger else "") + sentence(body(t)))
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return path
@@ -322,7 +322,7 @@ def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, 
 @pytest.mark.parametrize("body", [lambda t: f"HCHDG,{heading(t)},,,,", lambda t: f"HCHDM,{heading(t)},M"])
 def test_a_compass_without_variation_is_named_where_a_heading_is_missing(tmp_path: Path, body: Body) -> None:
     found = import_logs([log(tmp_path / "run.nmea", (rmc, 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))])
-    assert not found.runs and "'HDG-magnetic'" in found.problems[0]
+    assert not found.runs and "variation = " in found.problems[0]
 
 
 def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
