@@ -13,7 +13,7 @@ import numpy as np
 from cases.importing.import_map import ImportMap, magnetic
 from cases.importing.nmea_clock import Series, logger_of, moments
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
-from cases.importing.nmea_sentences import DECODERS, POSITIONS, checksum, field_names, said_by
+from cases.importing.nmea_sentences import DECODERS, Said, checksum, field_names, said_by
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
 from cases.io.files import read_bytes
 from mmg.errors import Missing
@@ -33,14 +33,12 @@ UNITS = {
 }  # fmt: skip
 """Columns of the table and their units."""
 TOGETHER = (
-    ("rot",), ("u", "v"), ("rudder", "rudder_starboard"), ("rudder", "rudder_port"), ("rpm",), ("rpm_starboard",),
+    ("rot",), ("u", "v"), ("rudder",), ("rudder_starboard",), ("rudder_port",), ("rpm",), ("rpm_starboard",),
     ("rpm_port",), ("RPM-E",), ("RPM-E_starboard",), ("RPM-E_port",),
     ("apparent_wind_speed", "apparent_wind_direction"), ("true_wind_speed", "twa", "twd"),
 )  # fmt: skip
 """Columns that are taken from one source: that which says one of them most often."""
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
-TRUE = ("HDT", "THS"), ("VHW",)
-"""Sentences with a true heading, the better first."""
 MOVES = 1.0
 """Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
 
@@ -63,10 +61,8 @@ def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     when = moments(heard, logger_of(texts), str(path), chosen.zone_hours or 0.0)
     log = _Log(heard, when.t, left, list(when.notices))
     log.take_positions()
-    log.take_headings(chosen.variation)
+    log.take_heading(chosen.variation)
     log.take_others()
-    for name in SHAFTS:
-        log.see_blades(name)
     return log.table(path, when.absolute, when.words)
 
 
@@ -92,21 +88,10 @@ def _heard(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str],
                 continue
             tag = TAG.search(before)
             source = f"{head} of {tag[1]}" if tag else head
-            why = CHECKSUM
-            said = None
-            if right:
-                try:
-                    said = said_by(kind, match[2])
-                except (ValueError, OverflowError):
-                    why = "damaged"
-            if said is None:
-                left[source, why] += 1
-                if source in heard:  # it keeps its place in the order
-                    heard[source].at.append(len(texts))
-                    heard[source].time.append(np.nan)
-                    heard[source].values.append({})
-                    texts.append(before)
-                continue
+            try:
+                said = said_by(kind, match[2]) if right else Said({}, CHECKSUM)
+            except (ValueError, OverflowError):
+                said = Said({}, "damaged")
             name = f"{source} {said.instrument}" if said.instrument else source
             series = heard.setdefault(name, Series(head[:2], kind))
             series.at.append(len(texts))
@@ -123,7 +108,8 @@ def _heard(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str],
 
 
 class _Log:
-    """A log of which the sources are chosen one after the other; heard, t: the series and their times."""
+    """A log of which the sources are chosen: heard, t: its series and their times; left: counts of (sentence, why) that
+    are left out; taken: column -> times and values; used: columns by series; why: what more is said of a series."""
 
     def __init__(
         self,
@@ -132,182 +118,145 @@ class _Log:
         left: Counter[tuple[str, str]],
         notices: list[Message],
     ) -> None:
-        self.heard, self.t, self.notices = heard, t, notices
-        self.taken: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # column -> times and values
+        self.heard, self.t, self.left, self.notices = heard, t, left, notices
+        self.taken: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self.used: dict[str, list[str]] = {name: [] for name in heard}
         self.why: dict[str, str] = {}
-        self.left = left
 
-    def said(self, name: str, column: str, rows: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values (N,) of a column that the series says, in order; rows: of it alone."""
-        t, values = self.t[name], self.heard[name].column(column)
-        good = np.flatnonzero(np.isfinite(values) & np.isfinite(t))
-        good = good if rows is None else np.intersect1d(good, rows)
-        good = good[np.argsort(t[good], kind="stable")]
-        return t[good], values[good]
+    def rows(self, name: str, column: str) -> np.ndarray:
+        """Rows (M,) of a series that say a column, in the order of their times."""
+        good = np.flatnonzero(np.isfinite(self.heard[name].column(column)) & np.isfinite(self.t[name]))
+        return good[np.argsort(self.t[name][good], kind="stable")]
 
-    def take(self, column: str, name: str, said: tuple[np.ndarray, np.ndarray] | None = None) -> None:
-        """Use what a series ``said`` as a ``column``."""
-        self.taken[column] = merged([said or self.said(name, column)])
-        self.used[name].append(column)
+    def said(self, name: str, column: str) -> tuple[np.ndarray, np.ndarray]:
+        """Times and values (M,) of a column that a series says."""
+        rows = self.rows(name, column)
+        return self.t[name][rows], self.heard[name].column(column)[rows]
 
-    def leave(self, name: str, why: str) -> None:
-        if not self.used[name]:
-            self.why[name] = why
+    def speaking(self, *columns: str) -> list[str]:
+        """The series that say one of the ``columns``, that which says one most often first."""
+        counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.heard}
+        return sorted((name for name in counts if counts[name]), key=lambda name: -counts[name])
+
+    def take(self, column: str, said: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+        """Use what the first series ``said`` as a column, and others where it is silent."""
+        self.taken[column] = merged(list(said.values()))
+        for name in said:
+            self.used[name].append(column)
+
+    def leave(self, names: Sequence[str], why: str) -> None:
+        """Say ``why`` series are not used, of which nothing was said yet."""
+        for name in names:
+            self.why.setdefault(name, why)
 
     def take_positions(self) -> None:
         """Latitude and longitude of one receiver, and the speed and course over ground that it says."""
         fixes = []
-        for name, series in self.heard.items():
-            if series.kind in POSITIONS and len(self.said(name, "latitude")[0]):
-                rows = np.flatnonzero(np.isfinite(series.column("latitude")) & np.isfinite(self.t[name]))
-                rows = rows[np.argsort(self.t[name][rows], kind="stable")]
+        for name in self.heard:
+            if len(rows := self.rows(name, "latitude")):
+                series = self.heard[name]
                 parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
                 fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
         receivers = receivers_of(fixes)
-        used = receivers[0] if receivers else None
-        if used is not None:
-            for i, column in enumerate(("latitude", "longitude")):
-                self.taken[column] = merged([(f.t, (f.latitude, f.longitude)[i]) for f in used.same])
-            for f in used.same:
-                self.used[f.name] += [c for c in ("latitude", "longitude") if c not in self.used[f.name]]
-            for f in used.fixes:
-                self.leave(f.name, f"the same receiver as {used.same[0].name}, whose fix is used")
+        for used in receivers[:1]:
+            self.take("latitude", {f.name: (f.t, f.latitude) for f in used.same})
+            self.take("longitude", {f.name: (f.t, f.longitude) for f in used.same})
+            self.leave(
+                [f.name for f in used.fixes if f not in used.same],
+                f"of the same receiver as {used.same[0].name}, whose fix is used",
+            )
         for other in receivers[1:]:
-            self._leave_receiver(other)
-        self._take_speeds(used, receivers[1:])
+            off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
+            for f in other.fixes:
+                why = f"second receiver{off or ', not heard at the same time'}"
+                self.left[f.name, why] += len(f) if self.used[f.name] else 0  # two receivers behind one talker
+                self.leave([] if self.used[f.name] else [f.name], why)
+        self._take_speeds(receivers)
 
-    def _leave_receiver(self, other: Receiver) -> None:
-        off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
-        for f in other.fixes:
-            why = f"second receiver{off}" if off else "another receiver, not heard at the same time"
-            if self.used[f.name]:  # two receivers behind one talker
-                self.left[f.name, why] += len(f)
-            else:
-                self.why[f.name] = why
-
-    def _take_speeds(self, used: Receiver | None, others: Sequence[Receiver]) -> None:
-        """Speed and course of the receiver that is ``used``: RMC with its position, or VTG of its talkers."""
-        own = {f.name: f.index for f in used.fixes} if used else {}
-        talkers = {f.talker for f in used.fixes} if used else set()
-        foreign = {f.talker for other in others for f in other.fixes}
+    def _take_speeds(self, receivers: Sequence[Receiver]) -> None:
+        """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
+        own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
+        talkers = {self.heard[name].talker for name in own}
+        foreign = {f.talker for other in receivers[1:] for f in other.fixes}
         speeds = {}
-        for name, series in self.heard.items():
-            if series.kind not in ("RMC", "VTG") or not len(self.said(name, "sog")[0]):
-                continue
-            if name in own:
-                speeds[name] = own[name]
+        for name in self.speaking("sog"):
+            series = self.heard[name]
+            if name in own or not receivers:
+                speeds[name] = own.get(name, np.arange(len(series.at)))
             elif series.talker in foreign:
-                what = "of one of two receivers" if series.talker in talkers else "of the second receiver"
-                self.why.setdefault(name, what)
-            elif series.kind == "VTG" or used is None:
+                self.leave([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
+            elif series.kind == "VTG":
                 speeds[name] = np.arange(len(series.at))
         most = max(map(len, speeds.values()), default=0)
         names = sorted(speeds, key=lambda n: (len(speeds[n]) < ALIKE * most, self.heard[n].kind != "RMC"))
         for column in ("sog", "cog"):
-            said = {n: self.said(n, column, speeds[n]) for n in names}
-            said = {n: values for n, values in said.items() if len(values[0])}
+            rows = {n: np.intersect1d(self.rows(n, column), speeds[n]) for n in names}
+            said = {n: (self.t[n][r], self.heard[n].column(column)[r]) for n, r in rows.items() if len(r)}
             if said:
-                self.taken[column] = merged(list(said.values()))
-                for name in said:
-                    self.used[name].append(column)
+                self.take(column, said)
 
-    def take_headings(self, variation: float | None) -> None:
-        """The true heading that is said most often, or a magnetic one with a variation: that of the map, its own at
-        other times, or that of a receiver."""
-        names = [
-            n for n in self.heard if self.heard[n].kind in (*TRUE[0], *TRUE[1]) and len(self.said(n, "heading")[0])
-        ]
-        rank = {n: (self.heard[n].kind in TRUE[1], -len(self.said(n, "heading")[0])) for n in names}
+    def take_heading(self, variation: float | None) -> None:
+        """The true heading that is said most often, that of a water log (VHW) last, or a magnetic one with a variation:
+        that of the map, its own at other times, or that of a receiver. Zeros alone are no variation: receivers without
+        a model of the earth's field write them."""
+        names = sorted(self.speaking("heading"), key=lambda name: self.heard[name].kind == "VHW")
+        compasses = self.speaking("magnetic")
         if names:
-            first, *rest = sorted(names, key=lambda n: rank[n])
-            self.take("heading", first)
-            self._not_taken(rest, "heading", first)
-        compasses = [n for n in self.heard if self.heard[n].kind in ("HDG", "HDM")]
-        compasses = sorted((n for n in compasses if len(self.said(n, "magnetic")[0])), key=lambda n: -len(self.t[n]))
-        for name in compasses:
-            if "heading" in self.taken:
-                self.leave(name, f"magnetic; the true heading of {self._of('heading')} is used")
+            self.take("heading", {names[0]: self.said(names[0], "heading")})
+            self.leave(names[1:], f"heading is taken from {names[0]}")
+            self.leave(compasses, f"magnetic; the true heading of {names[0]} is used")
+        for name in compasses if not names else ():
+            known = {n: self.said(n, "variation") for n in (name, *self.speaking("variation"))}
+            known = {n: said for n, said in known.items() if said[1].any()}
+            if variation is not None:
+                known = {"the map": (np.zeros(1), np.full(1, variation))}
+            if "heading" in self.taken or not known:
+                self.leave(
+                    [name], "heading is taken from another compass" if known else magnetic(self.heard[name].kind)
+                )
                 continue
+            of, (at, east) = next(iter(known.items()))
             t, values = self.said(name, "magnetic")
-            known, of = self._variation(name, variation)
-            if known is None:
-                self.leave(name, magnetic(self.heard[name].kind))
-                continue
-            self.take("heading", name, (t, (values + np.interp(t, *known)) % 360.0))
-            self.why[name] = f"with the variation {of}, {float(np.median(known[1])):.3g} deg"
-
-    def _variation(self, name: str, said: float | None) -> tuple[tuple[np.ndarray, np.ndarray] | None, str]:
-        """Times and variations [deg] for a magnetic heading, and whose they are. Zeros alone stand for none: receivers
-        without a model of the earth's field write them."""
-        if said is not None:
-            return (np.zeros(1), np.full(1, said)), "of the map"
-        for other in (name, *(n for n in self.heard if self.heard[n].kind in ("HDG", "RMC"))):
-            t, values = self.said(other, "variation")
-            if values.any():
-                return (t, values), f"of {other}"
-        return None, ""
+            self.take("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
+            self.why[name] = f"with the variation {np.median(east):.3g} deg of {of}"
 
     def take_others(self) -> None:
         """Of what several sources say, the one that says it most often."""
+        self._leave_zeros()
         for group in TOGETHER:
-            counts = {n: max(len(self.said(n, column)[0]) for column in group) for n in self.heard}
-            best = max(counts, key=lambda n: counts[n], default="")
-            if not best or not counts[best]:
+            names = self.speaking(*group)
+            if group[0].startswith("RPM-E") and any(shaft in self.taken for shaft in SHAFTS):
+                self.leave(names, "of an engine; the shaft is used")
                 continue
-            for column in group:
-                if len(self.said(best, column)[0]) and column not in self.taken:
-                    self.take(column, best)
-            self._not_taken([n for n in counts if counts[n] and n != best], group[0], best)
-        self._one_rudder()
-        if any(name in self.taken for name in SHAFTS):
-            self._drop([c for c in self.taken if c.startswith("RPM-E")], "of an engine; the shaft is used")
-
-    def _one_rudder(self) -> None:
-        """One of two sensors is the rudder where the other does not speak, or stays at zero."""
-        both = [c for c in RUDDERS if c in self.taken]
-        moving = [c for c in both if self.taken[c][1].any()]
-        if len(both) == 2 and len(moving) == 1:
-            self._drop([c for c in both if c not in moving], "always zero, where the other one moves")
-            both = moving
-        if len(both) == 1 and "rudder" not in self.taken:
-            self._rename(both[0], "rudder")
-        shafts = [c for c in SHAFTS if c in self.taken]
-        if len(shafts) == 1:
-            self._rename(shafts[0], "rpm")
-
-    def see_blades(self, column: str) -> None:
-        """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
+            for column in group if names else ():
+                if len(self.rows(names[0], column)):
+                    self.take(column, {names[0]: self.said(names[0], column)})
+            self.leave([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {''.join(names[:1])}")
         for name in self.heard:
-            pitch = self.said(name, f"blades {column}")[1]
-            if len(pitch) and np.ptp(pitch) > MOVES:
-                words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-                self.left[f"{name} pitch", words] += len(pitch)
-                said = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
-                self.notices.append(Message(said, "pitch_moves"))
+            for shaft in SHAFTS:
+                self._see_blades(name, self.said(name, f"blades {shaft}")[1])
+        for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
+            only = [side for side in sides if side in self.taken]
+            if alone not in self.taken and len(only) == 1:
+                self.taken[alone] = self.taken.pop(only[0])
+                self.used = {n: [alone if c == only[0] else c for c in columns] for n, columns in self.used.items()}
 
-    def _of(self, column: str) -> str:
-        return next(name for name, columns in self.used.items() if column in columns)
+    def _leave_zeros(self) -> None:
+        """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""
+        for name in self.speaking(*RUDDERS):
+            said = {side: self.said(name, side)[1] for side in RUDDERS}
+            still = [side for side in RUDDERS if len(said[side]) and not said[side].any()]
+            if len(still) == 1 and all(map(len, said.values())):
+                self.left[f"{name} {still[0]}", "always zero, where the other one moves"] += len(said[still[0]])
+                self.heard[name].column(still[0])[:] = np.nan
 
-    def _not_taken(self, names: Sequence[str], column: str, best: str) -> None:
-        for name in names:
-            self.leave(name, f"{column} is taken from {best}, which says it more often or is heard first")
-
-    def _rename(self, old: str, new: str) -> None:
-        if old != new:
-            self.taken[new] = self.taken.pop(old)
-            self.used = {name: [new if c == old else c for c in columns] for name, columns in self.used.items()}
-
-    def _drop(self, columns: Sequence[str], why: str) -> None:
-        for column in columns:
-            del self.taken[column]
-            for name, used in self.used.items():
-                if column in used:
-                    used.remove(column)
-                    if used:
-                        self.left[f"{name} {column}", why] += len(self.said(name, column)[0])
-                    else:
-                        self.why[name] = why
+    def _see_blades(self, name: str, pitch: np.ndarray) -> None:
+        """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
+        if len(pitch) and np.ptp(pitch) > MOVES:
+            words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+            self.left[f"{name} pitch", words] += len(pitch)
+            said = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
+            self.notices.append(Message(said, "pitch_moves"))
 
     def accounts(self) -> tuple[Account, ...]:
         """What became of every talker and sentence."""
@@ -315,10 +264,10 @@ class _Log:
         for name, series in self.heard.items():
             valid, why = sum(map(bool, series.values)), self.why.get(name, "")
             valid -= sum(count for (one, other), count in self.left.items() if one == name and "receiver" in other)
-            used = tuple(self.used[name]) or (() if why or series.kind != "ZDA" else ("time",))
+            used = tuple(self.used[name]) or (("time",) if series.kind == "ZDA" else ())
             if valid:
-                rows.append(Account(name, valid, used, why if why or used else NOT_READ))
-        return (*rows, *(Account(name, count, (), why) for (name, why), count in self.left.items()))
+                rows.append(Account(name, valid, used, why or ("" if used else NOT_READ)))
+        return (*rows, *(Account(name, count, (), why) for (name, why), count in self.left.items() if count))
 
     def table(self, path: Path, absolute: bool, words: str) -> RawTable:
         """The columns on the times of all of them, with the accounts."""
@@ -329,9 +278,8 @@ class _Log:
         if not names:
             raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
         t = np.unique(np.concatenate([np.round(self.taken[name][0], 3) for name in names]))
-        columns = {"time": t}
+        columns = {"time": t} | {name: np.full(len(t), np.nan) for name in names}
         for name in names:
-            columns[name] = np.full(len(t), np.nan)
             columns[name][np.searchsorted(t, np.round(self.taken[name][0], 3))] = self.taken[name][1]
         units = [UNITS[name] for name in columns]
         frame = pd.DataFrame(columns).astype(object)

@@ -25,8 +25,6 @@ kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S)
 """
 QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}
 """The modes by their numbers in GGA."""
-POSITIONS = ("RMC", "GGA", "GNS", "GLL")
-"""Sentences that hold a position."""
 WIND = {"K": 1 / 3.6, "M": 1.0, "N": 1852.0 / 3600.0, "S": 1609.344 / 3600.0}
 """Factor to m/s of the units of MWV."""
 DAY_ZERO = datetime.date(1970, 1, 1).toordinal()
@@ -159,32 +157,6 @@ def _zda(fields: Fields) -> Said:
     return Said({"day": _day(*(int(part) for part in parts[1:]))} if all(parts) else {})
 
 
-def _vtg(fields: Fields) -> Said:
-    if why := _not_valid(mode=fields["posMode"]):
-        return Said({}, why)
-    values = _numbers(fields, sog="sogn", cog="cogt")
-    if "sog" not in values and (km := _numbers(fields, sog="sogk")):
-        values["sog"] = km["sog"] / 1.852
-    return Said(values)
-
-
-def _hdt(fields: Fields) -> Said:
-    return Said(_numbers(fields, heading="headingT"))
-
-
-def _ths(fields: Fields) -> Said:
-    why = f"mode {fields['mi']}" if fields["mi"] not in ("", "A") else ""
-    return Said({} if why else _numbers(fields, heading="headt"), why)
-
-
-def _vhw(fields: Fields) -> Said:
-    return Said(_numbers(fields, heading="hdgT"), aside=WATER if fields["spdN"] or fields["spdK"] else ())
-
-
-def _hdm(fields: Fields) -> Said:
-    return Said(_numbers(fields, magnetic="headingM"))
-
-
 def _hdg(fields: Fields) -> Said:
     """Of the compass with its deviation; easterly ones are added."""
     values = _numbers(fields, magnetic="headingM")
@@ -200,9 +172,15 @@ def _toward(value: dict[str, float], side: str) -> dict[str, float]:
     return {name: -v if side == "W" else v for name, v in value.items()} if side in ("E", "W") else {}
 
 
-def _rot(fields: Fields) -> Said:
-    why = _not_valid(fields["valid"])
-    return Said({} if why else _numbers(fields, rot="rot"), why)
+def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str = "") -> Callable[[Fields], Said]:
+    """Of sentences with ``columns`` -> fields, that are valid by the fields ``status`` and ``mode``; water: a field
+    with a speed through the water."""
+
+    def said(fields: Fields) -> Said:
+        why = _not_valid(fields.get(status, ""), fields.get(mode, ""))
+        return Said({} if why else _numbers(fields, **columns), why, aside=WATER if fields.get(water) else ())
+
+    return said
 
 
 def _rsa(fields: Fields) -> Said:
@@ -248,12 +226,6 @@ def _mwd(fields: Fields) -> Said:
     return Said(values) if len(values) == 2 else Said({}, "only a magnetic direction" if fields["dirM"] else EMPTY)
 
 
-def _vbw(fields: Fields) -> Said:
-    why = _not_valid(fields["groundspdstatus"])
-    values = {} if why else _numbers(fields, u="longgroundspd", v="transgroundspd")
-    return Said(values, why, aside=WATER if fields["longwaterspd"] else ())
-
-
 def _xdr(fields: Fields) -> Said:
     """Transducers that are a rudder or a shaft by their names."""
     values: dict[str, float] = {}
@@ -275,8 +247,14 @@ def _xdr(fields: Fields) -> Said:
 
 
 DECODERS: dict[str, Callable[[Fields], Said]] = {
-    "RMC": _rmc, "GGA": _gga, "GNS": _gns, "GLL": _gll, "ZDA": _zda, "VTG": _vtg, "HDT": _hdt, "THS": _ths,
-    "VHW": _vhw, "HDG": _hdg, "HDM": _hdm, "ROT": _rot, "RSA": _rsa, "RPM": _rpm, "MWV": _mwv, "MWD": _mwd,
-    "VBW": _vbw, "XDR": _xdr,
+    "RMC": _rmc, "GGA": _gga, "GNS": _gns, "GLL": _gll, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
+    "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
+    "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
+    "HDT": _plain({"heading": "headingT"}),
+    "THS": _plain({"heading": "headt"}, mode="mi"),
+    "VHW": _plain({"heading": "hdgT"}, water="spdN"),
+    "HDM": _plain({"magnetic": "headingM"}),
+    "ROT": _plain({"rot": "rot"}, status="valid"),
+    "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
 }  # fmt: skip
 """Sentences that are read."""
