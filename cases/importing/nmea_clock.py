@@ -32,9 +32,9 @@ LATE = 0.5
 QUARTER [s]."""
 QUARTER = 900.0
 JITTER = 0.1
-"""Scatter of stamps, in their step, from which those of an even source are smoothed."""
+"""Scatter of stamps and delays, in the step of a source, above which they scatter."""
 UNSTEADY = 0.2
-"""Share of fixes that come late by another number of sentences than most, from which delays are taken to scatter."""
+"""Share of delays that scatter from which all do."""
 EARLY = 80
 """Percentile of the delays of fixes, from late to early, at which one counts as not late."""
 FIXES, STAMPS, LAG = 21, 21, 10
@@ -370,7 +370,7 @@ def _behind_fixes(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tupl
     for rows, own in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
         every, delays = usual, before[own] - usual * own
         phases = median_filter(delays, FIXES, mode="nearest")  # keeps the steps where sentences are lost
-        if len(own) > 2 and np.mean(np.abs(delays - phases) > 0.5 * usual) > UNSTEADY:
+        if len(own) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
             steady, every = False, float(np.polyfit(own, before[own], 1)[0])
             phases = percentile_filter(before[own] - every * own, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
         out[rows] = every * rows + phases[np.maximum(np.searchsorted(own, rows, "right") - 1, 0)]

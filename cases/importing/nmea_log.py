@@ -58,7 +58,11 @@ def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     """
     chosen = chosen or ImportMap()
     heard, texts, left = _heard(path, chosen.ignored_in(path))
-    when = moments(heard, logger_of(texts), str(path), chosen.zone_hours or 0.0)
+    try:
+        when = moments(heard, logger_of(texts), str(path), chosen.zone_hours or 0.0)
+    except Missing as error:
+        why = (f"{name} {count}: {why}" for (name, why), count in left.most_common(12))
+        raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
     log = _Log(heard, when.t, left, list(when.notices))
     log.take_positions()
     log.take_heading(chosen.variation)
