@@ -145,18 +145,18 @@ def logger_of(texts: Sequence[str]) -> Logger:
     return Logger(np.full(len(texts), np.nan))
 
 
-def moments(heard: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
-    """When the sentences of the series ``heard`` were said.
+def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
+    """When the sentences of the series ``by_name`` were said.
 
     logger: its stamps of all sentences; where: for messages; zone_hours: of its stamps without a zone. Sentences with a
     time lie there. Others lie at the logger's stamps, less what its clock is ahead, or else by the order: each source
     evenly. Raises UserError where neither a sentence nor the logger tells a time, and where times run backwards.
     """
     notices: list[Message] = []
-    stamps = {name: _own_times(series) for name, series in heard.items()}
-    stamps, absolute = _set_clocks(heard, stamps, logger, where, notices)
-    stamps = {name: _with_void(series, stamps[name]) for name, series in heard.items()}
-    fixes = sorted((at, t) for name, s in heard.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
+    stamps = {name: _own_times(series) for name, series in by_name.items()}
+    stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
+    stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}
+    fixes = sorted((at, t) for name, s in by_name.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
     if len(fixes) > 1:
         fix_at, fix_t = np.array([at for at, _ in fixes]), np.array([t for _, t in fixes])
         latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
@@ -164,7 +164,7 @@ def moments(heard: dict[str, Series], logger: Logger, where: str, zone_hours: fl
         new = np.diff(latest, prepend=-np.inf) > 0
         fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
         logged = logger.t * _scale(logger, fix_at, fix_t)
-        ahead, late = _ahead(logged, logger.kind, fix_at, fix_t)
+        offset, latency = _clock_offset(logged, logger.kind, fix_at, fix_t)
     elif np.isfinite(logger.t).sum() > 1:
         whole = logger.kind == "number" and not (logger.t[np.isfinite(logger.t)] % 1.0).any()  # milliseconds
         logged = (logger.t - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)) / (
@@ -174,22 +174,22 @@ def moments(heard: dict[str, Series], logger: Logger, where: str, zone_hours: fl
         check_clock(Clock(logged[fix_at], True, "of the logger", ""), where)
         fix_at = fix_at[np.diff(logged[fix_at], prepend=-np.inf) > 0]
         fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind in ("epoch", "date")
-        ahead, late = (np.zeros(len(logged)) if _fine(logged) else None), 0.0
+        offset, latency = (np.zeros(len(logged)) if _fine(logged) else None), 0.0
     else:
         raise Missing(f"{where}: no sentence holds a time (RMC, GGA, GLL, ZDA), and no line a stamp of its logger")
-    if ahead is not None and late:
-        words_of = f"the logger's clock is right; sentences of the receiver come {late:.2g} s after their fix"
+    if offset is not None and latency:
+        words_of = f"the logger's clock is right; sentences of the receiver come {latency:.2g} s after their fix"
         notices.append(Message(words_of, "logger_clock"))
-    receivers = {s.talker for name, s in heard.items() if np.isfinite(stamps[name]).any()}
-    for name, series in heard.items():
+    receivers = {s.talker for name, s in by_name.items() if np.isfinite(stamps[name]).any()}
+    for name, series in by_name.items():
         if np.isfinite(stamps[name]).any():
             continue
         at = np.array(series.at)
-        if ahead is not None and np.isfinite(logged[at]).mean() > 0.5:
-            own = late if series.talker in receivers else 0.0
-            stamps[name] = even(logged[at] - ahead[at] - own)
+        if offset is not None and np.isfinite(logged[at]).mean() > 0.5:
+            own = latency if series.talker in receivers else 0.0
+            stamps[name] = _even(logged[at] - offset[at] - own)
         else:
-            t = by_order(at, fix_at, fix_t)
+            t = _by_order(at, fix_at, fix_t)
             stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
     return Moments(stamps, absolute, words, tuple(notices))
 
@@ -205,7 +205,7 @@ def _own_times(series: Series) -> np.ndarray:
         begin = day[known] - np.round((out[known] - time[known]) / DAY)
         dated = np.flatnonzero(np.isfinite(begin))
         if len(dated):
-            begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second late
+            begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second latency
             out[known] += DAY * begin[np.maximum(np.searchsorted(dated, np.arange(len(known)), "right") - 1, 0)]
     return out
 
@@ -225,18 +225,18 @@ def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
 
 
 def _set_clocks(
-    heard: dict[str, Series], stamps: dict[str, np.ndarray], logger: Logger, where: str, notices: list[Message]
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Logger, where: str, notices: list[Message]
 ) -> tuple[dict[str, np.ndarray], bool]:
     """The ``stamps`` on the days that dated series or the logger say, without those of clocks that were not set, and
     whether the day is known."""
-    dated = {name for name, s in heard.items() if np.isfinite(s.column("day")).any()}
+    dated = {name for name, s in by_name.items() if np.isfinite(s.column("day")).any()}
     days = np.concatenate([stamps[name][np.isfinite(stamps[name])] for name in dated] or [np.zeros(0)])
     logged = logger.t if logger.kind in ("epoch", "date") else np.full(len(logger.t), np.nan)
     if len(days):
         typical = float(np.median(days))
         for name in dated:  # weeks that begin anew within the log
             stamps[name] = stamps[name] + ROLLOVER * np.round((typical - stamps[name]) / ROLLOVER)
-        at = np.concatenate([np.array(heard[name].at)[np.isfinite(stamps[name])] for name in dated])
+        at = np.concatenate([np.array(by_name[name].at)[np.isfinite(stamps[name])] for name in dated])
         weeks = np.nanmedian(logged[at] - typical) / ROLLOVER if np.isfinite(logged[at]).any() else 0.0
         if round(weeks) and abs(weeks - round(weeks)) * ROLLOVER < UNSET:
             stamps |= {name: stamps[name] + ROLLOVER * round(weeks) for name in dated}
@@ -246,7 +246,7 @@ def _set_clocks(
             day = datetime.datetime.fromtimestamp(max(typical, 0.0), datetime.timezone.utc).date()
             words = f"the log is of {day} by its receiver, whose weeks may have begun anew: then it is 1024 weeks later"
             notices.append(Message(words, "date_early"))
-    anchors = sorted((at, t) for n in dated for at, t in zip(heard[n].at, stamps[n], strict=True) if t == t)
+    anchors = sorted((at, t) for n in dated for at, t in zip(by_name[n].at, stamps[n], strict=True) if t == t)
     if not anchors:
         anchors = [(int(at), float(logged[at])) for at in np.flatnonzero(np.isfinite(logged))]
     anchor_at, anchor_t = (np.array([row[i] for row in anchors]) for i in (0, 1))
@@ -254,7 +254,7 @@ def _set_clocks(
         kept = _longest(anchor_t)
         anchor_at, anchor_t = anchor_at[kept], anchor_t[kept]
     unset = 0
-    for name, series in heard.items():
+    for name, series in by_name.items():
         at, t = np.array(series.at), stamps[name].copy()
         known = np.isfinite(t)
         if len(anchor_at) and known.any():
@@ -300,7 +300,9 @@ def _fine(t: np.ndarray) -> bool:
     return len(np.unique(np.round(t[np.isfinite(t)] % 1.0, 3))) > 1
 
 
-def _ahead(logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray | None, float]:
+def _clock_offset(
+    logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray
+) -> tuple[np.ndarray | None, float]:
     """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
     sentences of the receiver come after their fix; None where it is no clock to go by.
 
@@ -316,13 +318,13 @@ def _ahead(logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray)
         return None, 0.0
     smooth = median_filter(lag, size=STAMPS, mode="nearest")
     zone = QUARTER * round(float(np.median(lag)) / QUARTER)
-    late = float(np.median(lag)) - zone
-    if 0.0 < late < LATE and kind != "number" and np.ptp(smooth) < LATE:
-        return np.full(len(logged), zone), late
+    latency = float(np.median(lag)) - zone
+    if 0.0 < latency < LATE and kind != "number" and np.ptp(smooth) < LATE:
+        return np.full(len(logged), zone), latency
     return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0
 
 
-def even(t: np.ndarray) -> np.ndarray:
+def _even(t: np.ndarray) -> np.ndarray:
     """Stamps (N,) [s] of one source; those that scatter about even times, as of a logger that reads a buffer, on them.
 
     Steps of times that scatter are negatively correlated, those of a source that speaks when something happens are not.
@@ -341,7 +343,7 @@ def even(t: np.ndarray) -> np.ndarray:
     return np.maximum.accumulate(np.concatenate(parts) + rows)
 
 
-def by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:
+def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:
     """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,).
 
     They lie evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of
@@ -354,7 +356,7 @@ def by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarra
 
 
 def _behind_fixes(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray, bool]:
-    """``by_order`` of sentences that follow the fix of their time, and whether fixes come at a steady delay. Where they
+    """Times (N,) of sentences that follow the fix of their time, and whether fixes come at a steady delay. Where they
     do not, those of the EARLY percentile are not late, and the next sentence follows within its step."""
     step = float(np.median(np.diff(fix_t)))
     behind = np.searchsorted(fix_at, at, "right") - 1

@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from cases.importing.import_map import ImportMap, magnetic
-from cases.importing.nmea_clock import Series, logger_of, moments
+from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
-from cases.importing.nmea_sentences import DECODERS, Said, checksum, field_names, said_by
+from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
 from cases.io.files import read_bytes
 from mmg.errors import Missing
 from mmg.messages import Message
 
 CHECKSUM = "checksum wrong"
-"""Why a sentence is left out."""
+"""Why a sentence is rejected out."""
 SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\*([0-9A-Fa-f]{2}))?")
 TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")
 """The source of a tag block of NMEA 4."""
@@ -41,6 +41,8 @@ TOGETHER = (
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
 MOVES = 1.0
 """Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
+Samples = tuple[np.ndarray, np.ndarray]
+"""Times [s] and values (M,)."""
 
 
 def is_nmea(content: bytes) -> bool:
@@ -52,243 +54,238 @@ def is_nmea(content: bytes) -> bool:
 def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     """The table of the log ``path``: a row for each moment at which something that is used was said.
 
-    chosen: the map, of which ``variation`` and ``zone_hours`` are used. What became of each talker and sentence is in
-    the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence nor a logger
-    tells a time, and where the times run backwards.
+    chosen: the map, of which ``variation``, ``zone_hours`` and ``ignore`` are used. What became of each talker and
+    sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
+    nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
     chosen = chosen or ImportMap()
-    heard, texts, left = _heard(path, chosen.ignored_in(path))
+    series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
-        when = moments(heard, logger_of(texts), str(path), chosen.zone_hours or 0.0)
+        moments = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
     except Missing as error:
-        why = (f"{name} {count}: {why}" for (name, why), count in left.most_common(12))
+        why = (f"{name} {count}: {why}" for (name, why), count in rejected.most_common(12))
         raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
-    log = _Log(heard, when.t, left, list(when.notices))
-    log.take_positions()
-    log.take_heading(chosen.variation)
-    log.take_others()
-    return log.table(path, when.absolute, when.words)
+    log = _Selection(series, moments.t, rejected)
+    log.select_positions()
+    log.select_heading(chosen.variation)
+    log.select_others()
+    return log.table(path, moments)
 
 
-def _heard(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str], Counter[tuple[str, str]]]:
-    """The series of the log ``path`` by talker, sentence and instrument, what stands beside each of its sentences, and
-    how many were left out: by sentence and why. ignored: sentences that the map does not want."""
+def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str], Counter[tuple[str, str]]]:
+    """The series of the log ``path`` by talker, sentence and instrument, what stands before (or behind) each of their
+    sentences, and counts of what is rejected, by sentence and why. ignored: sentences that the map does not want."""
     field_names()
-    heard: dict[str, Series] = {}
-    left: Counter[tuple[str, str]] = Counter()
-    texts: list[str] = []
+    by_name: dict[str, Series] = {}
+    rejected: Counter[tuple[str, str]] = Counter()
+    prefixes: list[str] = []
     for line in read_bytes(path).decode("latin-1").splitlines():
-        end, count = 0, len(texts)
+        end = 0
         for match in SENTENCE.finditer(line):
-            before, head = line[end : match.start()], match[1]
+            prefix, head, kind = line[end : match.start()], match[1], match[1][2:]
+            prefix = prefix if prefix.strip() or end else line[match.end() :]
             end = match.end()
-            kind = head[2:]
             right = match[3] is None or checksum(match[0][1:-3]) == int(match[3], 16)
             if match[0][0] == "!" or head[0] == "P" or kind not in DECODERS:
-                left[head, NOT_READ if right else CHECKSUM] += 1
+                rejected[head, NOT_READ if right else CHECKSUM] += 1
                 continue
             if head in ignored:
-                left[head, "ignored by the map"] += 1
+                rejected[head, "ignored by the map"] += 1
                 continue
-            tag = TAG.search(before)
+            tag = TAG.search(prefix)
             source = f"{head} of {tag[1]}" if tag else head
             try:
-                said = said_by(kind, match[2]) if right else Said({}, CHECKSUM)
+                sentence = decoded(kind, match[2]) if right else Decoded({}, CHECKSUM)
             except (ValueError, OverflowError):
-                said = Said({}, "damaged")
-            name = f"{source} {said.instrument}" if said.instrument else source
-            series = heard.setdefault(name, Series(head[:2], kind))
-            series.at.append(len(texts))
-            series.time.append(said.time)
-            series.values.append({} if said.why else said.values)
-            texts.append(before if before.strip() or count != len(texts) else line[end:])
-            if said.why:
-                left[name, said.why] += 1
-            for part, why in said.aside:
-                left[f"{name} {part}", why] += 1
+                sentence = Decoded({}, "damaged")
+            name = f"{source} {sentence.instrument}" if sentence.instrument else source
+            series = by_name.setdefault(name, Series(head[:2], kind))  # what is not valid keeps its place in the order
+            series.at.append(len(prefixes))
+            series.time.append(sentence.time)
+            series.values.append({} if sentence.why else sentence.values)
+            prefixes.append(prefix)
+            if sentence.why:
+                rejected[name, sentence.why] += 1
+            for part, why in sentence.aside:
+                rejected[f"{name} {part}", why] += 1
         if not end and line.strip():
-            left["lines", "damaged or no sentence"] += 1
-    return heard, texts, left
+            rejected["lines", "damaged or no sentence"] += 1
+    return by_name, prefixes, rejected
 
 
-class _Log:
-    """A log of which the sources are chosen: heard, t: its series and their times; left: counts of (sentence, why) that
-    are left out; taken: column -> times and values; used: columns by series; why: what more is said of a series."""
+class _Selection:
+    """The choice of a source for each column of a log.
 
-    def __init__(
-        self,
-        heard: dict[str, Series],
-        t: dict[str, np.ndarray],
-        left: Counter[tuple[str, str]],
-        notices: list[Message],
-    ) -> None:
-        self.heard, self.t, self.left, self.notices = heard, t, left, notices
-        self.taken: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self.used: dict[str, list[str]] = {name: [] for name in heard}
+    series, t: by name, and their times; rejected: counts by (sentence, why); columns: samples of those that are chosen;
+    used: columns by series; why: what else is to be said of a series.
+    """
+
+    def __init__(self, series: dict[str, Series], t: dict[str, np.ndarray], rejected: Counter[tuple[str, str]]) -> None:
+        self.series, self.t, self.rejected = series, t, rejected
+        self.columns: dict[str, Samples] = {}
+        self.used: dict[str, list[str]] = {name: [] for name in series}
         self.why: dict[str, str] = {}
+        self.warnings: list[Message] = []
 
     def rows(self, name: str, column: str) -> np.ndarray:
-        """Rows (M,) of a series that say a column, in the order of their times."""
-        good = np.flatnonzero(np.isfinite(self.heard[name].column(column)) & np.isfinite(self.t[name]))
+        """Rows (M,) of a series that hold a column, in the order of their times."""
+        good = np.flatnonzero(np.isfinite(self.series[name].column(column)) & np.isfinite(self.t[name]))
         return good[np.argsort(self.t[name][good], kind="stable")]
 
-    def said(self, name: str, column: str) -> tuple[np.ndarray, np.ndarray]:
-        """Times and values (M,) of a column that a series says."""
-        rows = self.rows(name, column)
-        return self.t[name][rows], self.heard[name].column(column)[rows]
+    def samples(self, name: str, column: str, rows: np.ndarray | None = None) -> Samples:
+        """Of a column of a series; rows: of it alone."""
+        own = self.rows(name, column)
+        own = own if rows is None else own[np.isin(own, rows)]
+        return self.t[name][own], self.series[name].column(column)[own]
 
-    def speaking(self, *columns: str) -> list[str]:
-        """The series that say one of the ``columns``, that which says one most often first."""
-        counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.heard}
+    def sources(self, *columns: str) -> list[str]:
+        """The series that hold one of the ``columns``, that with most samples first."""
+        counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.series}
         return sorted((name for name in counts if counts[name]), key=lambda name: -counts[name])
 
-    def take(self, column: str, said: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-        """Use what the first series ``said`` as a column, and others where it is silent."""
-        self.taken[column] = merged(list(said.values()))
-        for name in said:
+    def select(self, column: str, samples: dict[str, Samples]) -> None:
+        """Use ``samples`` of the first series as a column, and of others where it is silent."""
+        self.columns[column] = merged(list(samples.values()))
+        for name in samples:
             self.used[name].append(column)
 
-    def leave(self, names: Sequence[str], why: str) -> None:
-        """Say ``why`` series are not used, of which nothing was said yet."""
+    def reject(self, names: Sequence[str], why: str) -> None:
+        """Say ``why`` series are not used, of which nothing is said yet."""
         for name in names:
             self.why.setdefault(name, why)
 
-    def take_positions(self) -> None:
-        """Latitude and longitude of one receiver, and the speed and course over ground that it says."""
+    def select_positions(self) -> None:
+        """Latitude and longitude of one receiver, and its speed and course over ground."""
         fixes = []
-        for name in self.heard:
-            if len(rows := self.rows(name, "latitude")):
-                series = self.heard[name]
-                parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
-                fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
-        receivers = receivers_of(fixes)
+        for name in self.sources("latitude"):
+            rows, series = self.rows(name, "latitude"), self.series[name]
+            parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
+            fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
+        receivers = receivers_of(sorted(fixes, key=lambda f: self.series[f.name].at[0]))
         for used in receivers[:1]:
-            self.take("latitude", {f.name: (f.t, f.latitude) for f in used.same})
-            self.take("longitude", {f.name: (f.t, f.longitude) for f in used.same})
-            self.leave(
-                [f.name for f in used.fixes if f not in used.same],
-                f"of the same receiver as {used.same[0].name}, whose fix is used",
-            )
+            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.same_fix})
+            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.same_fix})
+            others = [f.name for f in used.fixes if f not in used.same_fix]
+            self.reject(others, f"of the same receiver as {used.same_fix[0].name}, whose fix is used")
         for other in receivers[1:]:
             off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
             for f in other.fixes:
                 why = f"second receiver{off or ', not heard at the same time'}"
-                self.left[f.name, why] += len(f) if self.used[f.name] else 0  # two receivers behind one talker
-                self.leave([] if self.used[f.name] else [f.name], why)
-        self._take_speeds(receivers)
+                if self.used[f.name]:  # two receivers behind one talker
+                    self.rejected[f.name, why] += len(f)
+                else:
+                    self.why[f.name] = why
+        self._select_speeds(receivers)
 
-    def _take_speeds(self, receivers: Sequence[Receiver]) -> None:
+    def _select_speeds(self, receivers: Sequence[Receiver]) -> None:
         """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
         own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
-        talkers = {self.heard[name].talker for name in own}
+        talkers = {self.series[name].talker for name in own}
         foreign = {f.talker for other in receivers[1:] for f in other.fixes}
-        speeds = {}
-        for name in self.speaking("sog"):
-            series = self.heard[name]
+        rows: dict[str, np.ndarray] = {}
+        for name in self.sources("sog"):
+            series = self.series[name]
             if name in own or not receivers:
-                speeds[name] = own.get(name, np.arange(len(series.at)))
+                rows[name] = own.get(name, np.arange(len(series.at)))
             elif series.talker in foreign:
-                self.leave([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
+                self.reject([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
             elif series.kind == "VTG":
-                speeds[name] = np.arange(len(series.at))
-        most = max(map(len, speeds.values()), default=0)
-        names = sorted(speeds, key=lambda n: (len(speeds[n]) < ALIKE * most, self.heard[n].kind != "RMC"))
+                rows[name] = np.arange(len(series.at))
+        most = max(map(len, rows.values()), default=0)
+        names = sorted(rows, key=lambda name: (len(rows[name]) < ALIKE * most, self.series[name].kind != "RMC"))
         for column in ("sog", "cog"):
-            rows = {n: np.intersect1d(self.rows(n, column), speeds[n]) for n in names}
-            said = {n: (self.t[n][r], self.heard[n].column(column)[r]) for n, r in rows.items() if len(r)}
-            if said:
-                self.take(column, said)
+            samples = {name: self.samples(name, column, rows[name]) for name in names}
+            if samples := {name: both for name, both in samples.items() if len(both[0])}:
+                self.select(column, samples)
 
-    def take_heading(self, variation: float | None) -> None:
-        """The true heading that is said most often, that of a water log (VHW) last, or a magnetic one with a variation:
+    def select_heading(self, variation: float | None) -> None:
+        """The true heading with most samples, that of a water log (VHW) last, or a magnetic one with a ``variation``:
         that of the map, its own at other times, or that of a receiver. Zeros alone are no variation: receivers without
         a model of the earth's field write them."""
-        names = sorted(self.speaking("heading"), key=lambda name: self.heard[name].kind == "VHW")
-        compasses = self.speaking("magnetic")
+        names = sorted(self.sources("heading"), key=lambda name: self.series[name].kind == "VHW")
+        compasses = self.sources("magnetic")
         if names:
-            self.take("heading", {names[0]: self.said(names[0], "heading")})
-            self.leave(names[1:], f"heading is taken from {names[0]}")
-            self.leave(compasses, f"magnetic; the true heading of {names[0]} is used")
+            self.select("heading", {names[0]: self.samples(names[0], "heading")})
+            self.reject([*names[1:], *compasses], f"heading is taken from {names[0]}")
         for name in compasses if not names else ():
-            known = {n: self.said(n, "variation") for n in (name, *self.speaking("variation"))}
-            known = {n: said for n, said in known.items() if said[1].any()}
+            known = {n: self.samples(n, "variation") for n in (name, *self.sources("variation"))}
+            known = {n: samples for n, samples in known.items() if samples[1].any()}
             if variation is not None:
                 known = {"the map": (np.zeros(1), np.full(1, variation))}
-            if "heading" in self.taken or not known:
-                self.leave(
-                    [name], "heading is taken from another compass" if known else magnetic(self.heard[name].kind)
-                )
+            if "heading" in self.columns or not known:
+                self.reject([name], "heading is taken from another compass" if known else magnetic(name[2:5]))
                 continue
             of, (at, east) = next(iter(known.items()))
-            t, values = self.said(name, "magnetic")
-            self.take("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
+            t, values = self.samples(name, "magnetic")
+            self.select("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
             self.why[name] = f"with the variation {np.median(east):.3g} deg of {of}"
 
-    def take_others(self) -> None:
-        """Of what several sources say, the one that says it most often."""
-        self._leave_zeros()
+    def select_others(self) -> None:
+        """Of what several sources hold, that with most samples."""
+        self._reject_zeros()
         for group in TOGETHER:
-            names = self.speaking(*group)
-            if group[0].startswith("RPM-E") and any(shaft in self.taken for shaft in SHAFTS):
-                self.leave(names, "of an engine; the shaft is used")
+            names = self.sources(*group)
+            if group[0].startswith("RPM-E") and any(shaft in self.columns for shaft in SHAFTS):
+                self.reject(names, "of an engine; the shaft is used")
                 continue
-            for column in group if names else ():
-                if len(self.rows(names[0], column)):
-                    self.take(column, {names[0]: self.said(names[0], column)})
-            self.leave([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {''.join(names[:1])}")
-        for name in self.heard:
-            for shaft in SHAFTS:
-                self._see_blades(name, self.said(name, f"blades {shaft}")[1])
+            for name in names[:1]:
+                for column in group:
+                    if len(self.rows(name, column)):
+                        self.select(column, {name: self.samples(name, column)})
+                self.reject([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {name}")
         for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
-            only = [side for side in sides if side in self.taken]
-            if alone not in self.taken and len(only) == 1:
-                self.taken[alone] = self.taken.pop(only[0])
-                self.used = {n: [alone if c == only[0] else c for c in columns] for n, columns in self.used.items()}
+            only = [side for side in sides if side in self.columns]
+            if alone not in self.columns and len(only) == 1:
+                self.columns[alone] = self.columns.pop(only[0])
+                self.used = {n: [alone if c == only[0] else c for c in used] for n, used in self.used.items()}
+        for name in self.series:
+            for shaft in SHAFTS:
+                self._warn_of_pitch(name, self.samples(name, f"blades {shaft}")[1])
 
-    def _leave_zeros(self) -> None:
+    def _reject_zeros(self) -> None:
         """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""
-        for name in self.speaking(*RUDDERS):
-            said = {side: self.said(name, side)[1] for side in RUDDERS}
-            still = [side for side in RUDDERS if len(said[side]) and not said[side].any()]
-            if len(still) == 1 and all(map(len, said.values())):
-                self.left[f"{name} {still[0]}", "always zero, where the other one moves"] += len(said[still[0]])
-                self.heard[name].column(still[0])[:] = np.nan
+        for name in self.sources(*RUDDERS):
+            values = {side: self.samples(name, side)[1] for side in RUDDERS}
+            still = [side for side in RUDDERS if len(values[side]) and not values[side].any()]
+            if len(still) == 1 and all(map(len, values.values())):
+                self.rejected[f"{name} {still[0]}", "always zero, where the other one moves"] += len(values[still[0]])
+                self.series[name].column(still[0])[:] = np.nan
 
-    def _see_blades(self, name: str, pitch: np.ndarray) -> None:
+    def _warn_of_pitch(self, name: str, pitch: np.ndarray) -> None:
         """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
         if len(pitch) and np.ptp(pitch) > MOVES:
             words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-            self.left[f"{name} pitch", words] += len(pitch)
-            said = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
-            self.notices.append(Message(said, "pitch_moves"))
+            self.rejected[f"{name} pitch", words] += len(pitch)
+            warning = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
+            self.warnings.append(Message(warning, "pitch_moves"))
 
     def accounts(self) -> tuple[Account, ...]:
         """What became of every talker and sentence."""
         rows = []
-        for name, series in self.heard.items():
+        for name, series in self.series.items():
             valid, why = sum(map(bool, series.values)), self.why.get(name, "")
-            valid -= sum(count for (one, other), count in self.left.items() if one == name and "receiver" in other)
+            valid -= sum(count for (one, other), count in self.rejected.items() if one == name and "receiver" in other)
             used = tuple(self.used[name]) or (("time",) if series.kind == "ZDA" else ())
             if valid:
                 rows.append(Account(name, valid, used, why or ("" if used else NOT_READ)))
-        return (*rows, *(Account(name, count, (), why) for (name, why), count in self.left.items() if count))
+        return (*rows, *(Account(name, count, (), why) for (name, why), count in self.rejected.items()))
 
-    def table(self, path: Path, absolute: bool, words: str) -> RawTable:
-        """The columns on the times of all of them, with the accounts."""
+    def table(self, path: Path, moments: Moments) -> RawTable:
+        """The columns at the times of all of them, with the accounts."""
         import pandas as pd
 
         accounts = self.accounts()
-        names = [name for name in UNITS if name in self.taken]
+        names = [name for name in UNITS if name in self.columns]
         if not names:
             raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
-        t = np.unique(np.concatenate([np.round(self.taken[name][0], 3) for name in names]))
+        t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))
         columns = {"time": t} | {name: np.full(len(t), np.nan) for name in names}
         for name in names:
-            columns[name][np.searchsorted(t, np.round(self.taken[name][0], 3))] = self.taken[name][1]
-        units = [UNITS[name] for name in columns]
-        frame = pd.DataFrame(columns).astype(object)
-        table = raw_table(path, str(path), list(columns), units, frame, [*_messages(accounts), *self.notices])
-        return replace(table, clock=Clock(t, absolute, "time", words), accounts=accounts)
+            columns[name][np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
+        notices = [*_messages(accounts), *moments.notices, *self.warnings]
+        units, frame = [UNITS[name] for name in columns], pd.DataFrame(columns).astype(object)
+        table = raw_table(path, str(path), list(columns), units, frame, notices)
+        return replace(table, clock=Clock(t, moments.absolute, "time", moments.words), accounts=accounts)
 
 
 def _messages(accounts: Sequence[Account]) -> list[Message]:

@@ -56,18 +56,18 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Receiver:
-    """The ``fixes`` of one receiver, the best first; same: those that are one fix, but for their rounding; distance: to
+    """The ``fixes`` of one receiver, the best first; same_fix: those that are one fix but for rounding; distance: to
     the first receiver [m], None where they are not heard at the same time."""
 
     fixes: tuple[Fixes, ...]
-    same: tuple[Fixes, ...]
+    same_fix: tuple[Fixes, ...]
     distance: float | None = None
 
 
-def receivers_of(heard: Sequence[Fixes]) -> list[Receiver]:
-    """The receivers behind the sentences ``heard``, that which is used first: the one heard most often, or, equally
+def receivers_of(sentences: Sequence[Fixes]) -> list[Receiver]:
+    """The receivers behind the sentences ``sentences``, that which is used first: the one heard most often, or, equally
     often, the one of better quality, or the first."""
-    fixes = [part for one in heard for part in divided(one)]
+    fixes = [part for one in sentences for part in divided(one)]
     most = max((len(f) for f in fixes), default=0)
     fixes.sort(
         key=lambda f: (len(f) < ALIKE * most, -len(f) if len(f) < ALIKE * most else 0, -float(np.mean(f.quality)))
@@ -83,9 +83,9 @@ def receivers_of(heard: Sequence[Fixes]) -> list[Receiver]:
     found: list[Receiver] = []
     for group in groups:
         finest = sorted(group, key=lambda f: (len(f) < ALIKE * len(group[0]), f.rounding))
-        same = [f for f in finest if f is finest[0] or _one_fix(finest[0], f)]
+        same_fix = [f for f in finest if f is finest[0] or _one_fix(finest[0], f)]
         distance = _distance(groups[0][0], group[0])[0] if found else None
-        found.append(Receiver(tuple(finest), tuple(same), None if distance is None else float(np.median(distance))))
+        found.append(Receiver(tuple(finest), tuple(same_fix), None if distance is None else float(np.median(distance))))
     return found
 
 

@@ -33,7 +33,7 @@ WATER = (("through the water", "speed through the water"),)
 Fields = Mapping[str, str]
 
 
-class Said(NamedTuple):
+class Decoded(NamedTuple):
     """values: by column, none where the sentence is not valid, and ``why`` it is not; instrument: one of several behind
     a talker; aside: (part, why) of parts of it that are left out; time: of the day [s], NaN where it has none."""
 
@@ -44,15 +44,15 @@ class Said(NamedTuple):
     time: float = math.nan
 
 
-def said_by(kind: str, content: str) -> Said:
+def decoded(kind: str, content: str) -> Decoded:
     """What a sentence of a ``kind`` in DECODERS with this ``content`` (fields between commas) says; "day" (since 1970)
     and "decimals" of minutes are columns as well. Raises ValueError or
     OverflowError for fields that are none of the kind."""
     fields = _fields(kind, content.split(","))
-    said = DECODERS[kind](fields)
+    found = DECODERS[kind](fields)
     if clock := fields.get("time", ""):
-        said = said._replace(time=_time(clock))
-    return said if said.values or said.why else said._replace(why=EMPTY)
+        found = found._replace(time=_time(clock))
+    return found if found.values or found.why else found._replace(why=EMPTY)
 
 
 @functools.cache
@@ -66,7 +66,7 @@ def field_names() -> dict[str, tuple[str, ...]]:
 
 
 def checksum(content: str) -> int:
-    """Of what stands between $ and * (NMEA 0183): exclusive or of its characters."""
+    """Of the ``content`` between $ and * (NMEA 0183): exclusive or of its characters."""
     return functools.reduce(operator.xor, content.encode("latin-1"), 0)
 
 
@@ -100,15 +100,15 @@ def _not_valid(status: str = "", mode: str = "") -> str:
     return f"mode {mode}" if mode and not set(mode) & set(MODES) else ""
 
 
-def _position(fields: Fields, why: str, mode: str = "") -> Said:
+def _position(fields: Fields, why: str, mode: str = "") -> Decoded:
     from pynmeagps import dmm2ddd
 
     why = why or _not_valid(mode=mode)
     if why or not fields["lat"] or not fields["lon"]:
-        return Said({}, why or EMPTY)
+        return Decoded({}, why or EMPTY)
     latitude, longitude = dmm2ddd(fields["lat"]), dmm2ddd(fields["lon"])
     if fields["NS"] not in ("N", "S") or fields["EW"] not in ("E", "W"):
-        return Said({}, "no hemisphere")
+        return Decoded({}, "no hemisphere")
     if not isinstance(latitude, float) or not isinstance(longitude, float) or latitude > 90 or longitude > 180:
         raise ValueError("no place on the globe")
     values = {
@@ -117,19 +117,19 @@ def _position(fields: Fields, why: str, mode: str = "") -> Said:
         "decimals": float(len(fields["lat"].partition(".")[2])),
         "quality": float(max((MODES.get(char, 1) for char in mode), default=1)),
     }
-    return Said(values)
+    return Decoded(values)
 
 
-def _rmc(fields: Fields) -> Said:
-    said = _position(fields, _not_valid(fields["status"]), fields["posMode"])
-    if said.why:
-        return said
-    values = said.values | _numbers(fields, sog="spd", cog="cog")
+def _rmc(fields: Fields) -> Decoded:
+    position = _position(fields, _not_valid(fields["status"]), fields["posMode"])
+    if position.why:
+        return position
+    values = position.values | _numbers(fields, sog="spd", cog="cog")
     values |= _toward(_numbers(fields, variation="mv"), fields["mvEW"])
     if day := fields["date"]:
         year = int(day[4:6])
         values["day"] = _day(year + (1900 if year >= 80 else 2000), int(day[2:4]), int(day[:2]))
-    return Said(values)
+    return Decoded(values)
 
 
 def _day(year: int, month: int, day: int) -> float:
@@ -137,34 +137,34 @@ def _day(year: int, month: int, day: int) -> float:
     return float(datetime.date(year, month, day).toordinal() - DAY_ZERO)
 
 
-def _gga(fields: Fields) -> Said:
+def _gga(fields: Fields) -> Decoded:
     quality = fields["quality"].lstrip("0") or fields["quality"][:1]
     if quality not in QUALITIES:
-        return Said({}, f"quality {quality}" if quality else EMPTY)
+        return Decoded({}, f"quality {quality}" if quality else EMPTY)
     return _position(fields, "", QUALITIES[quality])
 
 
-def _gll(fields: Fields) -> Said:
+def _gll(fields: Fields) -> Decoded:
     return _position(fields, _not_valid(fields["status"]), fields["posMode"])
 
 
-def _gns(fields: Fields) -> Said:
+def _gns(fields: Fields) -> Decoded:
     return _position(fields, "", fields["posMode"])
 
 
-def _zda(fields: Fields) -> Said:
+def _zda(fields: Fields) -> Decoded:
     parts = [fields[name] for name in ("time", "year", "month", "day")]
-    return Said({"day": _day(*(int(part) for part in parts[1:]))} if all(parts) else {})
+    return Decoded({"day": _day(*(int(part) for part in parts[1:]))} if all(parts) else {})
 
 
-def _hdg(fields: Fields) -> Said:
+def _hdg(fields: Fields) -> Decoded:
     """Of the compass with its deviation; easterly ones are added."""
     values = _numbers(fields, magnetic="headingM")
     if values:
         deviation = _toward(_numbers(fields, deviation="deviation"), fields["deviationEW"])
         values["magnetic"] += deviation.get("deviation", 0.0)
         values |= _toward(_numbers(fields, variation="variation"), fields["variationEW"])
-    return Said(values)
+    return Decoded(values)
 
 
 def _toward(value: dict[str, float], side: str) -> dict[str, float]:
@@ -172,18 +172,18 @@ def _toward(value: dict[str, float], side: str) -> dict[str, float]:
     return {name: -v if side == "W" else v for name, v in value.items()} if side in ("E", "W") else {}
 
 
-def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str = "") -> Callable[[Fields], Said]:
+def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str = "") -> Callable[[Fields], Decoded]:
     """Of sentences with ``columns`` -> fields, that are valid by the fields ``status`` and ``mode``; water: a field
     with a speed through the water."""
 
-    def said(fields: Fields) -> Said:
+    def decode(fields: Fields) -> Decoded:
         why = _not_valid(fields.get(status, ""), fields.get(mode, ""))
-        return Said({} if why else _numbers(fields, **columns), why, aside=WATER if fields.get(water) else ())
+        return Decoded({} if why else _numbers(fields, **columns), why, aside=WATER if fields.get(water) else ())
 
-    return said
+    return decode
 
 
-def _rsa(fields: Fields) -> Said:
+def _rsa(fields: Fields) -> Decoded:
     values: dict[str, float] = {}
     aside: list[tuple[str, str]] = []
     for side, part in (("starboard", "stbd"), ("port", "port")):
@@ -191,10 +191,10 @@ def _rsa(fields: Fields) -> Said:
         if value and why:
             aside.append((side, why))
         values |= {} if why else value
-    return Said(values, "" if values else aside[0][1] if aside else EMPTY, aside=tuple(aside) if values else ())
+    return Decoded(values, "" if values else aside[0][1] if aside else EMPTY, aside=tuple(aside) if values else ())
 
 
-def _rpm(fields: Fields) -> Said:
+def _rpm(fields: Fields) -> Decoded:
     source, number = fields["source"], int(fields["engineshaftnum"] or 0)
     side = ("_port", "_starboard")[number % 2] if number else ""  # odd numbers are starboard, 0 the only one
     why = _not_valid(fields["status"]) or ("" if source in ("S", "E") else f"source {source}")
@@ -202,10 +202,10 @@ def _rpm(fields: Fields) -> Said:
     values = {} if why else _numbers(fields, **{column: "rpm"})
     if values:
         values |= _numbers(fields, **{f"blades {column}": "pitch"})
-    return Said(values, why, f"{source}{number}")
+    return Decoded(values, why, f"{source}{number}")
 
 
-def _mwv(fields: Fields) -> Said:
+def _mwv(fields: Fields) -> Decoded:
     unit, reference = fields["speedu"], fields["reference"]
     values, why = _numbers(fields, angle="angle", speed="speed"), _not_valid(fields["status"])
     if len(values) < 2:
@@ -213,20 +213,22 @@ def _mwv(fields: Fields) -> Said:
     elif unit not in WIND or reference not in ("R", "T"):
         why = why or (f"unit {unit}" if unit not in WIND else f"reference {reference}")
     if why:
-        return Said({}, why, reference)
+        return Decoded({}, why, reference)
     names = ("apparent_wind_speed", "apparent_wind_direction")
     names = names if reference == "R" else ("true_wind_speed", "twa")  # both are counted from the bow
-    return Said({names[0]: values["speed"] * WIND[unit], names[1]: values["angle"]}, "", reference)
+    return Decoded({names[0]: values["speed"] * WIND[unit], names[1]: values["angle"]}, "", reference)
 
 
-def _mwd(fields: Fields) -> Said:
+def _mwd(fields: Fields) -> Decoded:
     values = _numbers(fields, twd="dirT", true_wind_speed="speedM")
     if "true_wind_speed" not in values and (knots := _numbers(fields, speed="speedN")):
         values["true_wind_speed"] = knots["speed"] * WIND["N"]
-    return Said(values) if len(values) == 2 else Said({}, "only a magnetic direction" if fields["dirM"] else EMPTY)
+    if len(values) == 2:
+        return Decoded(values)
+    return Decoded({}, "only a magnetic direction" if fields["dirM"] else EMPTY)
 
 
-def _xdr(fields: Fields) -> Said:
+def _xdr(fields: Fields) -> Decoded:
     """Transducers that are a rudder or a shaft by their names."""
     values: dict[str, float] = {}
     aside: list[tuple[str, str]] = []
@@ -243,10 +245,10 @@ def _xdr(fields: Fields) -> Said:
         values |= value
         if not value:
             aside.append((name, EMPTY if column else NOT_READ))
-    return Said(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
+    return Decoded(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
 
 
-DECODERS: dict[str, Callable[[Fields], Said]] = {
+DECODERS: dict[str, Callable[[Fields], Decoded]] = {
     "RMC": _rmc, "GGA": _gga, "GNS": _gns, "GLL": _gll, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
     "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
