@@ -141,7 +141,7 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     if is_nmea2000(begin):
         return [read_nmea2000(file, chosen)]
     if is_nmea(begin):
-        return [read_nmea(file)]
+        return [read_nmea(file, chosen)]
     if is_iso19848(begin):
         return [read_iso19848(file, chosen)]
     if is_signal_k(begin) or suffix in (".json", ".jsonl", ".ndjson"):

@@ -6,12 +6,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from cases.importing.raw_table import NUMBERED
 from cases.importing.vocabulary import factor, known_units
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
+from mmg.errors import Missing
 
 NAME = "import.toml"
 
@@ -73,10 +75,10 @@ class ImportMap(Section):
     inputs: Literal["held", "sampled"] = "sampled"
     axes: Literal["enu", "ned"] = "enu"
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
+    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
-    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     step: float | None = number("s", None, gt=1e-4, le=60.0)
     ignore: list[str] = Field(default_factory=list)
     files: dict[str, FileMap] = Field(default_factory=dict)
@@ -91,6 +93,12 @@ class ImportMap(Section):
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
         return self
+
+    def true_heading(self, heading: np.ndarray, header: str) -> np.ndarray:
+        """The magnetic ``heading`` (N,) [deg] below a ``header`` as a true one. Raises UserError without variation."""
+        if self.variation is None:
+            raise Missing(magnetic(header))
+        return np.asarray(np.remainder(heading + self.variation, 360.0))
 
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by the end of its path, its name or its stem."""
@@ -109,6 +117,11 @@ class ImportMap(Section):
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""
         return {**self.columns, **self.of(file).columns}
+
+
+def magnetic(header: str) -> str:
+    """What is said of a magnetic heading below a ``header`` without a variation."""
+    return f"the log has a magnetic heading ({header}): give variation = ... in the map [deg, positive to the east]"
 
 
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:

@@ -19,6 +19,9 @@ MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 NUMBERED = "column"
 """Word before the number of a column without a header, from 1."""
 
+NOT_READ = "says nothing that is used"
+"""Of a column or sentence of which nothing is known or wanted."""
+
 
 @dataclass(frozen=True)
 class Clock:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.clocks import check_forward, within_stamps
-from cases.importing.import_map import ColumnMap, ImportMap
+from cases.importing.import_map import ColumnMap, ImportMap, magnetic
 from cases.importing.raw_table import MOST_CELLS, Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, turn_in
 from cases.io.units import DEG, factor_of
@@ -108,10 +108,7 @@ class Compass:
     def check(self, path: Path, heard: Heard) -> None:
         """Raises UserError where headings are magnetic, and nothing makes them true."""
         if self._magnetic and not any("psi" in one.quantities().values() for one in heard.series()):
-            raise Missing(
-                f"{path}: the log has a magnetic heading ({self._magnetic}): give variation = ... in the map [deg, "
-                "positive to the east]"
-            )
+            raise Missing(f"{path}: {magnetic(self._magnetic)}")
 
 
 def seconds_of_stamp(stamp: Any) -> float:
