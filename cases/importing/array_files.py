@@ -23,7 +23,7 @@ import numpy as np
 from cases.importing.clocks import clock_of
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import MOST_CELLS, Account, RawTable, raw_table
-from cases.importing.series import Series, seconds_of_stamp, table_of_series
+from cases.importing.series import SourceSeries, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import meaning
 from cases.io.files import LARGEST, read_bytes
 from cases.io.units import factor_of
@@ -117,7 +117,7 @@ def _parts_of_one_log(
         unit = said.unit if said else ""
         clocks.append(clock_of(table, time, unit, None, chosen.zone_hours))
         columns = {h: table.numbers(h) for h in table.headers if h != time and table.numeric(h)}
-        series.append(Series(one.name, clocks[-1].t, columns, _means(table)))
+        series.append(SourceSeries(one.name, clocks[-1].t, columns, _means(table)))
     if len({clock.absolute for clock in clocks}) > 1:
         raise BadValue(f"{path}: its groups count time from different beginnings; leave some out in the map (ignore)")
     words = Message(f"{len(series)} parts of {path.name} joined on time", "joined")

@@ -229,10 +229,15 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
         words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
     if unknown:
         words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
-    left_out = [str(a) for log in logs for a in log.table.accounts if not a.used_as and a.why != NOT_READ]
+    left_out = [
+        str(a) for log in logs for a in log.table.accounts if not (a.used_as or a.why == NOT_READ or a.what in unsure)
+    ]
     if left_out:
-        raise Missing(f"{words}; {'; '.join(left_out[:12])}")
-    raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
+        words += f"; {'; '.join(left_out[:12])}"
+    header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
+    if header != "HEADER" or not left_out:
+        words += f'; say it in a map: [columns] {missing[0]} = "{header}"'
+    raise Missing(words)
 
 
 CLOSE, APART = 0.10, 0.25

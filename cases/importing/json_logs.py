@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.import_map import ImportMap
-from cases.importing.raw_table import Account, Clock, RawTable
+from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, Compass, Heard, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
@@ -56,7 +56,7 @@ SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
 
 
 def vis_meaning(channel: str) -> Meaning:
-    """What a local id of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means.
+    """What the local id ``channel`` of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means.
 
     Of angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing.
     """
@@ -127,7 +127,7 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
         else:
             others[name] += 1
     compass.check(path, heard)
-    accounts = [Account(name, count, (), "says nothing that is read") for name, count in others.items()]
+    accounts = [Account(name, count, (), NOT_READ) for name, count in others.items()]
     accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own]
     said = [Message(f"Signal K: {len(kept)} values of {own or 'the own ship'}", "signal_k")]
     if damaged:

@@ -11,7 +11,7 @@ import numpy as np
 from cases.importing.clocks import clock_of
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account, RawTable
-from cases.importing.series import Series, table_of_series
+from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import Meaning, meaning, plain_words
 from cases.io.text_table import floats_of_cells
 from mmg.errors import Conflict
@@ -53,7 +53,7 @@ def pivoted(table: RawTable, chosen: ImportMap) -> RawTable:
             raise Conflict(f"{table.name}: '{name}' has several units ({', '.join(own[:4])}); divide the file")
         means = meaning(name)
         said = Meaning(means.quantity, (own or [""])[0] or means.unit, means.may_be)
-        series.append(Series(name, when[rows], {name: numbers[rows]}, {name: said}))
+        series.append(SourceSeries(name, when[rows], {name: numbers[rows]}, {name: said}))
     used = {*times, *values, *names, *unit}
     left = [Account(h, len(when), (), "beside the values of a long table") for h in table.headers if h not in used]
     text = f"a long table: {len(series)} names in {', '.join(repr(h) for h in names)}, a column each"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.import_map import ImportMap
-from cases.importing.raw_table import Account, Clock, RawTable
+from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, Compass, Heard, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
@@ -94,7 +94,7 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
     elif chosen.zone_hours and not lines[0].lstrip().startswith("("):  # candump writes seconds since 1970
         t = t - 3600.0 * chosen.zone_hours
     heard = _heard(path, t, messages, units, chosen)
-    accounts = [Account(pgn, count, (), "says nothing that is read") for pgn, count in others.items()]
+    accounts = [Account(pgn, count, (), NOT_READ) for pgn, count in others.items()]
     said = [Message(f"NMEA 2000: {len(messages)} messages that are read", "nmea2000")]
     if damaged:
         said.append(Message(f"lines that are damaged or no messages, left out: {damaged}", "damaged"))

@@ -16,7 +16,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account, Clock, RawTable
-from cases.importing.series import Series, table_of_series
+from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import NOT_USED, Meaning, meaning, plain_words
 from mmg.errors import NotInstalled, Unreadable
 from mmg.messages import Message
@@ -95,7 +95,7 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
         t = np.array(topic.stamps) if topic in stamped else _stamps_of(np.array(topic.received), received, stamps)
         order = np.argsort(t, kind="stable")  # of messages that overtook others
         columns = {header: values[order] for header, values in columns.items()}
-        series.append(Series(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
+        series.append(SourceSeries(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
     absolute = bool(series) and min(float(one.t[0]) for one in series) > SINCE_1970
     clock = Clock(np.zeros(0), absolute, "time", "stamps of the messages, of those without one when they were received")
     notices = [Message(f"axes: {'; '.join(axes)}", "axes")] if axes else []

@@ -34,7 +34,7 @@ MOST_OF_LOG = 0.5
 
 
 @dataclass(frozen=True)
-class Series:
+class SourceSeries:
     """What one source of a log says, such as a topic or a sensor.
 
     name: of the source in the words of the file; t: (N,) seconds; columns: header -> (N,), NaN where it says nothing;
@@ -61,7 +61,7 @@ class Heard:
         self._means: dict[str, Meaning] = {}
 
     def say(self, name: str, t: float, header: str, value: Any, means: Meaning | None = None, rank: int = 0) -> None:
-        """The source ``name`` says at the time t [s] a ``value`` below a ``header``: as of ``Series``."""
+        """The source ``name`` says at the time t [s] a ``value`` below a ``header``: as of ``SourceSeries``."""
         rows = self._rows.setdefault((name, rank), [])
         if not rows or rows[-1][0] != t or header in rows[-1][1]:
             rows.append((t, {}))
@@ -69,14 +69,14 @@ class Heard:
         if means is not None:
             self._means[header] = means
 
-    def series(self) -> list[Series]:
+    def series(self) -> list[SourceSeries]:
         """The series of all sources."""
         out = []
         for (name, rank), rows in self._rows.items():
             headers = dict.fromkeys(header for _, said in rows for header in said)
             columns = {h: np.array([said.get(h, np.nan) for _, said in rows]) for h in headers}
             means = {h: self._means[h] for h in headers if h in self._means}
-            out.append(Series(name, np.array([t for t, _ in rows]), columns, means, rank))
+            out.append(SourceSeries(name, np.array([t for t, _ in rows]), columns, means, rank))
         return out
 
 
@@ -95,7 +95,7 @@ class Compass:
     def say(self, heard: Heard, name: str, t: float, quantity: str, value: Any, *parts: Any) -> None:
         """The source ``name`` says a magnetic ``quantity``. parts: deviation and variation that it says with it."""
         deviation, variation = [*parts, None, None][:2]
-        if not _is_number(variation) and self._of_map is not None:
+        if self._of_map is not None:
             variation = self._of_map
         elif not _is_number(variation) and len(self._known):
             variation = float(np.interp(t, *self._known.T))
@@ -134,7 +134,7 @@ def _is_number(value: Any) -> bool:
 
 def table_of_series(
     path: Path,
-    series: Iterable[Series],
+    series: Iterable[SourceSeries],
     chosen: ImportMap,
     clock: Clock,
     notices: Sequence[Message] = (),
@@ -143,9 +143,9 @@ def table_of_series(
 ) -> RawTable:
     """The table of all ``series`` of the log ``path``, for as long as those run that span most of it.
 
-    chosen: the map, whose ``ignore`` may name series; clock: says how times were read, and whether they are absolute;
-    accounts: of what the reader left out; name: of the table, else the path. Raises UserError where two series of one
-    rank say the same, where times run backwards, for no rows and for too many.
+    chosen: the map, whose ``ignore`` may name series; notices: of the reader; clock: says how times were read, and
+    whether they are absolute; accounts: of what the reader left out; name: of the table, else the path. Raises
+    UserError where two series of one rank differ, where times run backwards or jump, for no rows and for too many.
     """
     name, accounts, ignored = name or str(path), list(accounts), chosen.ignored_in(path)
     kept = []
@@ -180,7 +180,12 @@ def table_of_series(
 
 
 def _table(
-    path: Path, name: str, kept: Sequence[Series], clock: Clock, notices: Sequence[Message], accounts: list[Account]
+    path: Path,
+    name: str,
+    kept: Sequence[SourceSeries],
+    clock: Clock,
+    notices: Sequence[Message],
+    accounts: list[Account],
 ) -> RawTable:
     """The ``kept`` series at the times of the ``clock``."""
     import pandas as pd
@@ -204,7 +209,7 @@ def _table(
     )
 
 
-def _ordered(one: Series, name: str) -> Series:
+def _ordered(one: SourceSeries, name: str) -> SourceSeries:
     """A series whose times increase: samples of one coarse stamp lie apart, of repeated ones the last is kept."""
     check_forward(Clock(one.t, False, f"time of {one.name}", ""), name)
     t = np.round(within_stamps(one.t, one.columns.values())[0], 6)
@@ -213,11 +218,11 @@ def _ordered(one: Series, name: str) -> Series:
 
 
 def _one_source(
-    kept: Sequence[Series], name: str, mapped: Mapping[str, ColumnMap], accounts: list[Account]
-) -> list[Series]:
+    kept: Sequence[SourceSeries], name: str, mapped: Mapping[str, ColumnMap], accounts: list[Account]
+) -> list[SourceSeries]:
     """The series with each quantity in that of the lowest rank only; of several of one rank that say the same, in the
     first. mapped: columns of the map, which need no choice."""
-    of: dict[str, tuple[Series, str]] = {}
+    of: dict[str, tuple[SourceSeries, str]] = {}
     out, said = [], {column.header for column in mapped.values()}
     for one in sorted(kept, key=lambda one: (one.rank, -len(one.t))):
         columns = dict(one.columns)
@@ -240,7 +245,7 @@ def _one_source(
     return out
 
 
-def _agree(one: Series, header: str, other: Series, same: str, name: str) -> bool:
+def _agree(one: SourceSeries, header: str, other: SourceSeries, same: str, name: str) -> bool:
     """Whether columns of the quantity ``name`` say the same, ``header`` of ``one`` and ``same`` of the ``other``: they
     differ by less than values of each that follow one another."""
     t, values = (part[np.isfinite(one.columns[header])] for part in (one.t, one.columns[header]))
