@@ -119,9 +119,8 @@ def said_on_bus(
 
 def bus(path: Path, trial: Trial, kind: str = "candump", **more: float | None) -> Path:
     """A log of NMEA 2000: "candump", "ascii" (Actisense), "plain" or "json" (canboat), "yacht" (Yacht Devices)."""
-    from nmea2000._canboat import Database
+    from nmea2000.backend import DATABASE as data
 
-    data = Database("si")
     of = {info.id: info for info in data.pgns()}
     lines = ['{"version":"5.0.0","units":"std","showLookupValues":false}'] if kind == "json" else []
     for t, name, fields, source in said_on_bus(trial, **more):

@@ -175,8 +175,11 @@ def test_a_magnetic_heading_needs_a_variation(tmp_path: Path) -> None:
 
 def test_revolutions_of_an_engine_are_asked_for(tmp_path: Path) -> None:
     for path in (format_logs.bus(tmp_path / "a.log", TRUTH), format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)):
-        found = import_logs([path])
-        assert found.problems and [q.choices[:2] for q in found.questions] == [("n", "n_2")]
+        assert [q.choices[:2] for q in import_logs([path]).questions] == [("n", "n_2")]
+        line = re.search(r"\[columns\] (n = .*)", refusal(path))
+        assert (
+            line and not import_logs([path], validated(ImportMap, {"columns": tomllib.loads(line[1])}, "map")).problems
+        )
 
 
 def test_ships_of_ais_are_told_apart(tmp_path: Path) -> None:
@@ -203,6 +206,18 @@ def test_a_file_without_headers_names_the_line_of_the_map(tmp_path: Path) -> Non
     words = refusal(path)
     assert "0.0, 0.0, 0.0" in words
     assert validated(ImportMap, line_of(words), "map").columns["x"].header == "column 2"
+
+
+@pytest.mark.parametrize(
+    ("module", "name"), [("rosbags.highlevel", "a.mcap"), ("h5py", "a.h5"), ("nmea2000.decoder", "a.log")]
+)
+def test_what_is_not_installed_is_named(
+    module: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = {"a.mcap": DAMAGED["a.mcap"], "a.h5": DAMAGED["a.h5"], "a.log": lambda d: bus(d / "a.log", TRUTH)}
+    path = made[name](tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)
+    assert "pip install 'mmg-ident[import]'" in refusal(path)
 
 
 DAMAGED: dict[str, Write] = {
