@@ -23,18 +23,21 @@ from cases.importing.raw_table import RawTable, raw_table
 from cases.importing.robot_bags import MAGIC, bag_of, read_bag
 from cases.importing.text_log import LARGEST_LOG, read_text_log
 from cases.importing.vocabulary import known_units
-from cases.io.files import LARGEST, check_file
+from cases.io.files import LARGEST, check_file, opened
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
 
+BEGIN = 65536
+"""Bytes by which the format of a file is known."""
+JSON = (".json", ".jsonl", ".ndjson")
 BAGS = (".bag", ".db3", ".mcap")
 ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
 BINARY = (".xlsx", ".xlsm", ".xls", ".parquet", *BAGS, *ARRAYS)
 SUFFIXES = (
-    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", ".json", ".jsonl", ".ndjson",
+    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", *JSON,
     *(suffix for suffix in BINARY if suffix != ".xls"),
 )  # fmt: skip
-"""Files of a folder that are logs."""
+"""Files of a folder that are logs; of JSON those whose content is one."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +123,17 @@ def _files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [bag_of(path)]
     found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
-    found = list(dict.fromkeys(map(bag_of, found)))
+    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _is_log(p)))
     if not found:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return found
+
+
+def _is_log(path: Path) -> bool:
+    """Whether a file of JSON is a log of one of the formats that are read."""
+    with opened(path) as stream:
+        begin = stream.read(BEGIN)
+    return is_signal_k(begin) or is_iso19848(begin) or is_nmea2000(begin)
 
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
@@ -132,8 +142,8 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
     suffix = file.suffix.lower()
-    with file.open("rb") as stream:
-        begin = stream.read(65536)
+    with opened(file) as stream:
+        begin = stream.read(BEGIN)
     if suffix in BAGS or begin.startswith(MAGIC):
         return [read_bag(file, chosen)]
     if suffix in ARRAYS or is_matlab(begin) or is_hdf5(begin):
@@ -144,7 +154,7 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
         return [read_nmea(file, chosen)]
     if is_iso19848(begin):
         return [read_iso19848(file, chosen)]
-    if is_signal_k(begin) or suffix in (".json", ".jsonl", ".ndjson"):
+    if is_signal_k(begin) or suffix in JSON:
         return [read_signal_k(file, chosen)]
     if suffix in (".xlsx", ".xlsm"):
         tables = read_excel_tables(file)

@@ -138,6 +138,8 @@ def test_velocities_along_the_axes_of_the_world_are_known_by_the_positions(tmp_p
 
 def test_sensors_that_say_the_same_twice_need_no_choice(tmp_path: Path) -> None:
     path = format_logs.bus(tmp_path / "a.log", TRUTH)
+    (tmp_path / "about.json").write_text('{"ship": "AURORA"}')  # no log, and none of the files of a folder
+    assert import_logs([tmp_path], validated(ImportMap, {"columns": ENGINE}, "map")).runs
     lines = [line for line in path.read_text().splitlines() if "09F10D08#00" in line]
     again = [line.replace("09F10D08#00", "09F10DAC#FC") for line in lines]  # another source, another instance
     others = [line[:-8] + "0001" + line[-4:] for line in again]  # which stands still
