@@ -138,10 +138,10 @@ def _is_log(path: Path) -> bool:
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     """The tables of a ``file``, whose kind its content tells, or, where none does, its name."""
-    check_file(file, LARGEST_LOG if file.suffix.lower() not in (*BINARY, *BAGS) else LARGEST)
+    suffix = file.suffix.lower()
+    check_file(file, LARGEST if suffix in BINARY and suffix not in BAGS else LARGEST_LOG)  # of bags topics are read
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
-    suffix = file.suffix.lower()
     with opened(file) as stream:
         begin = stream.read(BEGIN)
     if suffix in BAGS or begin.startswith(MAGIC):
