@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from unittest import mock
 
 from benchmarks.fuzz.reproducers import REPRODUCERS
-from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
+from benchmarks.fuzz.samples import FORMATS, GROUPS, TEXTS, short_trial, write_runs, write_tables
 from cases.checks import check
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap, read_map
@@ -32,7 +33,7 @@ from mmg.ship import Ship
 from residual.papers.black_box import load_box
 from residual.result import read_training
 
-BINARY = ("parquet", "iterate", "network", "black_box")
+BINARY = ("parquet", "iterate", "network", "black_box", "bag", "db3", "mcap", "mat", "hdf5")
 """Readers of files that are no text."""
 LARGEST_SEED = 6000
 """Bytes of a reproducer that is damaged further."""
@@ -75,6 +76,9 @@ def readers(folder: Path) -> dict[str, Reader]:
         "nmea": (folder / "log.nmea", lambda: _imported(folder / "log.nmea")),
         "import_map": (folder / "import.toml", lambda: read_map(folder / "import.toml")),
     }
+    for name in FORMATS:
+        path = next(folder.glob(f"{name}.*"))
+        files[name] = (path, partial(_imported, path))
     found = {name: _of_file(name, path, read) for name, (path, read) in files.items()}
     texts = {
         "effect": lambda text: _effect(text, ship),
@@ -113,9 +117,10 @@ def _table(path: Path) -> None:
 
 
 def _imported(path: Path) -> object:
-    """The runs in a raw log. Raises UserError, with its problems, where they cannot be written."""
+    """The runs in a raw log, and what its headers leave open. Raises UserError, with its problems, where neither is
+    found."""
     found = import_logs([path])
-    if found.problems:
+    if found.problems and not found.questions:
         raise UserError("; ".join(found.problems))
     return found
 

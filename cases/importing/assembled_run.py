@@ -13,6 +13,7 @@ from cases.importing.clock_match import clock_problems
 from cases.importing.derived_motion import derived_velocities, smoothed
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
+from cases.importing.raw_table import NOT_READ
 from cases.importing.track_direction import positions_problem, speed_problem
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
 from cases.io.conventions import converted
@@ -237,7 +238,15 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
         words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
     if unknown:
         words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
-    raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
+    left_out = [
+        str(a) for log in logs for a in log.table.accounts if not (a.used_as or a.why == NOT_READ or a.what in unsure)
+    ]
+    if left_out:
+        words += f"; {'; '.join(left_out[:12])}"
+    header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
+    if header != "HEADER" or not left_out:
+        words += f'; say it in a map: [columns] {missing[0]} = "{header}"'
+    raise Missing(words)
 
 
 CLOSE, APART = 0.10, 0.25

@@ -18,6 +18,8 @@ EPOCH = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 
 """What counts since 1970 in this unit holds numbers of this size (1973 to 2286)."""
 DAYS_1899 = 25569.0
 """Days from the epoch of spreadsheets to 1970."""
+DAYS_0000 = 719529.0
+"""Days from the year 0, as MATLAB's datenum counts them, to 1970."""
 
 
 SAMPLED = 0.1
@@ -133,6 +135,8 @@ def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
             return Clock(values * FACTORS["s"][name], True, header, f"{name} since 1970")
     if not unit and 2e4 < middle < 8e4 and np.ptp(values[np.isfinite(values)]) < 1.0:
         return Clock((values - DAYS_1899) * 86400.0, True, header, "days of a spreadsheet")
+    if not unit and 6.9e5 < middle < 8e5 and np.ptp(known) < 1.0:
+        return Clock((values - DAYS_0000) * 86400.0, True, header, "days of MATLAB (datenum)")
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
     factor = factor_of("s", unit)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
+from cases.importing.raw_table import MOST_CELLS, NUMBERED, RawTable, raw_table
 from cases.importing.text_log import LOOKED_AT, PREAMBLE, layout
 from cases.io.files import LARGEST, read_bytes
 from cases.io.text_table import EMPTY
@@ -69,6 +69,8 @@ def _table(path: Path, title: str, several: bool, rows: list[list[Any]]) -> RawT
     try:
         found = layout(path, words, [], "; ")
     except BadValue:
+        return None
+    if found.header[0] == f"{NUMBERED} 1":
         return None
     frame, name = pd.DataFrame(rows[found.first :], dtype=object), f"{path}, sheet '{title}'" if several else str(path)
     return replace(raw_table(path, name, found.header, found.units, frame, found.notices), ship=found.ship)

@@ -10,21 +10,34 @@ from pathlib import Path
 
 import numpy as np
 
+from cases.importing.array_files import is_hdf5, is_matlab, read_arrays
 from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
 from cases.importing.excel_sheet import read_excel_tables
 from cases.importing.import_map import ImportMap, names_apart
+from cases.importing.json_logs import is_iso19848, is_signal_k, read_iso19848, read_signal_k, with_local_ids
 from cases.importing.log_columns import Log, log_of
+from cases.importing.long_table import pivoted
+from cases.importing.nmea2000_log import is_nmea2000, read_nmea2000
 from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import RawTable, raw_table
+from cases.importing.robot_bags import MAGIC, bag_of, read_bag
 from cases.importing.text_log import LARGEST_LOG, read_text_log
 from cases.importing.vocabulary import known_units
-from cases.io.files import LARGEST, check_file
+from cases.io.files import LARGEST, check_file, opened
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
-"""Files of a folder that are logs."""
-BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
+BEGIN = 65536
+"""Bytes by which the format of a file is known."""
+JSON = (".json", ".jsonl", ".ndjson")
+BAGS = (".bag", ".db3", ".mcap")
+ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
+BINARY = (".xlsx", ".xlsm", ".xls", ".parquet", *BAGS, *ARRAYS)
+SUFFIXES = (
+    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", *JSON,
+    *(suffix for suffix in BINARY if suffix != ".xls"),
+)  # fmt: skip
+"""Files of a folder that are logs; of JSON those whose content is one."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +83,7 @@ def import_logs(
     problems: list[str] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file)]
+            logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
             problems.append(str(error))
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
@@ -108,28 +121,48 @@ def _questions(log: Log, name: str) -> list[Question]:
 def _files_of(path: Path) -> list[Path]:
     """The logs of a folder, also of those in it; a file itself."""
     if not path.is_dir():
-        return [path]
+        return [bag_of(path)]
     found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
+    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _is_log(p)))
     if not found:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return found
 
 
-def _tables(file: Path) -> list[RawTable]:
-    check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
+def _is_log(path: Path) -> bool:
+    """Whether a file of JSON is a log of one of the formats that are read."""
+    with opened(path) as stream:
+        begin = stream.read(BEGIN)
+    return is_signal_k(begin) or is_iso19848(begin) or is_nmea2000(begin)
+
+
+def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
+    """The tables of a ``file``, whose kind its content tells, or, where none does, its name."""
+    suffix = file.suffix.lower()
+    check_file(file, LARGEST if suffix in BINARY and suffix not in BAGS else LARGEST_LOG)  # of bags topics are read
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
-    suffix = file.suffix.lower()
+    with opened(file) as stream:
+        begin = stream.read(BEGIN)
+    if suffix in BAGS or begin.startswith(MAGIC):
+        return [read_bag(file, chosen)]
+    if suffix in ARRAYS or is_matlab(begin) or is_hdf5(begin):
+        return read_arrays(file, chosen)
+    if is_nmea2000(begin):
+        return [read_nmea2000(file, chosen)]
+    if is_nmea(begin):
+        return [read_nmea(file, chosen)]
+    if is_iso19848(begin):
+        return [read_iso19848(file, chosen)]
+    if is_signal_k(begin) or suffix in JSON:
+        return [read_signal_k(file, chosen)]
     if suffix in (".xlsx", ".xlsm"):
-        return read_excel_tables(file)
-    if suffix == ".xls":
+        tables = read_excel_tables(file)
+    elif suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
-    if suffix == ".parquet":
-        return [_parquet(file)]
-    with file.open("rb") as stream:
-        if is_nmea(stream.read(8192)):
-            return [read_nmea(file)]
-    return [read_text_log(file)]
+    else:
+        tables = [_parquet(file) if suffix == ".parquet" else read_text_log(file)]
+    return [with_local_ids(pivoted(table, chosen)) for table in tables]
 
 
 def _parquet(file: Path) -> RawTable:
@@ -231,7 +264,7 @@ def run_name(run: Sequence[Log], chosen: ImportMap) -> str:
         return named
     stems = [log.table.path.stem for log in run]
     if len(set(stems)) == 1:
-        sheet = re.search(r"sheet '(.*)'$", run[0].name)
+        sheet = re.search(r"(?:sheet|group) '(.*)'$", run[0].name)
         return f"{stems[0]}_{sheet[1]}" if sheet and len(run) == 1 else stems[0]
     least, most = min(stems), max(stems)
     same = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), len(least))

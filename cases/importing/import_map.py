@@ -6,11 +6,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from cases.importing.vocabulary import known_units
+from cases.importing.raw_table import NUMBERED
+from cases.importing.vocabulary import factor, known_units
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
+from mmg.errors import Missing
 
 NAME = "import.toml"
 
@@ -24,16 +27,21 @@ def _quantity(name: str) -> str:
 Quantity = Annotated[str, AfterValidator(_quantity)]
 
 
-class ColumnMap(Section):
-    """Where a quantity comes from: the header (``from``), its unit and its sign."""
+def _header(value: Any) -> Any:
+    return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
 
-    header: str = Field(alias="from")
+
+class ColumnMap(Section):
+    """Where a quantity comes from: the header (``from``), or the number of a column without one, its unit and its
+    sign."""
+
+    header: Annotated[str, BeforeValidator(_header)] = Field(alias="from")
     unit: str = ""
     sign: Literal[1, -1] = 1
 
 
 def _column(value: Any) -> Any:
-    return {"from": value} if isinstance(value, str) else value
+    return {"from": value} if isinstance(value, str | int) else value
 
 
 class FileMap(Section):
@@ -52,11 +60,12 @@ class ImportMap(Section):
     """A whole map; what is left out is found by the words of the headers.
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
-    measured at each sample where it is not said; orders are held. zone_hours: time zone of stamps without one,
-    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
-    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
-    headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
-    them apart.
+    measured at each sample where it is not said; orders are held. axes: of ROS messages whose frames do not say them.
+    zone_hours: time zone of stamps without one, ahead of UTC, where it is said. sentinels: further numbers that stand
+    for nothing. origin: latitude and longitude [deg] of the local frame. separate: every file is a run of its own.
+    variation: of the compass, positive to the east, by which magnetic headings are true.
+    step: of the rows that are written [s]. ignore: headers of columns, and topics or sources, that are not used in any
+    file. files: by name, or with as much of the path before it as tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -64,7 +73,9 @@ class ImportMap(Section):
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
+    axes: Literal["enu", "ned"] = "enu"
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
+    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
@@ -77,11 +88,17 @@ class ImportMap(Section):
         for columns in (self.columns, *(file.columns for file in self.files.values())):
             for name, column in columns.items():
                 units = known_units(name)
-                if column.unit and units and column.unit not in units and name != "t":
+                if column.unit and units and factor(name, column.unit) is None and name != "t":
                     raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
         return self
+
+    def true_heading(self, heading: np.ndarray, header: str) -> np.ndarray:
+        """The magnetic ``heading`` (N,) [deg] below a ``header`` as a true one. Raises UserError without variation."""
+        if self.variation is None:
+            raise Missing(magnetic(header))
+        return np.asarray(np.remainder(heading + self.variation, 360.0))
 
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by the end of its path, its name or its stem."""
@@ -100,6 +117,11 @@ class ImportMap(Section):
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""
         return {**self.columns, **self.of(file).columns}
+
+
+def magnetic(header: str) -> str:
+    """What is said of a magnetic heading below a ``header`` without a variation."""
+    return f"the log has a magnetic heading ({header}): give variation = ... in the map [deg, positive to the east]"
 
 
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:

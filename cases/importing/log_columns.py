@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap
-from cases.importing.raw_table import Clock, RawTable, split_unit
+from cases.importing.raw_table import NUMBERED, Clock, RawTable, split_unit
 from cases.importing.sign_columns import hold_signs, sign_columns, signed
 from cases.importing.vocabulary import factor, known_units, meaning, turn_in
 from cases.io.block_means import BlockMeans, rows_together
@@ -214,7 +214,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
     for header in table.headers:
         if header in taken or header in ignored or header in signs:
             continue
-        found = meaning(header)
+        found = table.means.get(header) or meaning(header)
         if header == "pitch" and of_the_hull:
             unsure[header] = PITCH
         elif found.quantity and found.quantity not in mapped:
@@ -233,6 +233,12 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
     found_signs = sign_columns(table, mapped, signs, chosen)
     mapped |= found_signs
     unknown += [header for header in signs if header not in [column.header for column in found_signs.values()]]
+    if "t" not in mapped and re.fullmatch(rf"{NUMBERED} \d+", table.headers[0]):
+        first = ", ".join(str(cell) for cell in table.frame.iloc[0])
+        raise Missing(
+            f"{table.name}: has no headers; its first row is {first}. Say what its columns are in the map: columns = "
+            '{ t = { from = 1, unit = "s" }, x = { from = 2, unit = "m" } } and so on'
+        )
     if "t" not in mapped:
         headers = ", ".join(table.headers)
         raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')

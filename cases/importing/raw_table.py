@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,11 @@ from mmg.messages import Message
 
 MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 """Most columns and cells of a raw table."""
+NUMBERED = "column"
+"""Word before the number of a column without a header, from 1."""
+
+NOT_READ = "says nothing that is used"
+"""Of a column or sentence of which nothing is known or wanted."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,24 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class Account:
+    """What became of one column or sentence of a log.
+
+    what: its header or sentence ("GPVTG"); rows: that it has; used_as: quantities that came of it, () where it is left
+    out; why: it is left out, or how it was used, or "".
+    """
+
+    what: str
+    rows: int
+    used_as: tuple[str, ...] = ()
+    why: str = ""
+
+    def __str__(self) -> str:
+        used = f" used as {', '.join(self.used_as)}" if self.used_as else " not used"
+        return f"{self.what} {self.rows}{used}{': ' + self.why if self.why else ''}"
+
+
+@dataclass(frozen=True)
 class RawTable:
     """One table of a log.
 
@@ -41,7 +64,8 @@ class RawTable:
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
     times, labelled by the numbers of the columns in the file; notices: what was found on reading; clock: where it is
     known already; before: rows of the log before those of the table; ship: that lines above it name; rows: of the log;
-    source: of the rows of a table that holds only a sample of them.
+    source: of the rows of a table that holds only a sample of them; accounts: of all its columns or sentences, where
+    the reader of the format gives one; means: header -> what the format itself says of it (``vocabulary.Meaning``).
     """
 
     path: Path
@@ -55,6 +79,8 @@ class RawTable:
     ship: str = ""
     rows: int = 0
     source: TextTable | None = None
+    accounts: tuple[Account, ...] = ()
+    means: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.frame)

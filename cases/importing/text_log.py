@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cases.importing.raw_table import MOST_CELLS, RawTable, raw_table
+from cases.importing.raw_table import MOST_CELLS, NUMBERED, RawTable, raw_table
 from cases.io.block_means import rows_together
 from cases.io.files import lines_and_hash, opened
 from cases.io.text_table import SEPARATORS, WITH_COMMA, TextTable, as_utf8, blocks, cells_of, is_comment
@@ -140,10 +140,10 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
 
 
 def _is_data(row: list[str]) -> bool:
-    """Whether a row holds data: a number or a time in most of its cells that are not empty."""
+    """Whether a row holds data: numbers or times in two of its cells, or in half of those that are not empty."""
     filled = [cell.strip() for cell in row if cell.strip()]
     numbers = [cell for cell in filled if NUMBER.fullmatch(cell) or re.match(r"\d{1,4}[-/.:]\d{1,2}", cell)]
-    return bool(numbers) and len(numbers) >= 0.5 * len(filled)
+    return bool(numbers) and len(numbers) >= min(2, 0.5 * len(filled))
 
 
 def _first_data_row(path: Path, rows: list[list[str]], separator: str) -> int:
@@ -168,10 +168,10 @@ def _header(
             raise BadValue(f"{path}: {words}; write one of them throughout")
     if not above:  # the header may be a comment, as of numpy.savetxt and of Fortran programs
         for line in reversed(commented):
-            cells = [c.strip() for c in cells_of(line.lstrip(" #%!/"), separator)[0]]
+            cells = [c.strip() for row in cells_of(line.lstrip(" #%!/"), separator)[:1] for c in row]
             if len(cells) == width and not _is_data(cells):
                 return cells, [""] * width, first
-        raise BadValue(f"{path}: the first line holds numbers, not headers; give them by a line above, or by --map")
+        return [f"{NUMBERED} {i + 1}" for i in range(width)], [""] * width, first
     if len(above) == 2 and _are_units(above[1]):
         return above[0], [cell.strip("[]() ") for cell in above[1]], first
     return above[-1], [""] * width, first

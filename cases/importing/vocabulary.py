@@ -22,7 +22,6 @@ UNSURE = {
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
     r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
-    r"hdg_magnetic": "psi (magnetic, where the variation is zero) or nothing",
 }
 """Headers that may mean one of several quantities."""
 NOT_USED = r".*(order|command|cmd|setpoint|demand|ordered|desired).*|stw|.*through_water|log_speed|water_speed"

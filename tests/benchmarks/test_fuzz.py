@@ -43,9 +43,6 @@ def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[st
         ("parquet", 35374),
         ("diagnosis", 28),
         ("import_map", 105),
-        ("nmea", 62),
-        ("nmea", 1135),
-        ("nmea", 599686),
     ],
 )
 def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, Reader]) -> None:

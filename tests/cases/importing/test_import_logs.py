@@ -19,7 +19,7 @@ from tests.support import raw_logs
 from tests.support.raw_logs import UNITS, plain
 
 openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
-pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pynmeagps", reason="needs the extra import")
 pytest.importorskip("pyproj", reason="needs the extra import")
 
 PORT = ImportMap(rudder_positive="port")
