@@ -229,7 +229,9 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
         words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
     left_out = [str(a) for log in logs for a in log.table.accounts if not a.used_as and a.why != NOT_READ]
     if left_out:
-        raise Missing(f"{words}; {'; '.join(left_out[:12])}")
+        words += f"; {'; '.join(left_out[:12])}"
+    if left_out and not unsure and not unknown:
+        raise Missing(words)
     raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
