@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
-from cases.importing.clocks import EPOCH, check_clock
+from cases.importing.clocks import EPOCH, check_clock, within_stamps
 from cases.importing.raw_table import Clock
 from mmg.errors import Missing
 from mmg.messages import Message
@@ -207,7 +207,17 @@ def _own_times(series: Series) -> np.ndarray:
         if len(dated):
             begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second latency
             out[known] += DAY * begin[np.maximum(np.searchsorted(dated, np.arange(len(known)), "right") - 1, 0)]
+        place = [series.column(name)[known] for name in ("latitude", "longitude")]
+        if (np.diff(out[known]) == 0).any() and _one_path(place[1] + 1j * place[0]):
+            out[known] = within_stamps(out[known], place)[0]
     return out
+
+
+def _one_path(place: np.ndarray) -> bool:
+    """Whether positions (N,) in their order lie along a path, not on two in turn: halfway between their neighbours."""
+    place = place[np.isfinite(place)]
+    off = np.abs(place[1:-1] - 0.5 * (place[:-2] + place[2:]))
+    return len(off) > 0 and bool(np.median(off) < 0.25 * np.median(np.abs(np.diff(place))))
 
 
 def _with_void(series: Series, t: np.ndarray) -> np.ndarray:

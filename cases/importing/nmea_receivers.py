@@ -19,7 +19,7 @@ PAIRED = 0.9
 """Least share of what alternates in the differences of successive fixes that are those of two receivers in turn."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fixes:
     """Valid positions of one sentence: index (N,) of its rows, t (N,) [s], degrees (N,), decimals of the minutes (N,)
     and ranks of the quality (N,)."""
@@ -138,7 +138,11 @@ def divided(fixes: Fixes) -> list[Fixes]:
     z, step = fixes.z, np.diff(fixes.t)
     twice = np.flatnonzero((step == 0) & (np.abs(np.diff(z)) > 3.0 * fixes.rounding))
     if len(twice) > 3:
-        return _by_pairs(fixes, z, twice)
+        turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
+        steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
+        return _by_pairs(fixes, z, twice) if steady else [fixes]
+    if (step == 0).mean() > 0.25:  # a log that holds every sentence twice
+        return [fixes]
     off = z[1:-1] - 0.5 * (z[:-2] + z[2:])
     turned = off * (-1.0) ** np.arange(len(off))
     width = min(11, len(off))

@@ -474,10 +474,12 @@ def test_two_receivers_are_never_mixed(tmp_path: Path, name: str) -> None:
         ((lambda t: rmc(t, talker="GP" if t < 50 else "GN"), 1.0),),
         ((lambda t: rmc(t, talker="GP" if t // 7 % 2 else "GN"), 1.0),),
         ((partial(rmc, talker="GN"), 1.0), (gga, 1.0), (partial(gga, talker="GL", decimals=3), 1.0)),
+        ((lambda t: re.sub(r",(\d{6})\.\d\d,", r",\1,", rmc(t)), 0.2),),
+        ((rmc, 1.0), (rmc, 1.0)),
     ],
 )
 def test_talkers_of_one_receiver_are_one(tmp_path: Path, said: Any) -> None:
-    """Which changes with its satellites, or speaks of each kind of them."""
+    """Which changes with its satellites, or speaks of each kind of them, by whole seconds, or twice."""
     path = log(tmp_path / "run.nmea", *said, (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
     found = columns(path)
     assert max(off(found, "x"), off(found, "y")) < 0.05 and np.isfinite(found["x"]).mean() > 0.95
