@@ -280,7 +280,7 @@ def _cut_piece(
     moored = _mean(speed, max(1, count // 2)) < slowest
     state = np.where(moored, 1, np.where(missing, 2, 0))
     left = rows
-    for first, end in _runs(state, gap):
+    for first, end in stretches(state, gap):
         seconds = (end - first) * cut.step
         if state[first]:
             cut.add("moored" if state[first] == 1 else "missing values", seconds)
@@ -301,7 +301,7 @@ def _windows_of(
         words.append("touched: " + stretch.what if SWINGING in stretch.what else "broken: " + stretch.what)
         bad[(trial.t >= stretch.begin_s) & (trial.t <= stretch.end_s)] = len(words) - 1
     left = len(columns["t"])
-    for a, b in _runs(bad, np.zeros(max(len(bad) - 1, 0), bool)):
+    for a, b in stretches(bad, np.zeros(max(len(bad) - 1, 0), bool)):
         if bad[a]:
             cut.add(words[bad[a]], (b - a) * cut.step)
             continue
@@ -334,7 +334,7 @@ def _manoeuvring(rows: Mapping[str, np.ndarray], revolutions: float) -> bool:
     )
 
 
-def _runs(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
+def stretches(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
     """First row and row after the last of each stretch of equal ``state`` (N,) without a ``gap`` (N - 1,)."""
     edges = np.flatnonzero((np.diff(state) != 0) | gap) + 1
     bounds = [0, *edges.tolist(), len(state)]
