@@ -333,15 +333,14 @@ def _ordered(trial: Trial, times: np.ndarray, sides: np.ndarray, unit: float, ru
 
 
 def _interval(trial: Trial) -> float:
-    """Sampling interval [s] of the instruments: longer than that of the rows where these lie on straight lines between
-    the samples."""
-    bends = [0.0]
+    """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
+    lie on straight lines between the samples."""
+    longest = [math.inf]
     for values in (trial.psi_unwrapped, trial["r"]):
         steps = np.diff(values[np.isfinite(values)])
-        moving = (steps[1:] != 0) & (steps[:-1] != 0)
-        if moving.any():
-            bends.append(float(np.mean(np.abs(np.diff(steps))[moving] > 1e-6 * np.abs(steps[1:])[moving])))
-    return trial.dt / (max(bends) or 1.0)
+        samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
+        longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
+    return trial.dt * (min(longest) if len(longest) > 1 else 1.0)
 
 
 def _headings(trial: Trial, times: Sequence[float] | np.ndarray, longest: float = math.inf) -> np.ndarray:
@@ -497,13 +496,16 @@ def _level_before(n: np.ndarray, rows: np.ndarray) -> float:
 
 LARGEST_TURN = math.radians(5.0)
 """The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees."""
+READ_AT = (math.pi / 2, math.pi)
+"""Changes of heading at which a turning test is read [rad]: in between its track is not asked for."""
 
 
 def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute]:
     """``trial`` with its left-out stretches bridged by straight lines, and its ``execute`` up to one that cannot be.
 
-    A zigzag counts up to the last reversal before that stretch. Raises UserError where a manoeuvre of another kind has
-    one: something else moved the ship in it, or she turned by more than LARGEST_TURN.
+    A zigzag counts up to the last reversal before that stretch; a turning test needs what it is read at. Raises
+    UserError where a stretch decides in a manoeuvre of another kind: something else moved the ship in it, or she turned
+    by more than LARGEST_TURN.
     """
     t = trial.t - trial.t[0]
     for first, last in spans_left_out(trial):
@@ -511,7 +513,7 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         if not rows.any() or t[rows][-1] < execute.order_time or t[rows][0] > execute.end:
             continue
         moved = not (bridged(trial) | ~rows).all()
-        if not moved and _turn(trial, rows) <= LARGEST_TURN:
+        if not moved and _is_bridged(trial, execute, rows):
             continue
         before = [time for time in execute.reversals if time < t[rows][0]]
         if len(before) > 1:
@@ -526,15 +528,21 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
     return (_filled(trial) if spans_left_out(trial) else trial), execute
 
 
-def _turn(trial: Trial, rows: np.ndarray) -> float:
-    """How far the ship turns [rad] from the last sound sample before the ``rows`` (N,) to the first after them.
-
-    Infinite where there is none on one side.
-    """
+def _is_bridged(trial: Trial, execute: Execute, rows: np.ndarray) -> bool:
+    """Whether straight lines over the ``rows`` (N,) change no figure of ``execute``."""
     psi, at = trial.psi_unwrapped, np.flatnonzero(rows)
     good = np.isfinite(psi)
     before, after = psi[: at[0]][good[: at[0]]], psi[at[-1] + 1 :][good[at[-1] + 1 :]]
-    return abs(float(after[0] - before[-1])) if len(before) and len(after) else math.inf
+    if not len(before) or not len(after):
+        return False
+    turn = abs(float(after[0] - before[-1]))
+    if turn <= LARGEST_TURN or execute.kind != "turning" or trial.t[at[0]] - trial.t[0] <= execute.order_time:
+        return turn <= LARGEST_TURN
+    start = float(_headings(trial, [execute.order_time])[0])
+    first, last = abs(float(before[-1]) - start), abs(float(after[0]) - start)
+    fastest = float(np.nanmax(np.abs(trial["r"])))  # by which she may turn unseen
+    unseen = fastest * float(trial.t[at[-1]] - trial.t[at[0]])
+    return unseen < math.pi and not any(first < angle <= last for angle in READ_AT)
 
 
 def _filled(trial: Trial) -> Trial:

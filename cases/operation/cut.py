@@ -64,16 +64,18 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
         except UserError as error:
             why = why or str(error)
         several = sorted([*executes, *_accelerations(piece, executes)], key=lambda e: e.order_time)
-        for execute, after in zip(several, [*several[1:], None], strict=True):
-            order, stop = zero + execute.order_time, zero + execute.end
-            stop = min(stop, zero + after.order_time - sound.dt) if after else stop
+        orders = [zero + execute.order_time for execute in several]
+        for execute, order, after in zip(several, orders, [*orders[1:], math.inf], strict=False):
+            stop = min(zero + execute.end, after - sound.dt)
             found.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
             last = stop + 0.5 * sound.dt
     parts = [_part(record, begin, end, execute) for begin, end, execute in found]
-    if rest:
-        windows = [w for w in cut_log([sound.columns], length).windows if w.manoeuvring]
-        free = [w for w in windows if all(w.end < begin or w.begin > end for begin, end, _ in found)]
-        parts += [_part(record, w.begin, w.end) for w in free]
+    spans: list[Span] = []
+    for window in cut_log([sound.columns], length).windows if rest else ():
+        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in found):
+            joined = spans.pop()[0] if spans and window.begin - spans[-1][1] < GAP * sound.dt else window.begin
+            spans.append((joined, window.end))
+    parts += [_part(record, begin, end) for begin, end in spans]
     if not parts:
         raise Missing(why or f"{record.name}: no manoeuvre found")
     parts.sort(key=lambda part: float(part.trial.t[0]))

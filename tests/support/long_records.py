@@ -32,6 +32,7 @@ class Program:
     since: float = 0.0
     course: float | None = None
     running: Orders | None = None
+    ends: float = 0.0
 
     def __call__(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
         if self.course is None:
@@ -40,11 +41,13 @@ class Program:
             if self.number == len(self.plans):
                 return None
             plan = self.plans[self.number]
-            self.running, self.since, self.number = plan.orders(), t - plan.parameters["order_time"], self.number + 1
+            lead = plan.parameters.get("order_time", 0.0)
+            self.running, self.since, self.number = plan.orders(), t - lead, self.number + 1
+            self.ends = t + plan.duration
             self.times.append(t)
         if self.running is not None:
             order = self.running(t - self.since, state)
-            if order is not None:
+            if order is not None and t < self.ends:
                 return order
             self.running, self.since, self.course = None, t, float(state[2])
         off = float(state[2]) - self.course
@@ -61,10 +64,11 @@ def long_record(
     """
     ship = load_ship(name)
     length = ship.particulars["L"]
-    plans = [parse_maneuver(text, ship) for text in texts]
-    unit = length / plans[0].speed
-    program = Program(plans, 20 * unit, plans[0].n, 2 * unit)
-    whole = replace(plans[0], name="record", kind="", orders=lambda: program, duration=2000 * unit, sampled=True)
+    plans, usual = [parse_maneuver(text, ship) for text in texts], parse_maneuver("straight", ship)
+    unit = length / usual.speed
+    program = Program(plans, 20 * unit, usual.n, 2 * unit)
+    speed = plans[0].speed if texts[0] == "acceleration" else usual.speed
+    whole = replace(usual, speed=speed, orders=lambda: program, duration=2000 * unit, sampled=True)
     trial = simulate(ship, whole, dt, parse_wind(wind) if wind else None)
     trial = replace(trial, name="record", kind="")
     return (trial if noise is None else add_noise(trial, SensorNoise.for_length(length), noise)), program.times, length
