@@ -144,7 +144,7 @@ def steering(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ship_time(trial: Trial, length: float) -> float:
-    """L/U [s] at the speed that the ship has in the faster part of the run; of a ship at rest, as at Froude 0.1."""
+    """L/U [s] of a ship of this ``length`` [m] at the speed of the faster part of ``trial``, Froude 0.1 at least."""
     return length / max(_usual_speed(trial), 0.1 * math.sqrt(9.81 * length))
 
 
@@ -318,9 +318,9 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
                    tuple(caveats), ordered)  # fmt: skip
 
 
-def _ordered(trial: Trial, times: np.ndarray, sides: np.ndarray, unit: float, rudder: float, start: float) -> float:
-    """The heading [deg] at which the ``rudder`` [deg] was ordered over, that moved at ``times`` (K,) [s] in turns to
-    ``sides`` (K,). unit: L/U [s]; start: heading at the first execute [rad]."""
+def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, rudder: float, start: float) -> float:
+    """The heading [deg] at which the ``rudder`` [deg] was ordered over, that moved at ``times`` (K,) [s] from
+    turns with ``signs`` (K,). unit: L/U [s]; start: heading at the first execute [rad]."""
     t, good, rows = trial.t - trial.t[0], np.isfinite(trial["r"]), np.isfinite(trial["psi"])
     rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
     interval, steps = _interval(trial), np.diff(trial.psi_unwrapped[rows], 3)
@@ -329,7 +329,7 @@ def _ordered(trial: Trial, times: np.ndarray, sides: np.ndarray, unit: float, ru
     errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
     delays = np.linspace(-interval, interval + REACTION * unit, 41)
     headings = _headings(trial, times - delays[:, None]) - (start if len(times) == 1 else 0.0)
-    return ordered_heading(headings, delays, sides, errors, rudder)
+    return ordered_heading(headings, delays, signs, errors, rudder)
 
 
 def _interval(trial: Trial) -> float:

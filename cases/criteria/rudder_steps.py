@@ -167,12 +167,12 @@ def nominal(angle: float) -> float:
 
 
 def ordered_heading(
-    headings: np.ndarray, delays: np.ndarray, sides: np.ndarray, errors: np.ndarray, rudder: float
+    headings: np.ndarray, delays: np.ndarray, signs: np.ndarray, errors: np.ndarray, rudder: float
 ) -> float:
     """The change of heading [deg] at which the rudder of a zigzag was ordered over, to either side of one base course.
 
     headings: (D, K) at the time of each of K reversals of the rudder less each of D ``delays`` (D,) [s], those that are
-    negative too early by the sampling [rad]; sides: signs of the turn (K,); errors: standard errors of the headings
+    negative too early by the sampling [rad]; signs: signs of the turn (K,); errors: standard errors of the headings
     (K,) [rad]; rudder: as named [deg]. At one delay, whichever it is, the headings were as ordered, to within their own
     scatter. A usual heading is believed where it fits as well as any: first that of the rudder, as in the zigzags of
     the standard, then one of 5 deg and more, then that of the least squares, the delay among them (half of the largest
@@ -182,15 +182,15 @@ def ordered_heading(
 
     def fit(degrees: float) -> tuple[float, float]:
         """Sum of squares in standard errors with the best delay, and that delay as a share of the largest."""
-        base = headings - sides * math.radians(degrees)
-        off = base - (base @ weights / weights.sum())[:, None] if len(sides) > 1 else base
+        base = headings - signs * math.radians(degrees)
+        off = base - (base @ weights / weights.sum())[:, None] if len(signs) > 1 else base
         squares = off**2 @ weights
         best = int(np.argmin(squares))
         return float(squares[best]), float(max(delays[best] / delays.max(), delays[best] / delays.min()))
 
     fits = {float(degrees): fit(degrees) for degrees in range(1, 90)}
     least = min(squares for squares, _ in fits.values())
-    scatter = max(1.0, least / max(len(sides) - 2, 1))
+    scatter = max(1.0, least / max(len(signs) - 2, 1))
     usual = [step for step in STEPS if fits[step][0] <= least + LIKELY**2 * scatter]
     if usual:
         return min(
