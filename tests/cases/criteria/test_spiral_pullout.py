@@ -9,8 +9,7 @@ import pytest
 
 from cases.criteria.figures import pull_out_figures, since, spiral_curve, spiral_figures, steady_rates
 from cases.criteria.rudder_steps import held_stretches
-from cases.criteria.simulated_trial import check_completeness
-from cases.criteria.standard_runs import simulated_run
+from cases.criteria.standard_runs import check_completeness, simulated_run
 from cases.maneuvers.definitions import STEADY_CHANGE, parse_maneuver
 from cases.maneuvers.orders import StepOrders, spiral_angles
 from cases.shipfiles.ship_file import load_ship
