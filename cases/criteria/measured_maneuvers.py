@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.criteria.rudder_steps import HELM, MEMORY, RESOLUTION, RudderStep, held_stretches, nominal, ordered_heading
+from cases.criteria.rudder_steps import HELM, RESOLUTION, RudderStep, held_stretches, nominal, ordered_heading
 from cases.io.leave_out import bridged, inside, spans_left_out
 from cases.io.sidecar import line_for
 from cases.trial import RUDDERS, Trial
@@ -48,10 +48,6 @@ LEAST_SHARE = 0.4
 
 TURN_RATE = 0.35
 """Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6."""
-
-CORRECTION, CORRECTED = 0.2, (0.67, 2.0)
-"""A hold beside another one is a helm that corrects its angle where it lasts at most this share of it, and its angle
-lies between these shares of the other one's."""
 
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
 """A spiral has at least so many equal steps to one side, each held for at least so many L/U."""
@@ -117,7 +113,7 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
         )
     t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
     stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
-    holds = [] if kind == "crash-stop" else _corrected(held_stretches(t, rudder, unit), unit)
+    holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
     found = _steered(trial, holds, [stop for stop in stops if stop.stopped], unit)
     if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
         found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
@@ -167,24 +163,6 @@ def length_by_turns(trial: Trial) -> float:
 
 def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
     return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
-
-
-def _corrected(holds: Sequence[RudderStep], unit: float) -> list[RudderStep]:
-    """``holds`` in which neighbours to one side are one where the helm only corrects the angle of the longer one.
-
-    unit: L/U [s]."""
-    found: list[RudderStep] = []
-    for hold in holds:
-        found.append(hold)
-        while len(found) > 1:
-            before, after = found[-2:]
-            short, long = sorted((before, after), key=lambda h: h.seconds)
-            at_once = short.seconds <= CORRECTION * long.seconds and after.reached - before.end <= MEMORY * unit
-            share = short.angle / long.angle if abs(long.angle) >= LEAST_STEP else 0.0
-            if not at_once or not CORRECTED[0] <= share <= CORRECTED[1]:
-                break
-            found[-2:] = [replace(before, end=after.end, angle=long.angle)]
-    return found
 
 
 def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:

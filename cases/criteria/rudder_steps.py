@@ -23,6 +23,10 @@ MEMORY = 0.25
 SHORTEST_HOLD = 0.1
 """Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
 
+CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
+"""A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
+it, and its angle lies between these shares of the other one's."""
+
 SLOWEST = 0.3
 """Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
 slower than the order's movement."""
@@ -85,7 +89,7 @@ def held_stretches(
         level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)
     shortest = max(2.5 * dt, 0.15 * ship_time)
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    found = _joined(found, t, delta, tolerance)
+    found = _joined(found, t, tolerance, ship_time)
     begins = [_movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)]
     return [
         RudderStep(begin, float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
@@ -94,19 +98,24 @@ def held_stretches(
 
 
 def _joined(
-    runs: list[tuple[int, int, float]], t: np.ndarray, delta: np.ndarray, tolerance: float
+    runs: list[tuple[int, int, float]], t: np.ndarray, tolerance: float, ship_time: float
 ) -> list[tuple[int, int, float]]:
-    """Neighbouring stretches at one angle with a short gap between them are one: a spike or a rudder that creeps."""
+    """The ``runs`` (first row, row after the last, angle) in which neighbours are one, with the angle of the longer: at
+    one angle with a spike between them, or to one side where the helm corrects its angle."""
     joined: list[tuple[int, int, float]] = []
-    for a, b, angle in runs:
-        if joined:
-            c, d, before = joined[-1]
-            longer = max(t[b - 1] - t[a], t[d - 1] - t[c])
-            close = abs(angle - before) <= max(1.5 * tolerance, 0.1 * abs(before))
-            if close and t[a] - t[d - 1] <= max(SHORTEST_HOLD * longer, 3 * (t[1] - t[0])):
-                joined[-1] = (c, b, float(np.median(delta[c + (b - c) // 4 : b])))
-                continue
-        joined.append((a, b, angle))
+    for run in runs:
+        joined.append(run)
+        while len(joined) > 1:
+            (a, b, before), (c, d, after) = joined[-2:]
+            gap, (first, second) = t[c] - t[b - 1], (t[b - 1] - t[a], t[d - 1] - t[c])
+            short, long = (before, after) if first < second else (after, before)
+            spike = abs(after - before) <= max(1.5 * tolerance, 0.1 * abs(before))
+            spike &= bool(gap <= max(SHORTEST_HOLD * max(first, second), 3 * (t[1] - t[0])))
+            brief = min(first, second) <= CORRECTION * max(first, second) and gap <= MEMORY * ship_time
+            share = short / long if abs(long) >= LEAST_CORRECTED else 0.0
+            if not spike and not (brief and CORRECTED[0] <= share <= CORRECTED[1]):
+                break
+            joined[-2:] = [(a, d, long)]
     return joined
 
 
