@@ -6,6 +6,7 @@ sails her length."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from cases.criteria.measured_maneuvers import Execute, find_maneuvers, length_by
 from cases.io.groups import day_of
 from cases.io.leave_out import Span, inside, spans_left_out
 from cases.io.sidecar import NAME as SIDECAR
+from cases.io.sidecar import SidecarEntry, sidecar_entry
 from cases.operation.log import GAP, WINDOW, cut_log, stretches
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -121,23 +123,25 @@ def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
     return found
 
 
+CONVERTED = {"columns", "units", "sign", "rudder_positive", "wind_direction", "velocity_frame", "heading_from", "lag",
+             "sentinels", "reference_point", "name"}  # fmt: skip
+"""Keys of a sidecar that say how a file is converted: the trials are canonical."""
+
+
 def write_cut(parts: Sequence[CutTrial], folder: Path) -> None:
-    """Write ``parts`` into an existing ``folder``, each as a canonical file, and what their records' sidecars said of
-    them as ``trials.toml``. Raises UserError where that is not possible."""
+    """Write ``parts`` into an existing ``folder``, each as a canonical file, and what the sidecars of their records say
+    of them as ``trials.toml``. Raises UserError where that is not possible."""
     import tomlkit
 
     files: dict[str, dict[str, Any]] = {}
     for part in parts:
         trial = part.trial
-        said = {"kind": trial.kind, "role": trial.role, "day": day_of(trial)}
-        said |= {key: trial.meta.get(key, "") for key in ("group", "campaign", "inputs")}
-        entry: dict[str, Any] = {key: value for key, value in said.items() if value}
-        # what was derived or assumed on reading is derived again
-        logged = [name for name in trial.columns if name in trial.meta["labels"]]
-        entry["std"] = {name: value for name, value in trial.std.items() if name in logged}
-        entry["derived"] = {name: list(trial.ancestors[name]) for name in logged if name in trial.ancestors}
+        said = SidecarEntry() if trial.path is None else sidecar_entry(trial.path)
+        entry = {**said.model_dump(exclude_unset=True, exclude=CONVERTED), "kind": trial.kind, "day": day_of(trial)}
         entry |= {} if part.exclude is None else {"exclude": [list(span) for span in part.exclude]}
         files[f"{trial.name}.csv"] = {key: value for key, value in entry.items() if value or key == "exclude"}
-        write_trial(replace(trial, columns={name: trial[name] for name in logged}), folder / f"{trial.name}.csv")
+        in_file = json.loads(trial.meta.get("labels", "{}")) or trial.columns  # the rest is derived on reading again
+        logged = {name: values for name, values in trial.columns.items() if name in in_file}
+        write_trial(replace(trial, columns=logged), folder / f"{trial.name}.csv")
     words = "# Written by mmg cut; the files are canonical (SI, radians)\n"
     (folder / SIDECAR).write_text(words + tomlkit.dumps({"files": files}), encoding="utf-8")
