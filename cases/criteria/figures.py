@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.criteria.rudder_steps import held_stretches
 from cases.inputs import integral
 from cases.trial import Trial
 
@@ -209,45 +210,27 @@ def pull_out_figures(run: Since) -> dict[str, float]:
     Means over the last tenth of each hold of a run from the order on. A ship that is stable on course decays to the
     same small rate from either side; one that keeps turning to the side it came from is unstable (MSC/Circ.1053).
     """
-    holds = rudder_holds(run)
-    if len(holds) < 2:
+    _, rates = steady_rates(run)
+    if len(rates) < 2:
         return {}
-    first, last = holds[0], holds[-1]
-    return {"steady_rate": first.rate, "residual_rate": last.rate, "residual_share": last.rate / first.rate}
+    first, last = float(rates[0]), float(rates[-1])
+    return {"steady_rate": first, "residual_rate": last, "residual_share": last / first}
 
 
-@dataclass(frozen=True)
-class Hold:
-    """A stretch of constant rudder [rad], its end since the order [s], mean turn rate of its last tenth [rad/s]."""
-
-    rudder: float
-    end: float
-    rate: float
+HELD, TAIL = math.radians(0.25), 0.1
+"""A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
+share of a hold, its last."""
 
 
-HELD = math.radians(0.5)
-"""A rudder is held while it stays this near to where the stretch begins [rad]."""
+def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:
+    """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each.
 
-
-def rudder_holds(run: Since) -> list[Hold]:
-    """Stretches of a ``run`` from the order on in which the rudder is held, in order.
-
-    Those shorter than a tenth of the longest (the rudder on its way) are left out.
+    Holds shorter than a tenth of the longest (the rudder on its way) are left out.
     """
-    found, first = [], 0
-    for k in range(1, len(run.t) + 1):
-        if k == len(run.t) or abs(run.delta[k] - run.delta[first]) > HELD:
-            if k - first > 1:
-                found.append((first, k))
-            first = k
-    longest = max((run.t[b - 1] - run.t[a] for a, b in found), default=0.0)
-    holds = []
-    for a, b in found:
-        if run.t[b - 1] - run.t[a] >= max(0.1 * longest, 1e-9):
-            tail = run.t[a:b] >= run.t[b - 1] - 0.1 * (run.t[b - 1] - run.t[a])
-            rate = float(run.r[a:b][tail].mean())
-            holds.append(Hold(float(np.median(run.delta[a:b])), float(run.t[b - 1]), rate))
-    return holds
+    found = held_stretches(run.t, run.delta, tolerance=HELD)
+    holds = [h for h in found if h.seconds >= TAIL * max(other.seconds for other in found)]
+    tails = [(run.t >= h.end - TAIL * h.seconds) & (run.t <= h.end) for h in holds]
+    return np.array([h.angle for h in holds]), np.array([float(run.r[rows].mean()) for rows in tails])
 
 
 @dataclass(frozen=True)
@@ -272,10 +255,9 @@ class SpiralCurve:
 
 def spiral_curve(run: Since) -> SpiralCurve | None:
     """The curve of a ``run`` with the rudder in steps from the order on; None with under three angles."""
-    holds = rudder_holds(run)
-    if len(holds) < 3:
+    rudder, rate = steady_rates(run)
+    if len(rudder) < 3:
         return None
-    rudder, rate = np.array([h.rudder for h in holds]), np.array([h.rate for h in holds])
     side = np.sign(rudder[0]) or 1.0
     return SpiralCurve(rudder, rate, int(np.argmin(side * rudder)))
 

@@ -2,9 +2,9 @@
 
 The rudder of an approach wanders under autopilot or helmsman; that of a manoeuvre is held (rudder_steps.py). Holds to
 either side of one middle in turn, each reversed after the ship has turned to the rudder's side, are a zigzag of any
-rudder and heading; a hold over which the heading changes by 90 deg is a turning test; revolutions that go astern from
-ahead until the way is off are a stop. A long record may hold several of them. Stretches that were left out are bridged
-where they are short; a run in which they decide is refused.
+rudder and heading; holds in equal steps from side to side are a spiral; a hold over which the heading changes by 90 deg
+is a turning test; revolutions that go astern from ahead until the way is off are a stop. A long record may hold several
+of them. Stretches that were left out are bridged where they are short; a run in which they decide is refused.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.criteria.rudder_steps import RudderStep, held_stretches, nominal, ordered_at_once
+from cases.criteria.rudder_steps import HELM, RESOLUTION, RudderStep, held_stretches, nominal, ordered_heading
 from cases.io.leave_out import bridged, inside, spans_left_out
 from cases.io.sidecar import line_for
-from cases.trial import Trial
+from cases.trial import RUDDERS, Trial
 from mmg.errors import BadValue, Missing, UnknownName
 from mmg.states import STATES
 
-KINDS = ("turning", "zigzag", "crash-stop")
+KINDS = ("turning", "zigzag", "spiral", "crash-stop")
 
 LEAST_RUDDER = math.radians(4.0)
 """Smaller rudder angles are course keeping [rad]."""
@@ -46,6 +46,12 @@ LEAST_HOLDS = 3
 LEAST_SHARE = 0.4
 """Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
 
+TURN_RATE = 0.35
+"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6."""
+
+LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
+"""A spiral has at least so many equal steps to one side, each held for at least so many L/U."""
+
 REACTION = 0.15
 """Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
 helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker."""
@@ -58,10 +64,10 @@ class Execute:
     kind: "turning", "zigzag", "crash-stop", "spiral", "pull-out". order_time: of the order, s after the first sample.
     rudder: first angle, signed [rad], 0 for a stop; of a measured zigzag from the middle of its two sides. reversals:
     times of the following reversals of a measured rudder [s]; end: up to where the run counts [s]. heading: switch
-    heading of a zigzag [rad], of a measured one the median over its reversals, 0 else. speed: test speed V [m/s], of a
-    measured run the mean over the stretch before the order. notes: what keeps a criterion from being judged, in words;
-    caveats: what is to be told with its verdict. late, early: by how much the heading may have passed its order when
-    the rudder begins to move, and may fall short of it there by the sampling [rad].
+    heading of a zigzag [rad], of a measured one the median over its reversals, step of a spiral, 0 else. speed: test
+    speed V [m/s], of a measured run the mean over the stretch before the order. notes: what keeps a criterion from
+    being judged, in words; caveats: what is to be told with its verdict. ordered: the heading of a measured zigzag at
+    which the rudder was ordered over, as it is named [deg], 0 where that is ``heading``.
     """
 
     kind: str
@@ -73,47 +79,48 @@ class Execute:
     speed: float
     notes: tuple[str, ...]
     caveats: tuple[str, ...] = ()
-    late: float = 0.0
-    early: float = 0.0
+    ordered: float = 0.0
 
     @property
     def steps(self) -> tuple[float, float]:
         """Rudder and heading [deg] as they were ordered: a usual angle within what the record can tell, else whole
-        degrees; heading 0 for other than a zigzag."""
-        rudder = nominal(abs(self.rudder))
-        return rudder, nominal(self.heading, self.late, self.early, rudder)
+        degrees; the second is the step of a spiral, and 0 for other than these."""
+        return nominal(abs(self.rudder)), self.ordered or (nominal(self.heading) if self.heading else 0.0)
+
+    @property
+    def order(self) -> str:
+        """What was ordered [deg]: "10/5", "-35", "15/5"; "" for a stop."""
+        rudder, second = self.steps
+        side = "-" if self.rudder < 0 else ""
+        return f"{side}{rudder:g}" + f"/{second:g}" * (second > 0) if self.rudder else ""
 
     @property
     def title(self) -> str:
         """As a manoeuvre is named: "zigzag 10/5", "turning -35", "crash-stop"."""
-        rudder, heading = self.steps
-        side = "-" if self.rudder < 0 else ""
-        own = {"zigzag": f" {side}{rudder:g}/{heading:g}", "turning": f" {side}{rudder:g}"}
-        return self.kind + own.get(self.kind, "")
+        return f"{self.kind} {self.order}".strip()
 
 
 def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute, ...]:
     """All manoeuvres of a measured (or simulated) run of a ship of this length [m], in the order of time.
 
-    kind: "turning", "zigzag" or "crash-stop"; "" takes it from the data, and says so where the trial's own kind
-    differs. Raises UserError when no manoeuvre is found in the run, or none of the kind that is asked for, or when
-    the trial says itself that it is something else (random, berthing, ...) and no kind is asked for. trial: the run.
+    kind: one of KINDS; "" takes it from the data, and says so where the trial's own kind differs. Raises UserError when
+    no manoeuvre is found in the run, or none of the kind that is asked for, or when the trial says itself that it is
+    something else (random, berthing, ...) and no kind is asked for. trial: the run.
     """
     if not kind and trial.kind and trial.kind not in KINDS:
         raise UnknownName(
             f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one"
         )
-    t = trial.t - trial.t[0]
-    stops = [] if kind in ("turning", "zigzag") else find_stops(t, trial["n"], trial["u"])
-    holds = [] if kind == "crash-stop" else held_stretches(t, trial.rudder, _ship_time(trial, length))
-    reaction = REACTION * _ship_time(trial, length)
-    found = _steered(trial, holds, [stop for stop in stops if stop.stopped], reaction)
+    t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
+    stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
+    holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
+    found = _steered(trial, holds, [stop for stop in stops if stop.stopped], unit)
     if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
-        found = _partial(trial, holds, reaction) or _against_rudder(trial, holds, reaction)
+        found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
     if found and not all(stop.stopped for stop in stops):
         stops = [stop for stop in stops if stop.stopped]
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
-    found = [execute for execute in found if kind in ("", execute.kind)] if kind else found
+    found = [execute for execute in found if kind in ("", execute.kind)]
     if not found:
         raise Missing(_nothing(trial, holds, kind))
     result, before = [], 0.0
@@ -123,35 +130,78 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     return tuple(result)
 
 
-def _ship_time(trial: Trial, length: float) -> float:
-    """L/U [s] at the speed that the ship has in the faster part of the run; of a ship at rest, as at Froude 0.1."""
+def steering(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Rudder angle [rad] and revolutions [1/s] of a ``trial``, (N,) each; of a ship that is steered by azimuth
+    thrusters aft the angle that turns her alike."""
+    pods = [trial.unwrapped(name) for name in trial.columns if name.startswith("azimuth")]
+    rudder = -np.mean(pods, axis=0) if pods and not any(map(trial.measured, RUDDERS)) else trial.rudder
+    driven = [trial[name] for name in trial.columns if name.startswith("n_azimuth")]
+    return rudder, np.mean(driven, axis=0) if driven and not trial.measured("n") else trial["n"]
+
+
+def ship_time(trial: Trial, length: float) -> float:
+    """L/U [s] of a ship of this ``length`` [m] at the speed of the faster part of ``trial``, Froude 0.1 at least."""
+    return length / max(_usual_speed(trial), 0.1 * math.sqrt(9.81 * length))
+
+
+def _usual_speed(trial: Trial) -> float:
     speed = np.hypot(trial["u"], trial["v"])
-    fast = float(np.nanpercentile(speed, 80)) if np.isfinite(speed).any() else 0.0
-    return length / max(fast, 0.1 * math.sqrt(9.81 * length))
+    return float(np.nanpercentile(speed, 80)) if np.isfinite(speed).any() else 0.0
+
+
+def length_by_turns(trial: Trial) -> float:
+    """Length [m] of a ship by the highest turn rates of her ``trial``, within a factor of two.
+
+    Raises UserError where she does not turn.
+    """
+    rates = np.abs(trial["r"][np.isfinite(trial["r"])])
+    fastest, speed = float(np.percentile(rates, 98)) if len(rates) else 0.0, _usual_speed(trial)
+    if not (fastest > 0 and speed > 0):
+        raise Missing(f"{trial.name}: the ship does not turn in this record; no manoeuvre can be found in it")
+    return TURN_RATE * speed / fastest
 
 
 def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
     return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
 
 
-def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], reaction: float) -> list[Execute]:
-    """Complete zigzags and turning tests among ``holds``; those in a stop are part of it. reaction: longest one [s]."""
+def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
+    """Complete zigzags, spirals and turning tests among ``holds``; those in a stop are part of it. unit: L/U [s]."""
     holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
     found, k = [], 0
     while k < len(holds):
-        count = _in_turn(trial, holds[k:])
+        hold, count, steps = holds[k], _in_turn(trial, holds[k:], unit), _in_steps(holds[k:], unit)
         if count >= LEAST_HOLDS:
-            found.append(_zigzag(trial, holds[k : k + count], reaction))
-            k += count
-            continue
-        hold = holds[k]
-        if abs(hold.angle) >= LEAST_RUDDER and _turned(trial, hold) >= math.pi / 2:
-            found.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
-        k += 1
+            found.append(_zigzag(trial, holds[k : k + count], unit))
+        elif steps > LEAST_STEPS:
+            step, count, end = abs(holds[k + 1].angle - hold.angle), steps, holds[k + steps - 1].end
+            found.append(Execute("spiral", hold.begin, hold.angle, (), end, step, math.nan, ()))
+        else:
+            count = 1
+            if abs(hold.angle) >= LEAST_RUDDER and _turned(trial, hold) >= math.pi / 2:
+                found.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
+        k += count
     return found
 
 
-def _partial(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list[Execute]:
+def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
+    """How many of ``holds``, from the first on, are a spiral: equal steps to one side and back; 1 if none are.
+
+    unit: L/U [s]."""
+    steps = np.diff([h.angle for h in holds])
+    if len(steps) < LEAST_STEPS or abs(holds[0].angle) < LEAST_RUDDER or abs(steps[0]) < math.radians(1.0):
+        return 1
+    count = back = 0
+    for step, hold in zip(steps, holds[1:], strict=True):
+        back += bool(step * steps[0] < 0) != bool(back)
+        equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))
+        if not equal or hold.seconds < SPIRAL_HOLD * unit or (back and count < LEAST_STEPS) or back > 1:
+            break
+        count += 1
+    return count + 1 if count >= LEAST_STEPS else 1
+
+
+def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
     """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early.
 
     The rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together.
@@ -162,8 +212,8 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list
     seconds = sum(h.seconds for h in beyond)
     for k in range(len(holds) - 1):
         pair = holds[k : k + 2]
-        if _in_turn(trial, pair) > 1 and sum(h.seconds for h in pair) >= 0.5 * seconds:
-            return [_zigzag(trial, pair, reaction)]
+        if _in_turn(trial, pair, unit) > 1 and sum(h.seconds for h in pair) >= 0.5 * seconds:
+            return [_zigzag(trial, pair, unit)]
     hold = max(beyond, key=lambda h: h.seconds)
     lasting = hold.seconds >= 0.5 * seconds
     if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:
@@ -173,10 +223,10 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list
     return [Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, (words,))]
 
 
-def _against_rudder(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> list[Execute]:
+def _against_rudder(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
     """Manoeuvres of a run in which the ship turns against the rudder as it is logged; none of them is judged."""
     words = "the ship turns against the rudder as it is logged: see its sign (mmg check)"
-    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], reaction)
+    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], unit)
     return [replace(execute, notes=(*execute.notes, words)) for execute in found]
 
 
@@ -186,14 +236,14 @@ def _turned(trial: Trial, hold: RudderStep) -> float:
     return math.copysign(1.0, hold.angle) * float(last - first)
 
 
-def _in_turn(trial: Trial, holds: Sequence[RudderStep]) -> int:
-    """How many of ``holds``, from the first on, are a zigzag; 1 if none are."""
+def _in_turn(trial: Trial, holds: Sequence[RudderStep], unit: float) -> int:
+    """How many of ``holds``, from the first on, are a zigzag; 1 if none are. unit: L/U [s]."""
     if len(holds) < 2:
         return 1
     middle, half = _middle_and_size(holds[:2])
     if abs(half) < LEAST_STEP or abs(middle) > max(LARGEST_OFFSET, 0.2 * abs(half)):
         return 1
-    psi = _headings(trial, [h.begin for h in holds])
+    psi = _headings(trial, [h.begin for h in holds], unit)
     side, count = math.copysign(1.0, half), 1
     while count < len(holds):
         hold = holds[count]
@@ -201,9 +251,10 @@ def _in_turn(trial: Trial, holds: Sequence[RudderStep]) -> int:
         change = side * (psi[count] - psi[count - 1])
         least = LEAST_CHANGE * (1 if count == 1 else 2)
         gap = hold.reached - holds[count - 1].end
+        turned = not (change < least or change > LARGEST_CHANGE * (1 if count == 1 else 2))  # NaN: may have
         same = abs(size - abs(half)) <= max(math.radians(2.0), 0.15 * abs(half))
         usual = gap <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * _way_over(holds[: count + 1]))
-        if not same or not usual or not least <= change <= LARGEST_CHANGE * (1 if count == 1 else 2):
+        if not same or not usual or not turned:
             break
         side, count = -side, count + 1
     used = holds[:count]
@@ -222,38 +273,60 @@ def _middle_and_size(holds: Sequence[RudderStep]) -> tuple[float, float]:
     return 0.5 * (first + second), 0.5 * (first - second)
 
 
-def _zigzag(trial: Trial, holds: Sequence[RudderStep], reaction: float) -> Execute:
+def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
     """The zigzag of ``holds`` in turn. Its base course lies between the headings at reversals to either side, which
-    also a record that begins with the rudder over has."""
+    also a record that begins with the rudder over has. unit: L/U [s]."""
     middle, half = _middle_and_size(holds)
-    times = [h.begin for h in holds[1:]]
-    psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
+    times = np.array([h.begin for h in holds[1:]])
     sides = math.copysign(1.0, half) * (-1.0) ** np.arange(len(times))
-    if len(times) >= 2:
-        swings = [0.5 * sides[k] * (psi[k] - psi[k + 1]) for k in range(len(times) - 1)]
-        heading = float(np.median(swings))
-    else:
-        heading = float(sides[0] * (psi[0] - start))
-    t, good = trial.t - trial.t[0], np.isfinite(trial["r"])
-    rates = np.abs(np.interp(times, t[good], trial["r"][good])) if good.any() else np.zeros(len(times))
-    rate = float(np.median(rates))
-    late, early = rate * (trial.dt + reaction), rate * trial.dt
-    if ordered_at_once(psi, sides, rates, nominal(heading, late, early, nominal(abs(half))), 0.5 * early):
-        late = early = 0.0
+    known = np.isfinite(_headings(trial, times, unit))
+    if not known.any():
+        known[:] = True
+    psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
+    swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[known[:-1] & known[1:]]
+    heading = float(np.median(swings)) if len(swings) else float(sides[0] * (psi[0] - start))
+    ordered = _ordered(trial, times[known], sides[known], unit, nominal(abs(half)), start)
     notes: tuple[str, ...] = ()
     if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
         notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
     caveats = []
     if abs(middle) > math.radians(1.0):
         caveats.append(f"the rudder is logged {math.degrees(middle):+.1f} deg off: the middle of its two sides")
-    return Execute("zigzag", holds[0].begin, half, tuple(times), holds[-1].end, heading, math.nan, notes,
-                   tuple(caveats), late, early)  # fmt: skip
+    return Execute("zigzag", holds[0].begin, half, tuple(times.tolist()), holds[-1].end, heading, math.nan, notes,
+                   tuple(caveats), ordered)  # fmt: skip
 
 
-def _headings(trial: Trial, times: Sequence[float]) -> np.ndarray:
-    """Headings [rad] at times after the first sample [s]."""
+def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, rudder: float, start: float) -> float:
+    """The heading [deg] at which the ``rudder`` [deg] was ordered over, that moved at ``times`` (K,) [s] from
+    turns with ``signs`` (K,). unit: L/U [s]; start: heading at the first execute [rad]."""
+    t, good, rows = trial.t - trial.t[0], np.isfinite(trial["r"]), np.isfinite(trial["psi"])
+    rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
+    interval, steps = _interval(trial), np.diff(trial.psi_unwrapped[rows], 3)
+    noise = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(20) if len(steps) else 0.0  # of 1, -3, 3, -1
+    helm = HELM if len(times) < 4 else RESOLUTION  # the scatter of so few is not known from themselves
+    errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
+    delays = np.linspace(-interval, interval + REACTION * unit, 41)
+    headings = _headings(trial, times - delays[:, None]) - (start if len(times) == 1 else 0.0)
+    return ordered_heading(headings, delays, signs, errors, rudder)
+
+
+def _interval(trial: Trial) -> float:
+    """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
+    lie on straight lines between the samples."""
+    longest = [math.inf]
+    for values in (trial.psi_unwrapped, trial["r"]):
+        steps = np.diff(values[np.isfinite(values)])
+        samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
+        longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
+    return trial.dt * (min(longest) if len(longest) > 1 else 1.0)
+
+
+def _headings(trial: Trial, times: Sequence[float] | np.ndarray, longest: float = math.inf) -> np.ndarray:
+    """Headings [rad] at times after the first sample [s]; NaN within a gap that is longer than ``longest`` [s]."""
     good = np.isfinite(trial["psi"])
-    return np.interp(times, trial.t[good] - trial.t[0], trial.psi_unwrapped[good])
+    t = trial.t[good] - trial.t[0]
+    after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
+    return np.where(t[after] - t[after - 1] > longest, math.nan, np.interp(times, t, trial.psi_unwrapped[good]))
 
 
 def _approached(trial: Trial, length: float, execute: Execute, earliest: float) -> Execute:
@@ -348,66 +421,44 @@ class Stop:
 def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     """Stops in a run of times ``t`` (N,) [s], revolutions ``n`` (N,) [1/s] and speed ahead ``u`` (N,) [m/s].
 
-    Complete ones; without any, one that the record does not finish, if revolutions then stay astern to its end.
+    Each is ordered where the revolutions ahead begin to fall that go astern. Complete ones; without any, one that the
+    record does not finish, if revolutions then stay astern to its end.
     """
     good = np.isfinite(n)
     t, n, u = t[good], n[good], u[good]
     ahead = float(np.percentile(n, 95)) if len(n) else 0.0
-    if ahead <= 0:
-        return []
-    astern = (n < -0.05 * ahead).astype(int)
-    edges = np.flatnonzero(np.diff(astern)) + 1
-    firsts = [int(k) for k in edges if astern[k]]
-    lasts = [next((int(e) for e in edges if e > k), len(t)) for k in firsts]
-    found = [stop for a, b in zip(firsts, lasts, strict=True) if (stop := _stop(t, n, u, a, b)) is not None]
-    complete = list({stop.order_time: stop for stop in reversed(found) if stop.stopped}.values())[::-1]
-    open_ = [stop for stop in found if stop.end >= t[-1] - 1e-9]
-    return complete or open_[-1:]
-
-
-def _stop(t: np.ndarray, n: np.ndarray, u: np.ndarray, first: int, last: int) -> Stop | None:
-    """The stop whose revolutions are astern in rows ``first`` to ``last``; None if they were not ahead before."""
-    begin = first
-    while begin > 0 and n[begin - 1] > n[begin] - 1e-12 and n[begin - 1] <= 0:
-        begin -= 1
-    before = np.flatnonzero(n[:begin] > 0)
-    if len(before) == 0:
-        return None
-    stretch = np.arange(int(before[-1]), -1, -1)
-    level = _level_before(n, stretch)
-    steady = np.flatnonzero(n[:first] >= 0.97 * level)
-    if len(steady) == 0:
-        return None
-    at = int(steady[-1])
-    known = np.flatnonzero(np.isfinite(u[: at + 1]))
-    speed = float(u[known[-1]]) if len(known) else float("nan")
-    off = np.flatnonzero(u[at:] <= 0)
-    rows = len(t) if last >= len(t) else last
-    stopped = bool(speed > 0 and len(off) and at + off[0] <= min(rows + 2, len(t) - 1))
-    return Stop(float(t[at]), float(t[min(rows, len(t)) - 1]), stopped)
-
-
-def _level_before(n: np.ndarray, rows: np.ndarray) -> float:
-    """The revolutions that were held ahead before they fell: the median of the faster ones of the last stretch ahead,
-    whose ``rows`` run back in time."""
-    ahead: list[float] = []
-    for k in rows:
-        if n[k] <= 0 and ahead:
-            break
-        ahead.append(float(n[k]))
-    values = np.array(ahead)
-    return float(np.median(values[values > 0.5 * values.max()]))
+    astern = n < -0.05 * ahead
+    edges = [0, *(np.flatnonzero(np.diff(astern)) + 1).tolist(), len(n)]
+    found: dict[float, Stop] = {}
+    for first, last in pairwise(edges):
+        forward = np.flatnonzero(n[:first] > 0)
+        if ahead <= 0 or not astern[first] or not len(forward):
+            continue
+        standing = np.flatnonzero(n[: forward[-1] + 1] <= 0)  # before she went ahead the last time
+        level = n[standing[-1] + 1 if len(standing) else 0 : forward[-1] + 1]
+        level = np.median(level[level > 0.5 * level.max()])
+        order = int(np.flatnonzero(n[:first] >= 0.97 * level)[-1])
+        speeds = u[: order + 1][np.isfinite(u[: order + 1])]
+        off = np.flatnonzero(u[order:] <= 0)
+        stopped = len(speeds) > 0 and speeds[-1] > 0 and len(off) > 0 and order + off[0] <= min(last + 2, len(t) - 1)
+        if stopped or last == len(t):
+            found.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
+    complete = [stop for stop in found.values() if stop.stopped]
+    return complete or list(found.values())[-1:]
 
 
 LARGEST_TURN = math.radians(5.0)
 """The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees."""
+READ_AT = (math.pi / 2, math.pi)
+"""Changes of heading at which a turning test is read [rad]: in between its track is not asked for."""
 
 
 def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute]:
     """``trial`` with its left-out stretches bridged by straight lines, and its ``execute`` up to one that cannot be.
 
-    A zigzag counts up to the last reversal before that stretch. Raises UserError where a manoeuvre of another kind has
-    one: something else moved the ship in it, or she turned by more than LARGEST_TURN.
+    A zigzag counts up to the last reversal before that stretch; a turning test needs what it is read at. Raises
+    UserError where a stretch decides in a manoeuvre of another kind: something else moved the ship in it, or she turned
+    by more than LARGEST_TURN.
     """
     t = trial.t - trial.t[0]
     for first, last in spans_left_out(trial):
@@ -415,7 +466,7 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         if not rows.any() or t[rows][-1] < execute.order_time or t[rows][0] > execute.end:
             continue
         moved = not (bridged(trial) | ~rows).all()
-        if not moved and _turn(trial, rows) <= LARGEST_TURN:
+        if not moved and _is_bridged(trial, execute, rows):
             continue
         before = [time for time in execute.reversals if time < t[rows][0]]
         if len(before) > 1:
@@ -430,15 +481,21 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
     return (_filled(trial) if spans_left_out(trial) else trial), execute
 
 
-def _turn(trial: Trial, rows: np.ndarray) -> float:
-    """How far the ship turns [rad] from the last sound sample before the ``rows`` (N,) to the first after them.
-
-    Infinite where there is none on one side.
-    """
+def _is_bridged(trial: Trial, execute: Execute, rows: np.ndarray) -> bool:
+    """Whether straight lines over the ``rows`` (N,) change no figure of ``execute``."""
     psi, at = trial.psi_unwrapped, np.flatnonzero(rows)
     good = np.isfinite(psi)
     before, after = psi[: at[0]][good[: at[0]]], psi[at[-1] + 1 :][good[at[-1] + 1 :]]
-    return abs(float(after[0] - before[-1])) if len(before) and len(after) else math.inf
+    if not len(before) or not len(after):
+        return False
+    turn = abs(float(after[0] - before[-1]))
+    if turn <= LARGEST_TURN or execute.kind != "turning" or trial.t[at[0]] - trial.t[0] <= execute.order_time:
+        return turn <= LARGEST_TURN
+    start = float(_headings(trial, [execute.order_time])[0])
+    first, last = abs(float(before[-1]) - start), abs(float(after[0]) - start)
+    fastest = float(np.nanmax(np.abs(trial["r"])))  # by which she may turn unseen
+    unseen = fastest * float(trial.t[at[-1]] - trial.t[at[0]])
+    return unseen < math.pi and not any(first < angle <= last for angle in READ_AT)
 
 
 def _filled(trial: Trial) -> Trial:

@@ -1,4 +1,4 @@
-"""The rudder of a measured run as steps: where it is held, when it began to move there, and what was ordered.
+"""The rudder of a run as steps: where it is held, when it began to move there, and what was ordered.
 
 Nothing is assumed of the angles: noise, a rudder that is slow to move and one that is logged with an offset are steps
 all the same. The rudder begins to move when the heading has passed the one that was ordered, by what passes in a sample
@@ -23,9 +23,13 @@ MEMORY = 0.25
 SHORTEST_HOLD = 0.1
 """Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
 
-SLOWEST, FASTER = 0.3, 3.0
-"""Share of its largest rate below which the rudder's movement to an angle has not begun; by how much it is faster than
-a helm that wanders before."""
+CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
+"""A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
+it, and its angle lies between these shares of the other one's."""
+
+SLOWEST = 0.3
+"""Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
+slower than the order's movement."""
 
 FIRST, LATER = 0.1, 0.5
 """Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
@@ -55,10 +59,13 @@ def without_spikes(delta: np.ndarray, dt: float, ship_time: float) -> np.ndarray
     return np.median(sliding_window_view(np.pad(delta, size // 2, mode="edge"), size), axis=1)
 
 
-def held_stretches(t: np.ndarray, delta: np.ndarray, ship_time: float) -> list[RudderStep]:
+def held_stretches(
+    t: np.ndarray, delta: np.ndarray, ship_time: float = 0.0, tolerance: float = TOLERANCE
+) -> list[RudderStep]:
     """Stretches of the times ``t`` (N,) [s] in which the rudder ``delta`` (N,) [rad] is held, at any angle.
 
-    ship_time: L/U [s], the scale of what is short. Rows without a value are left out.
+    ship_time: L/U [s], the scale of what is short; tolerance: least one of an angle that is held [rad]. Rows without a
+    value are left out.
     """
     good = np.isfinite(delta)
     t, delta = t[good], delta[good]
@@ -71,7 +78,7 @@ def held_stretches(t: np.ndarray, delta: np.ndarray, ship_time: float) -> list[R
     keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
     runs, first, level, count = [], 0, float(delta[0]), 1
     for k in range(1, len(t) + 1):
-        width = max(TOLERANCE, 0.04 * abs(level), 3.5 * noise)
+        width = max(tolerance, 0.04 * abs(level), 3.5 * noise)
         if k == len(t) or abs(delta[k] - level) > width:
             runs.append((first, k))
             if k == len(t):
@@ -79,102 +86,65 @@ def held_stretches(t: np.ndarray, delta: np.ndarray, ship_time: float) -> list[R
             first, level, count = k, float(delta[k]), 1
             continue
         count += 1
-        share = max(1.0 / count, 1 - keep)
-        level += share * (float(delta[k]) - level)
+        level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)
     shortest = max(2.5 * dt, 0.15 * ship_time)
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    return _with_begin(t, delta, _joined(found, t, delta))
+    found = _joined(found, t, tolerance, ship_time)
+    begins = [_movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)]
+    return [
+        RudderStep(begin, float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
+        for k, (begin, (a, b, angle)) in enumerate(zip(begins, found, strict=True))
+    ]
 
 
-def _joined(runs: list[tuple[int, int, float]], t: np.ndarray, delta: np.ndarray) -> list[tuple[int, int, float]]:
-    """Neighbouring stretches at one angle with a short gap between them are one: a spike or a rudder that creeps."""
+def _joined(
+    runs: list[tuple[int, int, float]], t: np.ndarray, tolerance: float, ship_time: float
+) -> list[tuple[int, int, float]]:
+    """The ``runs`` (first row, row after the last, angle) in which neighbours are one, with the angle of the longer: at
+    one angle with a spike between them, or to one side where the helm corrects its angle."""
     joined: list[tuple[int, int, float]] = []
-    for a, b, angle in runs:
-        if joined:
-            c, d, before = joined[-1]
-            longer = max(t[b - 1] - t[a], t[d - 1] - t[c])
-            close = abs(angle - before) <= max(1.5 * TOLERANCE, 0.1 * abs(before))
-            if close and t[a] - t[d - 1] <= max(SHORTEST_HOLD * longer, 3 * (t[1] - t[0])):
-                joined[-1] = (c, b, float(np.median(delta[c + (b - c) // 4 : b])))
-                continue
-        joined.append((a, b, angle))
+    for run in runs:
+        joined.append(run)
+        while len(joined) > 1:
+            (a, b, before), (c, d, after) = joined[-2:]
+            gap, (first, second) = t[c] - t[b - 1], (t[b - 1] - t[a], t[d - 1] - t[c])
+            short, long = (before, after) if first < second else (after, before)
+            spike = abs(after - before) <= max(1.5 * tolerance, 0.1 * abs(before))
+            spike &= bool(gap <= max(SHORTEST_HOLD * max(first, second), 3 * (t[1] - t[0])))
+            brief = min(first, second) <= CORRECTION * max(first, second) and gap <= MEMORY * ship_time
+            share = short / long if abs(long) >= LEAST_CORRECTED else 0.0
+            if not spike and not (brief and CORRECTED[0] <= share <= CORRECTED[1]):
+                break
+            joined[-2:] = [(a, d, long)]
     return joined
-
-
-def _with_begin(t: np.ndarray, delta: np.ndarray, runs: list[tuple[int, int, float]]) -> list[RudderStep]:
-    holds: list[RudderStep] = []
-    for k, (a, b, angle) in enumerate(runs):
-        floor = runs[k - 1][1] - 1 if k else 0
-        begin = _movement(t, delta, floor, a, angle)
-        began = k > 0 or abs(delta[0] - angle) > 2 * TOLERANCE
-        holds.append(RudderStep(begin, float(t[a]), float(t[b - 1]), angle, began))
-    return holds
 
 
 def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: float) -> float:
     """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``.
 
-    It came the whole way from where the movement turned towards that angle; the line through a tenth and a half of
-    the way meets the angle it came from at that time.
+    The line through a tenth and a half of the order's movement meets the angle it came from at that time.
     """
-    if held == 0:
-        return float(t[0])
     side = math.copysign(1.0, angle - delta[max(floor, held - 1)])
-    path = side * delta[floor : held + 1]
-    top = side * angle
-    if len(path) < 2:
-        return float(t[max(held - 1, 0)])
-    start = _start_of_way(path, top)
-    low = float(np.median(path[max(start - 4, 0) : start + 1]))
-    order = _first_fast(t[floor : held + 1], path, start)
-    if _is_wander(t[floor : held + 1], path, start, order):
-        start, low = order, float(path[order])
-    way = top - low
-    if way <= 0:
-        return float(t[held])
-    times, values = t[floor + start : held + 1], path[start:]
-    first, later = (_crossing(times, values, low + share * way) for share in (FIRST, LATER))
-    if later <= first:
-        return first
-    return max(float(t[floor]), first - (later - first) * FIRST / (LATER - FIRST))
-
-
-def _is_wander(t: np.ndarray, path: np.ndarray, start: int, order: int) -> bool:
-    """Whether the movement of ``path`` (M,) at ``t`` (M,) from row ``start`` to row ``order`` is not yet the order's: a
-    tenth of the way and more, and FASTER times slower than the rest."""
-    before, after = float(path[order] - path[start]), float(path[-1] - path[order])
-    if start >= order or order >= len(path) - 1 or before <= FIRST * (before + after):
-        return False
-    return after / (t[-1] - t[order]) > FASTER * before / (t[order] - t[start])
-
-
-def _first_fast(t: np.ndarray, path: np.ndarray, start: int) -> int:
-    """Row of ``path`` (M,) at ``t`` (M,), not before ``start``, from which it moves on without falling below SLOWEST of
-    its largest rate: a helm that wanders before the order is slower than the order's movement."""
-    span = max(0.5, 3 * float(np.median(np.diff(t)))) if len(t) > 1 else 0.5
-    k, largest = len(path) - 1, 0.0
-    while k > start:
-        rate = float(path[k] - np.interp(t[k] - span, t, path)) / span
+    t, path = t[floor : held + 1], side * delta[floor : held + 1]
+    if held == 0 or len(path) < 2:
+        return float(t[0])
+    start, largest = len(path) - 1, 0.0
+    span = max(0.5, 3 * float(np.median(np.diff(t))))
+    while start > 0:
+        rate = float(path[start] - np.interp(t[start] - span, t, path)) / span
         largest = max(largest, rate)
         if rate < SLOWEST * largest or rate <= 0:
             break
-        k -= 1
-    while k > start and path[k] - path[k - 1] >= SLOWEST * largest * (t[k] - t[k - 1]) > 0:
-        k -= 1
-    return k
-
-
-def _start_of_way(path: np.ndarray, top: float) -> int:
-    """Row from which ``path`` (M,) rises to ``top`` at its end: the last that lies within a tenth of the way of its
-    least value since."""
-    row, low = len(path) - 1, float(path[-1])
-    for k in range(len(path) - 1, -1, -1):
-        if path[k] <= low:
-            low, row = float(path[k]), k
-        elif path[k] > low + max(0.04 * (top - low), 1.5 * TOLERANCE):
-            break
-    near = np.flatnonzero(path[row:] <= low + max(0.02 * (top - low), 0.25 * TOLERANCE))
-    return row + (int(near[-1]) if len(near) else 0)
+        start -= 1
+    while start > 0 and path[start] - path[start - 1] >= SLOWEST * largest * (t[start] - t[start - 1]) > 0:
+        start -= 1
+    low, way = float(path[start]), side * angle - float(path[start])
+    if way <= 0:
+        return float(t[-1])
+    first, later = (_crossing(t[start:], path[start:], low + share * way) for share in (FIRST, LATER))
+    if later <= first:
+        return first
+    return max(float(t[0]), first - (later - first) * FIRST / (LATER - FIRST))
 
 
 def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
@@ -186,55 +156,53 @@ def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
 
 
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-"""Angles that are ordered as a rule [deg]."""
+"""Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76))."""
 
 NAMED, SHARE = 0.6, 0.07
-"""A measured angle is called one of STEPS within this [deg], or this share of it."""
+"""A measured rudder is called one of STEPS within this [deg], or this share of it."""
 
-SMALL, NAMED_SMALL = 5.0, 0.4
-"""Below this [deg] the usual steps are close together, and a measured angle must be within the second."""
+RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
+"""Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
 
-RESOLUTION = math.radians(0.1)
-"""To which a heading is read [rad]."""
-
-FARTHER = 3.0
-"""Headings at reversals that are so many times nearer to one heading than to a reaction after a usual one were ordered
-there."""
+LIKELY = 2.5
+"""Standard errors by which what the reversals show may be off a usual heading."""
 
 
-def nominal(angle: float, late: float = 0.0, early: float = 0.0, rudder: float = 0.0) -> float:
-    """The usual angle [deg] that an ``angle`` >= 0 [rad] stands for, or its whole degrees where it is none.
+def nominal(angle: float) -> float:
+    """The usual angle [deg] that an ``angle`` >= 0 [rad] stands for, or its whole degrees where it is none."""
+    degrees = math.degrees(angle)
+    near = min(STEPS, key=lambda step: abs(step - degrees))
+    return near if abs(near - degrees) <= max(NAMED, SHARE * degrees) else float(round(degrees))
 
-    late, early: what the order may have come too late or too early [rad]; a small step stands back behind one of 5 deg
-    and more, and each behind that of the ``rudder`` [deg], as in the zigzags of the standard.
+
+def ordered_heading(
+    headings: np.ndarray, delays: np.ndarray, signs: np.ndarray, errors: np.ndarray, rudder: float
+) -> float:
+    """The change of heading [deg] at which the rudder of a zigzag was ordered over, to either side of one base course.
+
+    headings: (D, K) at the time of each of K reversals of the rudder less each of D ``delays`` (D,) [s], those that are
+    negative too early by the sampling [rad]; signs: signs of the turn (K,); errors: standard errors of the headings
+    (K,) [rad]; rudder: as named [deg]. At one delay, whichever it is, the headings were as ordered, to within their own
+    scatter. A usual heading is believed where it fits as well as any: first that of the rudder, as in the zigzags of
+    the standard, then one of 5 deg and more, then that of the least squares, the delay among them (half of the largest
+    is its standard error).
     """
-    degrees, more, less = (math.degrees(x) for x in (angle, late, early))
-    large = max(NAMED, SHARE * degrees)
+    weights = 1 / errors**2
 
-    def off(step: float) -> float:
-        """How far the angle is from ``step``, by how far it may be."""
-        near, beyond = min(large, NAMED_SMALL) if step < SMALL else large, degrees - step
-        return beyond / (near + more) if beyond > 0 else -beyond / (near + less)
+    def fit(degrees: float) -> tuple[float, float]:
+        """Sum of squares in standard errors with the best delay, and that delay as a share of the largest."""
+        base = headings - signs * math.radians(degrees)
+        off = base - (base @ weights / weights.sum())[:, None] if len(signs) > 1 else base
+        squares = off**2 @ weights
+        best = int(np.argmin(squares))
+        return float(squares[best]), float(max(delays[best] / delays.max(), delays[best] / delays.min()))
 
-    fits = [step for step in STEPS if off(step) <= 1]
-    return min(fits, key=lambda step: (step != rudder, step < SMALL, off(step))) if fits else float(round(degrees))
-
-
-def ordered_at_once(psi: np.ndarray, signs: np.ndarray, rates: np.ndarray, named: float, near: float) -> bool:
-    """Whether the rudder was reversed at one heading, and not a time after the heading ``named`` [deg].
-
-    psi, signs, rates: headings [rad] at the reversals, signs of the turn, yaw rates [rad/s] (N,). After a
-    reaction she has turned farther where she turns faster; near: to which either explains the headings, beside their
-    RESOLUTION [rad].
-    """
-    if len(psi) < 3:
-        return False
-
-    def off(shape: np.ndarray, given: np.ndarray) -> float:
-        """What is left of ``given`` by a base course and a multiple of ``shape``."""
-        columns = np.column_stack([np.ones(len(psi)), shape])
-        return float(np.abs(given - columns @ np.linalg.lstsq(columns, given, rcond=None)[0]).max())
-
-    near += RESOLUTION
-    at_one, after = off(signs, psi), off(signs * rates, psi - signs * math.radians(named))
-    return at_one <= near < after and FARTHER * at_one < after
+    fits = {float(degrees): fit(degrees) for degrees in range(1, 90)}
+    least = min(squares for squares, _ in fits.values())
+    scatter = max(1.0, least / max(len(signs) - 2, 1))
+    usual = [step for step in STEPS if fits[step][0] <= least + LIKELY**2 * scatter]
+    if usual:
+        return min(
+            usual, key=lambda step: (step != rudder, step < 5, fits[step][0] / scatter + (2 * fits[step][1]) ** 2)
+        )
+    return min(fits, key=lambda degrees: (fits[degrees][0] > least + scatter, fits[degrees][1]))

@@ -10,13 +10,13 @@ import numpy as np
 
 from cases.criteria import figures as read
 from cases.criteria.measured_maneuvers import Execute, find_maneuvers, without_broken_parts
-from cases.criteria.simulated_trial import check_completeness
-from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
+from cases.maneuvers.definitions import STEADY_CHANGE, STOPS, Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.simulation.simulate import simulate
 from cases.simulation.simulate_batch import SimulatedRuns
 from cases.trial import Trial
-from mmg.errors import OutOfRange, UserError
+from mmg.errors import OutOfRange, TooFewData, UserError
+from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -78,6 +78,50 @@ def planned_run(ship: Ship, plan: Maneuver) -> Run:
     return Run(
         **vars(execute), name=plan.name, trial=trial, length=ship.particulars["L"], figures=figures_of(trial, plan)
     )
+
+
+EVENTS = {
+    "turning": {"advance": "a change of heading of 90 deg", "tactical_diameter": "a change of heading of 180 deg"},
+    "zigzag": {"overshoot_1": "the first overshoot", "overshoot_2": "the second overshoot"},
+    **{kind: {"track_reach": "the end of the headway"} for kind in STOPS},
+}
+"""Kind -> figure that a run must reach -> the event at which it is read; without the first of them it tells nothing."""
+
+
+def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
+    """A notice about the events that a run ended before; empty for one that is complete.
+
+    Raises UserError when the manoeuvre's first event was missed although no duration was asked for: the figures
+    would silently be absent. A run of given duration may end early; then the same sentence is a notice.
+    trial: the run; maneuver: what was ordered.
+    """
+    p, name = maneuver.parameters, maneuver.name
+    if "order_time" not in p:
+        return ()
+    run, fatal, words = read.since(trial, p["order_time"]), True, ""
+    steady = run.r[run.t >= run.t[-1] - p.get("window", 0.0)]
+    if trial.duration <= p["order_time"]:
+        words = f"{name}: the run ends after {trial.duration:g} s, before the order at {p['order_time']:g} s"
+    elif maneuver.kind in EVENTS:
+        events, found = EVENTS[maneuver.kind], _figures(run, maneuver, steady=False)
+        missed = [figure for figure in events if figure not in found]
+        fatal = missed == list(events)
+        side = math.copysign(1.0, p.get("rudder", 1.0))
+        turned = f"the heading changed by up to {math.degrees((side * run.change).max()):.3g} deg"
+        makes = f"the ship makes {run.u[-1]:.3g} m/s of {run.u[0]:.3g} m/s"
+        if missed:
+            words = f"{name}: the run ends before {events[missed[0]]}, {run.t[-1]:.4g} s after the order: "
+            words += f"{makes if maneuver.kind in STOPS else turned}; give --duration, or other orders"
+    elif trial.duration >= maneuver.duration * (1 - 1e-6) - p["window"] and not (
+        np.ptp(steady) <= p["tolerance"] * 1.001 and run.t[-1] >= p["window"]
+    ):
+        words = (
+            f"{name}: at rudder {math.degrees(run.delta[-1]):.3g} deg the turn rate is not yet steady, "
+            f"{run.t[-1]:.4g} s after the order (r L/U changes by more than {STEADY_CHANGE:g}); give --duration"
+        )
+    if words and fatal and not maneuver.partial:
+        raise TooFewData(words)
+    return (Message(words, "event_not_reached"),) if words else ()
 
 
 def figures_of(trial: Trial, plan: Maneuver) -> dict[str, float]:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import secrets
-import shutil
 from pathlib import Path
 from typing import Any
 
 from cases.importing.import_logs import Imported
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import ImportMap, names_apart
+from cases.io.files import filled
 from cases.io.sidecar import NAME as SIDECAR
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
-from mmg.errors import BadValue, NotWritable, TargetExists
 
 
 def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
@@ -25,28 +21,12 @@ def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool =
     appears whole or not at all. Raises UserError where it holds something and ``force`` is false, and where it cannot
     be written.
     """
-    if folder.exists() and not folder.is_dir():
-        raise BadValue(f"--out {folder}: is a file; name a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not force:
-        raise TargetExists(f"--out {folder}: holds files already; choose another name or add --force")
-    scratch = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")
-    try:
-        scratch.mkdir(parents=True)
-        names = [f"{run.name}.csv" for run in found.runs]
+    names = [f"{run.name}.csv" for run in found.runs]
+    with filled(folder, force) as scratch:
         for run, name in zip(found.runs, names, strict=True):
             write_trial(Trial(run.name, run.columns), scratch / name)
         (scratch / SIDECAR).write_text(_sidecar(found, chosen.inputs), encoding="utf-8")
         (scratch / MAP).write_text(map_text(found, chosen), encoding="utf-8")
-        if folder.is_dir():
-            for path in scratch.iterdir():
-                os.replace(path, folder / path.name)
-        else:
-            os.replace(scratch, folder)
-    except OSError as error:
-        raise NotWritable(f"--out {folder}: cannot be written ({error.strerror or error}); check the path") from None
-    finally:
-        with contextlib.suppress(OSError):
-            shutil.rmtree(scratch)
     return [folder / name for name in names]
 
 

@@ -10,13 +10,14 @@ import json
 import os
 import re
 import secrets
+import shutil
 import stat
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mmg.errors import BadValue, Missing, OutOfRange, Unreadable
+from mmg.errors import BadValue, Missing, NotWritable, OutOfRange, TargetExists, Unreadable
 
 try:
     import fcntl
@@ -147,6 +148,33 @@ def replaced(path: Path) -> Iterator[Path]:
             os.close(lock)
         with contextlib.suppress(OSError):
             scratch.unlink()
+
+
+@contextlib.contextmanager
+def filled(folder: Path, force: bool) -> Iterator[Path]:
+    """A folder beside ``folder`` to write to, whose files come to it at the end: all, or none where the writing fails.
+
+    force: files of the same names in a folder that holds some are replaced. Raises UserError where it holds some and
+    ``force`` is false, and where it cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise BadValue(f"--out {folder}: is a file; name a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not force:
+        raise TargetExists(f"--out {folder}: holds files already; choose another name or add --force")
+    scratch = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.part")
+    try:
+        scratch.mkdir(parents=True)
+        yield scratch
+        if folder.is_dir():
+            for path in scratch.iterdir():
+                os.replace(path, folder / path.name)
+        else:
+            os.replace(scratch, folder)
+    except OSError as error:
+        raise NotWritable(f"--out {folder}: cannot be written ({error.strerror or error}); check the path") from None
+    finally:
+        with contextlib.suppress(OSError):
+            shutil.rmtree(scratch)
 
 
 def _remove_leftovers(path: Path) -> None:

@@ -84,23 +84,11 @@ class OperationLog:
 
     def _of(self, part: Part) -> Iterator[dict[str, np.ndarray]]:
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
         path, notices = part.path, list[Message]()
         entry = _entry(self.folder, path)
         try:
-            file = pq.ParquetFile(path, page_checksum_verification=True)
-            header = checked_header(path, list(file.schema_arrow.names))
-            matched = match_headers(path, header, entry, notices)
-            wanted = {name: header[index] for name, (index, _) in matched.items()}
-            factors = {name: to_si(name, unit, f"{path}: column '{wanted[name]}'")
-                       for name, (_, unit) in matched.items()}  # fmt: skip
-            for batch in file.iter_batches(PIECE, columns=list(wanted.values())):
-                if pa.types.is_timestamp(batch.column(wanted["t"]).type):
-                    factors["t"] = 1.0
-                columns = {
-                    name: _numbers(path, cell, batch.column(cell)) * factors[name] for name, cell in wanted.items()
-                }
+            for columns, factors in _batches(path, entry, notices, PIECE):
                 if entry.sentinels:
                     for name, values in columns.items():
                         values[np.isin(values, np.array(entry.sentinels) * factors[name])] = np.nan
@@ -132,7 +120,6 @@ def read_log(folder: str | Path) -> OperationLog:
     Raises UserError where the folder does not exist, holds no Parquet file, or none that can be read.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     folder = Path(folder)
     if not folder.is_dir():
@@ -143,24 +130,37 @@ def read_log(folder: str | Path) -> OperationLog:
         raise Missing(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
     for path in files:
         try:
-            file = pq.ParquetFile(path, page_checksum_verification=True)
-            if not file.metadata.num_rows:
-                raise Unreadable(f"{path}: is damaged or empty (it has no rows)")
-            header = checked_header(path, list(file.schema_arrow.names))
-            index, unit = match_headers(path, header, _entry(folder, path), [])["t"]
-            first = next(file.iter_batches(1000, columns=[header[index]])).column(0)
-            times = _numbers(path, header[index], first)
-            scale = 1.0 if pa.types.is_timestamp(first.type) else to_si("t", unit, f"{path}: column '{header[index]}'")
-            begin = float(np.nanmin(times, initial=math.inf)) * scale
-            log.parts.append(Part(path, begin))
+            first, _ = next(_batches(path, _entry(folder, path), [], 1000, ["t"]))
+            log.parts.append(Part(path, float(np.nanmin(first["t"], initial=math.inf))))
         except UserError as error:
             log.left_out.append(str(error))
-        except (OSError, ValueError, StopIteration, pa.ArrowException) as error:
+        except (OSError, ValueError, pa.ArrowException) as error:
             log.left_out.append(f"{path}: is damaged ({_short(error)})")
     if not log.parts:
         raise Unreadable(f"{folder}: no part can be read; {log.left_out[0]}")
     log.parts.sort(key=lambda part: (part.begin, part.path))
     return log
+
+
+def _batches(
+    path: Path, entry: SidecarEntry, notices: list[Message], rows: int, names: Sequence[str] = ()
+) -> Iterator[tuple[dict[str, np.ndarray], dict[str, float]]]:
+    """Columns (N,) in SI of at most ``rows`` rows of a part at a time, and the factors of their units; all, or only
+    those of these ``names``. Raises UserError, and as pyarrow does for what is damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    file = pq.ParquetFile(path, page_checksum_verification=True)
+    if not file.metadata.num_rows:
+        raise Unreadable(f"{path}: is damaged or empty (it has no rows)")
+    header = checked_header(path, list(file.schema_arrow.names))
+    matched = match_headers(path, header, entry, notices)
+    wanted = {name: header[index] for name, (index, _) in matched.items() if name in names or not names}
+    factors = {name: to_si(name, matched[name][1], f"{path}: column '{cell}'") for name, cell in wanted.items()}
+    for batch in file.iter_batches(rows, columns=list(wanted.values())):
+        if pa.types.is_timestamp(batch.column(wanted["t"]).type):
+            factors["t"] = 1.0
+        yield {n: _numbers(path, cell, batch.column(cell)) * factors[n] for n, cell in wanted.items()}, factors
 
 
 def _entry(folder: Path, path: Path) -> SidecarEntry:
@@ -280,7 +280,7 @@ def _cut_piece(
     moored = _mean(speed, max(1, count // 2)) < slowest
     state = np.where(moored, 1, np.where(missing, 2, 0))
     left = rows
-    for first, end in _runs(state, gap):
+    for first, end in stretches(state, gap):
         seconds = (end - first) * cut.step
         if state[first]:
             cut.add("moored" if state[first] == 1 else "missing values", seconds)
@@ -301,7 +301,7 @@ def _windows_of(
         words.append("touched: " + stretch.what if SWINGING in stretch.what else "broken: " + stretch.what)
         bad[(trial.t >= stretch.begin_s) & (trial.t <= stretch.end_s)] = len(words) - 1
     left = len(columns["t"])
-    for a, b in _runs(bad, np.zeros(max(len(bad) - 1, 0), bool)):
+    for a, b in stretches(bad, np.zeros(max(len(bad) - 1, 0), bool)):
         if bad[a]:
             cut.add(words[bad[a]], (b - a) * cut.step)
             continue
@@ -334,7 +334,7 @@ def _manoeuvring(rows: Mapping[str, np.ndarray], revolutions: float) -> bool:
     )
 
 
-def _runs(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
+def stretches(state: np.ndarray, gap: np.ndarray) -> Iterator[tuple[int, int]]:
     """First row and row after the last of each stretch of equal ``state`` (N,) without a ``gap`` (N - 1,)."""
     edges = np.flatnonzero((np.diff(state) != 0) | gap) + 1
     bounds = [0, *edges.tolist(), len(state)]

@@ -35,7 +35,7 @@ def imo(
     maneuver: Annotated[list[str] | None, Option(help="Also this: spiral:15/5, pull-out:20.")] = None,
     ship: Annotated[str | None, Option(help="Ship of the trials: gives L and its name.")] = None,
     length: Annotated[float | None, Option(help="L of the trials' ship [m].")] = None,
-    kind: Annotated[str, Option(help="turning, zigzag or crash-stop; default from the data.")] = "",
+    kind: Annotated[str, Option(help="turning, zigzag, spiral, crash-stop; default from the data.")] = "",
     scale: Annotated[float | None, Option(help="Ship length over model length: judged at ship scale.")] = None,
     correct: Annotated[bool, Option("--correct", help="To still water and calm air (MSC/Circ.1053).")] = False,
     current: Annotated[str | None, Option(help="SPEED:TOWARDS [m/s:deg]; default from circles.")] = None,

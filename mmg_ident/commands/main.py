@@ -131,6 +131,7 @@ PANELS = {
     "Start": {
         "demo": "The whole story on embedded synthetic trials, in about a minute.",
         "import": "Turn raw logs (text, Excel, NMEA; any units, clocks) into trial files.",
+        "cut": "Find the manoeuvres in long records, write them as trials.",
         "check": "Check trial files: units, signs, frames, gaps, copies, lags.",
         "ships": "List the ships of the package, print one, write a starting ship.",
         "effects": "List the effects that a model may leave out, or explain one.",

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.file_faults.fleet import SETS
 from benchmarks.file_faults.plant import Plant, Weather, run
 from cases.criteria.imo import imo_figures_of_trials
-from cases.criteria.measured_maneuvers import find_maneuvers, nominal
+from cases.criteria.measured_maneuvers import find_maneuvers
 from cases.criteria.standard_runs import measured_runs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -45,12 +45,6 @@ def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> Non
     assert found.title == "zigzag 5/1" and len(found.reversals) >= 8
     (measured,) = measured_runs(trial, 3.0)
     assert 0 < math.degrees(measured.figures["overshoot_1"]) < 5
-
-
-def test_unusual_steps_are_told_in_whole_degrees_and_late_orders_are_not_another_step() -> None:
-    assert nominal(math.radians(12.2)) == 12 and nominal(math.radians(7.9)) == 8 and nominal(math.radians(3.0)) == 3
-    assert nominal(math.radians(5.9), late=math.radians(1.0)) == 5
-    assert nominal(math.radians(11.2), late=math.radians(1.0)) == 10 and nominal(math.radians(11.2)) == 11
 
 
 def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:

@@ -52,9 +52,19 @@ def test_a_zigzag_counts_up_to_the_reversal_before_a_stretch_that_decides(zigzag
 def test_a_turn_with_a_stretch_that_decides_is_refused_in_a_line(moved: bool) -> None:
     trial = simulate(SHIP, "turning:35", duration=120.0)
     (run,) = imo_figures_of_trials([trial], length=3.0).runs
-    span: Span = (run.order_time + 20.0, run.order_time + (20.5 if moved else 40.0))
+    read = run.order_time + run.figures["time_90"]
+    span: Span = (run.order_time + 20.0, run.order_time + 20.5) if moved else (read - 2.0, read + 2.0)
     broken = left_out(trial, [span], "test", [span] if moved else ())
     with pytest.raises(UserError, match="something else moved the ship" if moved else "turns by more than 5 deg"):
         imo_figures_of_trials([broken], length=3.0)
     many = imo_figures_of_trials([broken, trial], length=3.0)
     assert len(many.runs) == 1 and has_code(many.notices, "no_maneuver_found")
+
+
+def test_a_turn_without_what_lies_between_its_readings_has_the_same_figures() -> None:
+    trial = simulate(SHIP, "turning:35", duration=120.0)
+    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+    first, second = (run.order_time + run.figures[name] for name in ("time_90", "time_180"))
+    broken = left_out(trial, [(run.order_time + 2.0, first - 1.0), (first + 1.0, second - 1.0)], "test")
+    for figure, value in figures(broken).items():
+        assert value == pytest.approx(figures(trial)[figure], rel=1e-3), figure

@@ -258,7 +258,7 @@ def test_the_rudder_rate_that_is_told_is_the_one_that_was_used(monkeypatch: pyte
         (["esso_osaka_3m", "--speed", "-1"], "--speed -1"),
         (["esso_osaka_3m", "--plot", "figure.doc"], ".png"),
         (["esso_osaka_3m", "--maneuver", "pirouette"], "unknown manoeuvre"),
-        (["a.csv", "--length", "3", "--kind", "spiral"], "--kind"),
+        (["a.csv", "--length", "3", "--kind", "berthing"], "--kind"),
     ],
 )
 def test_bad_input_is_one_clear_line(arguments: list[str], words: str) -> None:

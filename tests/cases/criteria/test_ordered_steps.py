@@ -11,7 +11,7 @@ import pytest
 
 from cases.criteria.imo import assess
 from cases.criteria.measured_maneuvers import find_maneuvers
-from cases.criteria.rudder_steps import nominal
+from cases.criteria.rudder_steps import nominal, ordered_heading
 from cases.criteria.standard_runs import measured_runs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.orders import Zigzag
@@ -81,11 +81,17 @@ def test_an_unusual_heading_is_believed_where_every_reversal_shows_it(name: str,
     assert find_maneuvers(run, length)[0].title == f"zigzag {steps}"
 
 
-def test_a_usual_step_is_found_late_rather_than_early_and_that_of_the_rudder_first() -> None:
-    late, early = math.radians(3.0), math.radians(0.5)
-    assert nominal(math.radians(12.6), late, early) == 10 and nominal(math.radians(14.2), late, early) == 15
-    assert nominal(math.radians(7.7), math.radians(3.0), math.radians(2.0)) == 5
-    assert nominal(math.radians(7.7), math.radians(3.0), math.radians(2.0), rudder=10.0) == 10
+def test_a_rudder_is_named_by_a_usual_angle_or_in_whole_degrees() -> None:
+    assert [nominal(math.radians(degrees)) for degrees in (3.0, 7.9, 12.2, 33.1, 10.5)] == [3, 8, 12, 35, 10]
+
+
+@pytest.mark.parametrize(("scatter", "named"), [(0.2, 12.0), (1.5, 10.0)])
+def test_a_heading_is_named_by_what_its_own_scatter_allows(scatter: float, named: float) -> None:
+    """Eight reversals at 11.6 deg without delay, of which each is off by ``scatter`` [deg] to this side or that."""
+    sides = (-1.0) ** np.arange(8)
+    off = scatter * np.array([1, 1, -1, -1, 1, 1, -1, -1])
+    headings = np.radians(sides * (11.6 + off)) * np.ones((2, 1))
+    assert ordered_heading(headings, np.array([-0.1, 0.1]), sides, np.full(8, 1e-3), 20.0) == named
 
 
 def test_a_zigzag_of_the_standard_that_was_reversed_too_late_says_so() -> None:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from cases.criteria.figures import pull_out_figures, rudder_holds, since, spiral_curve, spiral_figures
-from cases.criteria.simulated_trial import check_completeness
-from cases.criteria.standard_runs import simulated_run
+from cases.criteria.figures import pull_out_figures, since, spiral_curve, spiral_figures, steady_rates
+from cases.criteria.rudder_steps import held_stretches
+from cases.criteria.standard_runs import check_completeness, simulated_run
 from cases.maneuvers.definitions import STEADY_CHANGE, parse_maneuver
 from cases.maneuvers.orders import StepOrders, spiral_angles
 from cases.shipfiles.ship_file import load_ship
@@ -49,14 +49,13 @@ def esso() -> Trial:
 
 def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38)
-    holds = rudder_holds(since(esso, maneuver.parameters["order_time"]))
+    run = since(esso, maneuver.parameters["order_time"])
     expected = [15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15]
-    np.testing.assert_allclose(np.degrees([h.rudder for h in holds]), expected, atol=0.01)
+    np.testing.assert_allclose(np.degrees(steady_rates(run)[0]), expected, atol=0.01)
     assert check_completeness(esso, maneuver) == ()
-    t = esso.t - maneuver.parameters["order_time"]
-    for hold in holds:
-        rows = (t > hold.end - 0.9 * maneuver.parameters["window"]) & (t <= hold.end)
-        assert np.ptp(esso["r"][rows]) <= STEADY_CHANGE * 0.38 / 3.0 * 1.01
+    for hold in held_stretches(run.t, run.delta):
+        rows = (run.t > hold.end - 0.9 * maneuver.parameters["window"]) & (run.t <= hold.end)
+        assert np.ptp(run.r[rows]) <= STEADY_CHANGE * 0.38 / 3.0 * 1.01
 
 
 def test_spiral_of_a_ship_stable_on_course_has_no_loop_and_rises_with_the_rudder(esso: Trial) -> None:
