@@ -34,6 +34,24 @@ class Clock:
 
 
 @dataclass(frozen=True)
+class Account:
+    """What became of one column or sentence of a log.
+
+    what: its header or sentence ("GPVTG"); rows: that it has; used_as: quantities that came of it, () where it is left
+    out; why: it is left out, or how it was used, or "".
+    """
+
+    what: str
+    rows: int
+    used_as: tuple[str, ...] = ()
+    why: str = ""
+
+    def __str__(self) -> str:
+        used = f" used as {', '.join(self.used_as)}" if self.used_as else " not used"
+        return f"{self.what} {self.rows}{used}{': ' + self.why if self.why else ''}"
+
+
+@dataclass(frozen=True)
 class RawTable:
     """One table of a log.
 
@@ -41,7 +59,8 @@ class RawTable:
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
     times, labelled by the numbers of the columns in the file; notices: what was found on reading; clock: where it is
     known already; before: rows of the log before those of the table; ship: that lines above it name; rows: of the log;
-    source: of the rows of a table that holds only a sample of them.
+    source: of the rows of a table that holds only a sample of them; accounts: of all its columns or sentences, where
+    the reader of the format gives one.
     """
 
     path: Path
@@ -55,6 +74,7 @@ class RawTable:
     ship: str = ""
     rows: int = 0
     source: TextTable | None = None
+    accounts: tuple[Account, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frame)
