@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.importing.clock_match import clock_problems
+from cases.importing.clocks import clock_problems
 from cases.importing.derived_motion import derived_velocities, smoothed
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log

@@ -43,13 +43,14 @@ def test_exchanged_latitude_and_longitude_are_refused_and_the_line_mends_it(
 
 
 def test_a_latitude_beyond_the_pole_is_no_lost_satellite(tmp_path: Path) -> None:
-    """Exchanged in Japan, and degrees and minutes in one number."""
+    """Exchanged in Japan; degrees and minutes in one number are read."""
     log = bridge(raw_logs.run())
     swapped = {**log, "Latitude": log["Longitude"], "Longitude": log["Latitude"]}
-    minutes = {**log, "Latitude": np.floor(log["Latitude"]) * 100 + 60 * (log["Latitude"] % 1)}
-    for columns in (swapped, minutes):
-        problems = import_logs([table(tmp_path / "a.csv", columns)]).problems
-        assert len(problems) == 1 and "column 'Latitude' reaches" in problems[0], problems
+    problems = import_logs([table(tmp_path / "a.csv", swapped)]).problems
+    assert len(problems) == 1 and "column 'Latitude' reaches" in problems[0], problems
+    minutes = {name: np.floor(log[name]) * 100 + 60 * (log[name] % 1) for name in ("Latitude", "Longitude")}
+    found = import_logs([table(tmp_path / "a.csv", {**log, **minutes})])
+    assert not found.problems and np.abs(found.runs[0].columns["x"] - raw_logs.run()["x"]).max() < 0.5
 
 
 @pytest.mark.parametrize(
