@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cases.importing.clocks import clock_problems
-from cases.importing.derived_motion import derived_velocities, smoothed
-from cases.importing.import_map import ImportMap
+from cases.importing.derived_motion import derived_velocities
+from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
 from cases.importing.track_direction import positions_problem
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
@@ -83,6 +83,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
+    if (question := unit_question(t, columns, logs, chosen)) is not None:
+        raise question
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
@@ -95,6 +97,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    _ask_for_astern(columns, logs, chosen)
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))
@@ -231,8 +234,29 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
+def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
+    """Raises OpenQuestion where the ship goes astern on revolutions that are never negative. Blades that turn and pods
+    may drive her astern so."""
+    log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
+    if log is None or "n" in chosen.columns_of(log.table.path) or not {"n", "u"} <= set(columns):
+        return
+    if {"pitch", "azimuth"} & set(columns) or np.nanmin(columns["n"]) < 0 or not (columns["n"] > 0).any():
+        return
+    u = columns["u"][np.isfinite(columns["u"])]
+    if (u < -0.05 * np.abs(u).max()).mean() > 0.01 and u.max() > 0.5 * np.abs(u).max():
+        header = log.of["n"].header
+        raise OpenQuestion(
+            log.table.path,
+            f"the ship goes from ahead to astern, but '{header}' is never negative; has it lost the sign? Write it, or "
+            "a column with it",
+            {"they are right": {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}},
+        )
+
+
 CLOSE, APART = 0.10, 0.25
 """Relative difference of a unit that fits, and least one of all others."""
+PARTS = 30
+"""Of a run, over which distances and turns are compared."""
 RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
 """Units that are read where they are written, but not looked for: other ones lie too near."""
 
@@ -256,34 +280,73 @@ def with_units_of_size(log: Log) -> Log:
 def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[str, str]:
     """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
 
-    t: (N,) even times [s]; columns: of the same run, with known units. A speed is compared with that of the positions,
-    a turn rate with the change of the heading.
+    t: (N,) even times [s]; columns: of the same run, with known units.
     """
-    h = float(np.median(np.diff(t)))
-    if quantity == "r" and "psi" in columns:
-        return _fitting(quantity, values, smoothed(h, unwrapped(columns["psi"])).rate, "the change of the heading")
-    if quantity in ("sog", "u") and {"x", "y"} <= set(columns):
-        speed = np.hypot(*(smoothed(h, columns[name]).rate for name in ("x", "y")))
-        return _fitting(quantity, values, speed, "the speed of the positions")
-    return "", ""
-
-
-def _fitting(quantity: str, values: np.ndarray, truth: np.ndarray, what: str) -> tuple[str, str]:
-    """The unit in which ``values`` agree with the ``truth`` (N,), if only one does."""
-    good = np.isfinite(values) & np.isfinite(truth)
-    square = float(values[good] @ values[good])
-    if good.sum() < 10 or square == 0:
-        return "", ""
-    slope = float(values[good] @ truth[good]) / square
-    error = truth[good] - slope * values[good]
-    if slope <= 0 or error @ error > 0.2 * float(truth[good] @ truth[good]):
-        return "", ""
+    slope = times_as_much(quantity, values, t, columns)
     off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
     ranked = sorted(off, key=lambda unit: off[unit])
-    if off[ranked[0]] > CLOSE or off[ranked[1]] < APART:
+    if not ranked or not off[ranked[0]] < CLOSE or off[ranked[1]] < APART:
         return "", ""
-    assert factor(quantity, ranked[0]) is not None
+    what = "the change of the heading" if quantity == "r" else "the speed of the positions"
     return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
+
+
+def unit_question(
+    t: np.ndarray, columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap
+) -> OpenQuestion | None:
+    """What is asked where a speed or turn rate does not fit the positions or the heading in the units that are written,
+    but would in others."""
+    for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r") if q in log.of and q in columns):
+        if quantity in log.unitless or quantity in chosen.columns_of(log.table.path):
+            continue
+        slope = times_as_much(quantity, columns[quantity], t, columns)
+        if not abs(np.log(slope)) > APART:
+            continue
+        own, choices = log.of[quantity], {}
+        given = factor(quantity, own.unit) or 1.0
+        for unit, scale in known_units(quantity).items():
+            if abs(np.log(slope * given / scale)) < 0.5 * CLOSE:
+                column = {"from": own.header, "unit": unit}
+                choices[f"'{own.header}' in {unit}"] = {"columns": {quantity: column}}
+        places = next((one for one in logs if "x" in one.of or "latitude" in one.of), log)
+        names = ("x", "y") if "x" in places.of else ("latitude", "longitude")
+        for unit, scale in known_units(names[0]).items() if quantity != "r" else ():
+            length = (factor(names[0], places.of[names[0]].unit or "m") or 1.0) / (60.0 if unit == "ddmm" else scale)
+            if abs(np.log(slope / length)) < 0.5 * CLOSE and not set(names) & set(chosen.columns_of(places.table.path)):
+                column = {name: {"from": places.of[name].header, "unit": unit} for name in names}
+                choices[f"'{places.of[names[0]].header}' and '{places.of[names[1]].header}' in {unit}"] = {
+                    "columns": column
+                }
+        if choices:
+            what = "the heading changes" if quantity == "r" else "the positions move"
+            choices[f"as it is, in {own.unit}"] = {"columns": {quantity: {"from": own.header, "unit": own.unit}}}
+            words = f"{what} {slope:.4g} times as fast as '{own.header}' [{own.unit}] says; one of the units is wrong"
+            return OpenQuestion(log.table.path, words, choices)
+    return None
+
+
+def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> float:
+    """How many times as far the ship goes over parts of a run, by positions or heading, as a speed or turn rate
+    ``values`` (N,) of it says; NaN where they have little in common. columns: (N,) at the even times ``t`` [s]."""
+    if quantity == "r" and "psi" in columns:
+        moved, rate = unwrapped(columns["psi"]), values
+    elif quantity in ("sog", "u") and {"x", "y"} <= set(columns):
+        moved, rate = columns["x"] + 1j * columns["y"], values + 0j
+        for name in ("cog", "psi"):
+            if name in columns and np.isfinite(columns[name]).mean() > 0.5:
+                rate = values * np.exp(1j * columns[name])
+                break
+    else:
+        return np.nan
+    good = np.isfinite(moved) & np.isfinite(rate)
+    if good.sum() < LEAST_ROWS:
+        return np.nan
+    time, moved, rate = t[good], moved[good], rate[good]
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    k = max(1, len(time) // PARTS)
+    far, said = np.abs(moved[k:] - moved[:-k]), np.abs(total[k:] - total[:-k])
+    both, size = float(far @ said), float(far @ far) * float(said @ said)
+    return both / float(said @ said) if size > 0 and both**2 > 0.8 * size else np.nan
 
 
 FURTHEST = 200e3

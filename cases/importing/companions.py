@@ -195,7 +195,33 @@ STATUS = (
 )
 """A title of what says whether others hold."""
 GOOD = set(
-    ["a", "valid", "ok", "good", "true", "yes", "fix", "fixed", "2d", "3d", "dgps", "dgnss", "gps", "gnss", "rtk", "float", "d", "r", "f", "p", "active", "on", "healthy", "normal", "auto"]
+    [
+        "a",
+        "valid",
+        "ok",
+        "good",
+        "true",
+        "yes",
+        "fix",
+        "fixed",
+        "2d",
+        "3d",
+        "dgps",
+        "dgnss",
+        "gps",
+        "gnss",
+        "rtk",
+        "float",
+        "d",
+        "r",
+        "f",
+        "p",
+        "active",
+        "on",
+        "healthy",
+        "normal",
+        "auto",
+    ]
 )
 BAD = [
     "v",

@@ -76,7 +76,8 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
             table.setdefault("columns", {})[quantity] = row
     files |= {named[path]: {"skip": True} for path in found.skipped}
     words = "# What mmg import did; mmg import FILE... --map import.toml --out DIR does it again.\n"
-    return words + tomlkit.dumps({**document, "files": files})
+    account = [f"# {log.table.path.name}: {row}\n" for run in found.runs for log in run.logs for row in log.accounts]
+    return words + "".join(dict.fromkeys(account)) + tomlkit.dumps({**document, "files": files})
 
 
 def _sidecar(found: Imported, inputs: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -124,7 +125,7 @@ def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
         "rows": len(run.columns["t"]),
         "columns": list(run.columns),
         "std": run.std,
-        "unknown": [header for log in run.logs for header in log.unknown],
+        "account": [{"log": log.name, **dataclasses.asdict(row)} for log in run.logs for row in log.accounts],
         "notices": message_rows(run.notices),
         "verdict": report.verdict,
     }
@@ -137,15 +138,22 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
         t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
+    cli.print_table(("column", "used as", "because"), _account(found))
     said: dict[str, list[str]] = {}
     for run, report in zip(found.runs, checks, strict=True):
-        unknown = [header for log in run.logs for header in log.unknown]
-        words = [*map(str, run.notices), *[f"columns not known, not used: {', '.join(unknown)}"] * bool(unknown)]
-        unsure = [row for log in run.logs for row in log.unsure.items()]
-        words += [f"column '{header}' not used: it may be {what}; say it in the map" for header, what in unsure]
+        words = [*map(str, run.notices)]
         words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
         for sentence in words:
             said.setdefault(sentence, []).append(run.name)
     for sentence, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
         cli.print_wrapped("  ", f"{whose}{sentence}")
+
+
+def _account(found: Imported) -> list[tuple[str, str, str]]:
+    """A row for each column of the logs, once for all logs that share it."""
+    rows = [row for run in found.runs for log in run.logs for row in log.accounts]
+    said = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
+    derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in found.runs
+               for name, of in run.ancestors.items())  # fmt: skip
+    return list(dict.fromkeys([*said, *derived]))
