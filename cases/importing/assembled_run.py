@@ -83,8 +83,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
-    if (question := unit_question(t, columns, logs, chosen)) is not None:
-        raise question
+    notices += _check_units(t, columns, logs, chosen)
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
@@ -234,21 +233,28 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
+STOPPED = 0.05
+"""Share of her speed below which a ship is not slowed down by her rudder alone."""
+
+
 def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
-    """Raises OpenQuestion where the ship goes astern on revolutions that are never negative. Blades that turn and pods
-    may drive her astern so."""
+    """Raises OpenQuestion where the ship stops or goes astern on revolutions that are never negative. Blades that turn
+    and pods may do so."""
     log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
     if log is None or "n" in chosen.columns_of(log.table.path) or not {"n", "u"} <= set(columns):
         return
     if {"pitch", "azimuth"} & set(columns) or np.nanmin(columns["n"]) < 0 or not (columns["n"] > 0).any():
         return
-    u = columns["u"][np.isfinite(columns["u"])]
-    if (u < -0.05 * np.abs(u).max()).mean() > 0.01 and u.max() > 0.5 * np.abs(u).max():
+    good = np.isfinite(columns["u"]) & np.isfinite(columns["n"])
+    u, n = columns["u"][good], columns["n"][good]
+    first = int(np.argmax(u)) if len(u) else 0
+    stopped = (u[first:] < STOPPED * u[first : first + 1]) & (n[first:] > 0.5 * n[first : first + 1])
+    if stopped.any():
         header = log.of["n"].header
         raise OpenQuestion(
             log.table.path,
-            f"the ship goes from ahead to astern, but '{header}' is never negative; has it lost the sign? Write it, or "
-            "a column with it",
+            f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write "
+            "it, or a column with it",
             {"they are right": {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}},
         )
 
@@ -291,12 +297,13 @@ def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[
     return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
 
 
-def unit_question(
+def _check_units(
     t: np.ndarray, columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap
-) -> OpenQuestion | None:
-    """What is asked where a speed or turn rate does not fit the positions or the heading in the units that are written,
-    but would in others."""
-    for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r") if q in log.of and q in columns):
+) -> list[Message]:
+    """What is said where a speed or turn rate does not fit the positions or the heading. Raises OpenQuestion where it
+    would in other units than those that are written."""
+    said = []
+    for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r", "psi") if q in log.of and q in columns):
         if quantity in log.unitless or quantity in chosen.columns_of(log.table.path):
             continue
         slope = times_as_much(quantity, columns[quantity], t, columns)
@@ -305,31 +312,34 @@ def unit_question(
         own, choices = log.of[quantity], {}
         given = factor(quantity, own.unit) or 1.0
         for unit, scale in known_units(quantity).items():
-            if abs(np.log(slope * given / scale)) < 0.5 * CLOSE:
+            if abs(np.log(slope * given / scale)) < CLOSE:
                 column = {"from": own.header, "unit": unit}
                 choices[f"'{own.header}' in {unit}"] = {"columns": {quantity: column}}
         places = next((one for one in logs if "x" in one.of or "latitude" in one.of), log)
         names = ("x", "y") if "x" in places.of else ("latitude", "longitude")
-        for unit, scale in known_units(names[0]).items() if quantity != "r" else ():
-            length = (factor(names[0], places.of[names[0]].unit or "m") or 1.0) / (60.0 if unit == "ddmm" else scale)
-            if abs(np.log(slope / length)) < 0.5 * CLOSE and not set(names) & set(chosen.columns_of(places.table.path)):
+        for unit, scale in known_units(names[0]).items() if quantity in ("sog", "u") else ():
+            length = (factor(names[0], places.of[names[0]].unit or "m") or 1.0) / (1 / 60 if unit == "ddmm" else scale)
+            if abs(np.log(slope / length)) < CLOSE and not set(names) & set(chosen.columns_of(places.table.path)):
                 column = {name: {"from": places.of[name].header, "unit": unit} for name in names}
                 choices[f"'{places.of[names[0]].header}' and '{places.of[names[1]].header}' in {unit}"] = {
                     "columns": column
                 }
+        what = {"r": "the heading changes", "psi": "the course changes"}.get(quantity, "the positions move")
+        words = f"{what} {slope:.4g} times as fast as '{own.header}' [{own.unit}] says"
         if choices:
-            what = "the heading changes" if quantity == "r" else "the positions move"
             choices[f"as it is, in {own.unit}"] = {"columns": {quantity: {"from": own.header, "unit": own.unit}}}
-            words = f"{what} {slope:.4g} times as fast as '{own.header}' [{own.unit}] says; one of the units is wrong"
-            return OpenQuestion(log.table.path, words, choices)
-    return None
+            raise OpenQuestion(log.table.path, f"{words}; one of the units is wrong", choices)
+        said.append(Message(words, "scale_doubtful"))
+    return said
 
 
 def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> float:
-    """How many times as far the ship goes over parts of a run, by positions or heading, as a speed or turn rate
-    ``values`` (N,) of it says; NaN where they have little in common. columns: (N,) at the even times ``t`` [s]."""
+    """How many times as far the ship goes or turns over parts of a run, by positions, heading or course, as a speed,
+    turn rate or heading ``values`` (N,) of it says; NaN where they have little in common. columns: (N,) at the even times ``t`` [s]."""
     if quantity == "r" and "psi" in columns:
         moved, rate = unwrapped(columns["psi"]), values
+    elif quantity == "psi" and "cog" in columns:
+        moved, rate = unwrapped(columns["cog"]), np.gradient(np.unwrap(values), t)
     elif quantity in ("sog", "u") and {"x", "y"} <= set(columns):
         moved, rate = columns["x"] + 1j * columns["y"], values + 0j
         for name in ("cog", "psi"):

@@ -50,6 +50,7 @@ GPS_ZERO, GPS_AHEAD = 315964800.0, 18.0
 OF_WEEK = r"(gps_|gnss_)?(tow|sow|itow|time_of_week|seconds?_of_week|week_seconds?)(_m?s)?"
 """A header of a clock that begins anew every week."""
 JUMPS = {
+    43200.0: "half a day: a clock of twelve hours without AM and PM",
     3600.0: "an hour, as between summer and winter time or two zones",
     DAY: "a day: the date does not follow the time over midnight",
     WEEK: "a week: seconds of the week begin anew",
@@ -103,6 +104,11 @@ def clock_of(
         _refuse(passed.isna() & text.notna(), text, where, table.before)
         t = _padded(text, passed.dt.total_seconds().to_numpy(dtype=float))
         return _going_on(Clock(t, False, header, "times of a day", period=DAY))
+    if re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample):
+        passed = pd.to_timedelta("00:" + text.astype(str).str.strip().str.replace(",", "."), errors="coerce")
+        _refuse(passed.isna() & text.notna(), text, where, table.before)
+        t = passed.dt.total_seconds().to_numpy(dtype=float)
+        return _going_on(Clock(t, False, header, "minutes and seconds of an hour", period=3600.0))
     words = "ISO 8601" if sample[:4].isdigit() else "dates and times"
     return _stamps(text, where, zone_hours, table.before, Clock(no_times, True, header, words))
 
@@ -337,6 +343,8 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
     given = text[text.notna()]
     dotted = given.astype(str).str.extract(r"^(\d{1,2})([./-])(\d{1,2})[./-]\d{4}")
     order: dict[str, Any] = {"format": "ISO8601"}
+    if len(given) and re.search(r"(?<![a-z])[a-z]{3,9}(?![a-z])", str(given.iloc[0]).lower().replace("am", "")):
+        order = {"format": "mixed", "dayfirst": True}  # names of months leave nothing open
     if dotted[0].notna().any():
         first, second = dotted[0].dropna().astype(int), dotted[2].dropna().astype(int)
         if (first > 12).any() or (dotted[1].dropna() == ".").all():
@@ -380,7 +388,9 @@ def _normal_stamp(value: Any) -> Any:
     """A stamp as pandas reads it: a comma before the part of a second becomes a point."""
     if value is None or value != value:
         return None
-    return re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    return re.sub(r"\s*(UTC|GMT)$", "Z", re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()))
 
 
 EARLIEST, LATE, USUAL = 0.0, 0.10, 0.05

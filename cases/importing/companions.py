@@ -11,7 +11,7 @@ import numpy as np
 
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import RawTable
-from cases.importing.vocabulary import SIDES, is_order, plain_words
+from cases.importing.vocabulary import SIDES, is_order, meaning, plain_words
 from cases.io.sentinels import sentinels_in
 from cases.quantities import QUANTITIES
 from mmg.errors import BadValue
@@ -81,6 +81,12 @@ def sign_columns(
                 elif negative:
                     other = found[f"{quantity}_sign"].header
                     raise _open(table, own, header, f"holds its sign as '{other}' does")
+    for header in [h for h in table.headers if is_order(h) and h not in headers]:
+        own = _stems(plain_words(header)) & {"rpm", "rps", "shaft", "propeller", "prop", "revs", "telegraph", "eot"}
+        astern = any(re.search(r"astern|revers", word) for word in _words(table.cells(header)))
+        astern = astern or (table.numeric(header) and bool((table.numbers(header) < 0).any()))
+        if own and astern and "n" in mapped and _positive(table, mapped["n"].header, chosen):
+            orders["n"] = header
     for quantity, header in orders.items():
         if f"{quantity}_sign" not in {*found, *mapped}:
             raise _open(table, mapped[quantity].header, header, "holds orders, not what the shaft does")
@@ -245,6 +251,9 @@ BAD = [
     "off",
     "nan",
 ]
+SOUND = {"good", "ok", "valid", "a", "fix"}
+BROKEN = {"bad", "fail", "failed", "fault", "invalid", "error", "lost", "v", "timeout", "nofix", "no fix"}
+"""Words that are of a status, whatever the title, where a column holds both."""
 FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"
 """A title of what is nonzero or true where others do not hold."""
 QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indicator)?"
@@ -293,7 +302,11 @@ def masks_of(
             _refer(table, header, words, targets, mapped, found)
         elif header in signs:
             continue
-        elif words <= {"a", "v", "d"} or (re.fullmatch(STATUS, title) and not is_order(title)):
+        elif (
+            words <= {"a", "v", "d"}
+            or (words <= SOUND | BROKEN and words & SOUND and words & BROKEN)
+            or (re.fullmatch(STATUS, title) and not is_order(title))
+        ):
             _status(table, header, title, words, mapped, found)
         elif re.fullmatch(SOURCE, title) and len(words) > 1:
             _sources(table, header, mapped, found)
@@ -370,7 +383,8 @@ def _status(
 ) -> None:
     """Mask quantities where their status does not hold."""
     targets = [q for q, row in QUANTITIES.items() if q in mapped and row.valid and re.fullmatch(row.valid, title)]
-    left = _left(table, header, mapped)
+    left, about = _left(table, header, mapped), meaning(title.rpartition("_")[0]).quantity
+    targets = targets or [about] * (about in mapped)
     if "_" not in title and left:
         targets = [q for q in GNSS if q in mapped] if left in (*GNSS, "t", "date") else [left]
     if not targets:

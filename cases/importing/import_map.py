@@ -149,7 +149,7 @@ class ImportMap(Section):
         return {*self.ignore, *self.of(file).ignore}
 
     def answered(self, name: str, change: Mapping[str, Any]) -> ImportMap:
-        """The map in which ``change`` is said of the file called ``name``. Raises UserError for values that are none."""
+        """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
         content = self.model_dump(exclude_unset=True, by_alias=True)
         entry = dict(content.setdefault("files", {}).get(name, {}))
         for key, value in change.items():

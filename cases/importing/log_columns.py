@@ -108,7 +108,7 @@ class Assigned:
             used.setdefault(column.header, []).append(quantity)
         out = []
         for header in table.headers:
-            names, why = self.account.get(header, self.masks.account.get(header, ((), "")))
+            names, why = self.masks.account.get(header, self.account.get(header, ((), "")))
             if header in self.unsure:
                 why = f"it may be {self.unsure[header]}"
             own = tuple(used.get(header, names))
@@ -236,8 +236,6 @@ def _true_heading(
     variation."""
     heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
     variation = columns.pop("variation", None)
-    if "psi" in columns:
-        return []
     if variation is None and chosen.variation is None:
         raise Missing(
             f"{table.name}: the log has a magnetic heading ('{header}'): give variation = ... in the map [deg, "
@@ -329,9 +327,12 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
             of.account[header] = ((), "it is a speed through the water")
         else:
             of.unknown.append(header)
+    if {"psi", "heading_magnetic"} <= set(mapped):
+        for name in {"heading_magnetic", "variation"} & set(mapped):
+            of.account[mapped.pop(name).header] = ((), f"the true heading '{mapped['psi'].header}' is used")
     if "t" not in mapped and "t_part" in mapped:
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
-    of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure], signs, chosen)
+    of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
     found_signs = sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
     mapped |= found_signs
     taken = {column.header for column in mapped.values()} | set(of.masks.account) | set(of.account)
@@ -430,7 +431,7 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     if len(values) == 1 and (values[0] > 180 or re.match(r"\d{4,5}(\.|$)", parts[0])):  # in one number, as in NMEA
         values = [float(int(values[0] // 100)), values[0] % 100]
     total = sum(v / 60**i for i, v in enumerate(values))
-    return -total if any(c in text for c in "SW-") else total
+    return -total if text.startswith("-") or text[0] in "SW" or text[-1] in "SW" else total
 
 
 def _check_globe(table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:

@@ -32,7 +32,7 @@ FOREIGN = {word: unit for unit, words in _FOREIGN.items() for word in words.spli
 """Units of other languages, in lower case without accents -> the unit."""
 GIVEN_UNITS = {
     *(u.lower() for known in FACTORS.values() for u in known), *SPELLINGS, *FOREIGN,
-    *["h", "-", "%", "utc", "iso", "n", "e", "t", "m", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"],
+    *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
 """Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre."""
 
@@ -111,7 +111,11 @@ def meaning(header: str) -> Meaning:
     header = FRT_NAMES.get(header, header)
     if is_canonical(header) or header in QUANTITIES:
         return Meaning(header)
-    words, unit = _without_unit(plain_words(header))
+    full = plain_words(header)
+    for name, known in QUANTITIES.items():  # such as "lat_sec", which is no latitude in seconds
+        if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
+            return Meaning(name)
+    words, unit = _without_unit(full)
     words = TRANSLATIONS.get(words, words)
     if is_order(words) or re.fullmatch(WATER, words):
         return Meaning("", unit)

@@ -247,6 +247,7 @@ class TextTable:
             column = pc.utf8_trim_whitespace(column)
             empty = pc.is_in(pc.utf8_lower(column), value_set=pa.array(EMPTY))
             column = pc.if_else(empty, pa.scalar(None, pa.string()), column)
+            column = pc.replace_substring(column, "\u2212", "-")  # a minus of typesetters
             if i in self.words:
                 return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
             if i in self.grouped:
