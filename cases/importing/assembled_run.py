@@ -13,7 +13,7 @@ from cases.importing.clocks import clock_problems
 from cases.importing.derived_motion import derived_velocities
 from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
-from cases.importing.track_direction import positions_problem
+from cases.importing.track_direction import by_evidence, check_direction, check_units
 from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
 from cases.io.conventions import converted
 from cases.io.headers import lacking
@@ -21,7 +21,7 @@ from cases.io.sidecar import SidecarEntry
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
 from cases.quantities import quantity as known
-from cases.trial import RUDDERS, unwrapped
+from cases.trial import RUDDERS
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
 
@@ -61,8 +61,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
     t, columns, steps = _on_one_clock(logs, chosen, where, notices)
-    exchanged = positions_problem(columns, logs, chosen, where)
-    problems = [exchanged] if exchanged else clock_problems(logs, chosen)
+    check_direction(columns, logs, chosen)
+    problems = clock_problems(logs, chosen)
     if problems:
         raise BadValue("; ".join(problems))
     _place(columns, logs, origin, where, notices)
@@ -83,7 +83,6 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing(f"{where}: " + "; ".join(problems))
-    notices += _check_units(t, columns, logs, chosen)
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
@@ -96,6 +95,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    notices += check_units(t, columns, logs, chosen)
     _ask_for_astern(columns, logs, chosen)
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
@@ -259,14 +259,6 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
         )
 
 
-CLOSE, APART = 0.10, 0.25
-"""Relative difference of a unit that fits, and least one of all others."""
-PARTS = 30
-"""Of a run, over which distances and turns are compared."""
-RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
-"""Units that are read where they are written, but not looked for: other ones lie too near."""
-
-
 def with_units_of_size(log: Log) -> Log:
     """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
     for quantity in log.unitless:
@@ -281,82 +273,6 @@ def with_units_of_size(log: Log) -> Log:
         elif known(quantity).unit == "rps" and 60 < largest < 5000:
             log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
     return log
-
-
-def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[str, str]:
-    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
-
-    t: (N,) even times [s]; columns: of the same run, with known units.
-    """
-    slope = times_as_much(quantity, values, t, columns)
-    off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
-    ranked = sorted(off, key=lambda unit: off[unit])
-    if not ranked or not off[ranked[0]] < CLOSE or off[ranked[1]] < APART:
-        return "", ""
-    what = "the change of the heading" if quantity == "r" else "the speed of the positions"
-    return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
-
-
-def _check_units(
-    t: np.ndarray, columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap
-) -> list[Message]:
-    """What is said where a speed or turn rate does not fit the positions or the heading. Raises OpenQuestion where it
-    would in other units than those that are written."""
-    said = []
-    for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r", "psi") if q in log.of and q in columns):
-        if quantity in log.unitless or quantity in chosen.columns_of(log.table.path):
-            continue
-        slope = times_as_much(quantity, columns[quantity], t, columns)
-        if not abs(np.log(slope)) > APART:
-            continue
-        own, choices = log.of[quantity], {}
-        given = factor(quantity, own.unit) or 1.0
-        for unit, scale in known_units(quantity).items():
-            if abs(np.log(slope * given / scale)) < CLOSE:
-                column = {"from": own.header, "unit": unit}
-                choices[f"'{own.header}' in {unit}"] = {"columns": {quantity: column}}
-        places = next((one for one in logs if "x" in one.of or "latitude" in one.of), log)
-        names = ("x", "y") if "x" in places.of else ("latitude", "longitude")
-        for unit, scale in known_units(names[0]).items() if quantity in ("sog", "u") else ():
-            length = (factor(names[0], places.of[names[0]].unit or "m") or 1.0) / (1 / 60 if unit == "ddmm" else scale)
-            if abs(np.log(slope / length)) < CLOSE and not set(names) & set(chosen.columns_of(places.table.path)):
-                column = {name: {"from": places.of[name].header, "unit": unit} for name in names}
-                choices[f"'{places.of[names[0]].header}' and '{places.of[names[1]].header}' in {unit}"] = {
-                    "columns": column
-                }
-        what = {"r": "the heading changes", "psi": "the course changes"}.get(quantity, "the positions move")
-        words = f"{what} {slope:.4g} times as fast as '{own.header}' [{own.unit}] says"
-        if choices:
-            choices[f"as it is, in {own.unit}"] = {"columns": {quantity: {"from": own.header, "unit": own.unit}}}
-            raise OpenQuestion(log.table.path, f"{words}; one of the units is wrong", choices)
-        said.append(Message(words, "scale_doubtful"))
-    return said
-
-
-def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> float:
-    """How many times as far the ship goes or turns over parts of a run, by positions, heading or course, as a speed,
-    turn rate or heading ``values`` (N,) of it says; NaN where they have little in common. columns: (N,) at the even times ``t`` [s]."""
-    if quantity == "r" and "psi" in columns:
-        moved, rate = unwrapped(columns["psi"]), values
-    elif quantity == "psi" and "cog" in columns:
-        moved, rate = unwrapped(columns["cog"]), np.gradient(np.unwrap(values), t)
-    elif quantity in ("sog", "u") and {"x", "y"} <= set(columns):
-        moved, rate = columns["x"] + 1j * columns["y"], values + 0j
-        for name in ("cog", "psi"):
-            if name in columns and np.isfinite(columns[name]).mean() > 0.5:
-                rate = values * np.exp(1j * columns[name])
-                break
-    else:
-        return np.nan
-    good = np.isfinite(moved) & np.isfinite(rate)
-    if good.sum() < LEAST_ROWS:
-        return np.nan
-    time, moved, rate = t[good], moved[good], rate[good]
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-    k = max(1, len(time) // PARTS)
-    far, said = np.abs(moved[k:] - moved[:-k]), np.abs(total[k:] - total[:-k])
-    both, size = float(far @ said), float(far @ far) * float(said @ said)
-    return both / float(said @ said) if size > 0 and both**2 > 0.8 * size else np.nan
 
 
 FURTHEST = 200e3

@@ -284,9 +284,9 @@ def _part_unit(table: RawTable, header: str) -> float:
 
 
 def _digits(table: RawTable, header: str, t: np.ndarray) -> np.ndarray:
-    """Times ``t`` (N,), or, where these run back within seconds, those whose digits behind the point are a count of
+    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of
     nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s."""
-    if not _runs_back(t):
+    if _unevenness(t) < UNEVEN:
         return t
     words = table.words(header)
     return t if words is None else _padded(words, t)
@@ -294,7 +294,8 @@ def _digits(table: RawTable, header: str, t: np.ndarray) -> np.ndarray:
 
 def _padded(words: Any, t: np.ndarray) -> np.ndarray:
     """As ``_digits``, from the cells as they are written."""
-    if not _runs_back(t):
+    uneven = _unevenness(t)
+    if uneven < UNEVEN:
         return t
     parts = [str(word).replace(",", ".").rpartition(".") for word in words]
     longest = max((len(tail) for _, point, tail in parts if point), default=0)
@@ -303,13 +304,20 @@ def _padded(words: Any, t: np.ndarray) -> np.ndarray:
         return t
     count = np.array([float(tail) if point and tail.isdigit() else np.nan for _, point, tail in parts])
     mended = np.floor(t) + np.nan_to_num(count) * 10.0**-places
-    return t if _runs_back(mended) else mended
+    return mended if _unevenness(mended) < UNEVEN * uneven else t
 
 
-def _runs_back(t: np.ndarray) -> bool:
-    """Whether several steps lead back, none by a second."""
+UNEVEN = 0.3
+"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
+
+
+def _unevenness(t: np.ndarray) -> float:
+    """How much usual steps of a clock (N,) differ, in steps."""
     step = np.diff(t[np.isfinite(t)])
-    return bool((step < 0).sum() > 1 and step.min(initial=0.0) > -1.0)
+    if len(step) < 10 or np.median(step) <= 0:
+        return 0.0 if len(step) < 10 or (step >= 0).all() else np.inf
+    low, high = np.quantile(step, (0.05, 0.95))
+    return float(high - low) / float(np.median(step))
 
 
 def _unit_of(table: RawTable, header: str) -> str:

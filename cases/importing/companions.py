@@ -81,11 +81,12 @@ def sign_columns(
                 elif negative:
                     other = found[f"{quantity}_sign"].header
                     raise _open(table, own, header, f"holds its sign as '{other}' does")
-    for header in [h for h in table.headers if is_order(h) and h not in headers]:
-        own = _stems(plain_words(header)) & {"rpm", "rps", "shaft", "propeller", "prop", "revs", "telegraph", "eot"}
+    unused = chosen.ignored_in(table.path)
+    for header in [h for h in table.headers if is_order(h) and h not in headers and h not in unused]:
+        about = _stems(plain_words(header)) & {"rpm", "rps", "shaft", "propeller", "prop", "revs", "telegraph", "eot"}
         astern = any(re.search(r"astern|revers", word) for word in _words(table.cells(header)))
         astern = astern or (table.numeric(header) and bool((table.numbers(header) < 0).any()))
-        if own and astern and "n" in mapped and _positive(table, mapped["n"].header, chosen):
+        if about and astern and "n" in mapped and _positive(table, mapped["n"].header, chosen):
             orders["n"] = header
     for quantity, header in orders.items():
         if f"{quantity}_sign" not in {*found, *mapped}:
@@ -259,7 +260,7 @@ FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"
 QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indicator)?"
 """A title whose number 0 says that others do not hold, by NMEA 0183 (GGA) and by the word."""
 TRUE, MAGNETIC = {"t", "true", "°t", "theoretical"}, {"m", "mag", "magnetic", "°m"}
-RELATIVE = {"r", "rel", "relative", "apparent", "a"}
+RELATIVE = {"r", "rel", "relative", "apparent"}
 """Words of what directions and winds are counted from."""
 SOURCE = (
     r"(.*_)?(source|src|sensor|talker|device|receiver|antenna|instrument|gyro_no|gps_no)(_?(id|no|name|nr|number))?"
@@ -368,7 +369,10 @@ def _refer(
             names.append((TRUE, "wind_speed" if speed else "true_wind_angle"))
         else:
             names = [(TRUE, "psi"), (MAGNETIC, "heading_magnetic")] if mapped_as != "cog" else [(TRUE, "cog")]
-        column = mapped.pop(mapped_as, None) or ColumnMap.model_validate({"from": target})
+        column = mapped.get(mapped_as) or ColumnMap.model_validate({"from": target})
+        if not any(words & kind for kind, _ in names):
+            continue
+        mapped.pop(mapped_as, None)
         for kind, name in names:
             if (own := words & kind) and name not in mapped:
                 mapped[name] = column

@@ -371,8 +371,10 @@ def _doubled(table: RawTable, quantity: str, header: str, other: str) -> None:
         off = np.abs(values[1] - values[0])
         if period := known(quantity).period:
             off = np.minimum(off % period, period - off % period)
+        steps = [np.diff(np.unique(v[np.isfinite(v)])) for v in values]  # the coarser one is rounded to its least step
+        least = max(float(step.min(initial=np.inf)) for step in steps)
         size = float(np.nanmax(np.abs(values[0]), initial=0.0))
-        if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= 0.01 * size:
+        if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= min(least, size) + 1e-5 * size:
             return
     what = "two columns hold a time" if quantity == "t" else f"two columns are {quantity}"
     choices = {f"'{name}'": {"columns": {quantity: {"from": name}}} for name in (header, other)}

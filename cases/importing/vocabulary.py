@@ -55,20 +55,7 @@ ORDERS = (
 """Words of what was ordered: the ship follows later."""
 WATER = r"stw|.*through_(the_)?water|.*log_speed|.*water_speed|spd_over_water|speed_water"
 """Headers of speeds through the water: no states."""
-FILLERS = {
-    "actual",
-    "act",
-    "measured",
-    "meas",
-    "feedback",
-    "fbk",
-    "fb",
-    "response",
-    "value",
-    "reading",
-    "filtered",
-    "raw",
-}
+FILLERS = {"actual", "act", "measured", "meas", "feedback", "fbk", "fb", "response", "value", "filtered", "raw", "ist"}
 """Words beside which the others say what a column is."""
 _TRANSLATIONS = {
     "time": "zeit uhrzeit heure tid tidspunkt hora tijd temps tiempo ora klokkeslett",
@@ -81,7 +68,8 @@ _TRANSLATIONS = {
     "sog": "fahrt_uber_grund geschwindigkeit_uber_grund vitesse_fond fart_over_grunn",
     "speed": "fart fahrt geschwindigkeit vitesse velocidad",
     "rpm": "drehzahl turtall omdreininger omdrejninger regime toerental varvtal giri",
-    "shaft_rpm": "wellendrehzahl akselturtall", "propeller_rpm": "propellerdrehzahl propellturtall",
+    "shaft": "welle arbre aksel eje", "shaft_rpm": "wellendrehzahl akselturtall",
+    "propeller_rpm": "propellerdrehzahl propellturtall",
     "rudder": "ruder ror barre safran timon roer timone", "rudder_angle": "ruderwinkel ruderlage rorvinkel angle_barre "
     "angle_de_barre roerhoek",
     "rate_of_turn": "wendegeschwindigkeit drehrate drehgeschwindigkeit taux_de_giration svinghastighet",
@@ -116,7 +104,7 @@ def meaning(header: str) -> Meaning:
         if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
             return Meaning(name)
     words, unit = _without_unit(full)
-    words = TRANSLATIONS.get(words, words)
+    words = TRANSLATIONS.get(words, "_".join(TRANSLATIONS.get(word, word) for word in words.split("_")))
     if is_order(words) or re.fullmatch(WATER, words):
         return Meaning("", unit)
     side, kept = "", []
