@@ -67,12 +67,6 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:
-    """Trials as they are, and those at paths read; given: one or several of both."""
-    several = [given] if isinstance(given, (str, Path, Trial)) else given
-    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
-
-
 def read_trial(
     path: str | Path,
     settings: SidecarEntry | Mapping[str, Any] | None = None,
