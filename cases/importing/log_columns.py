@@ -372,7 +372,7 @@ def _doubled(table: RawTable, quantity: str, header: str, other: str) -> None:
         if period := known(quantity).period:
             off = np.minimum(off % period, period - off % period)
         steps = [np.diff(np.unique(v[np.isfinite(v)])) for v in values]  # the coarser one is rounded to its least step
-        least = max(float(step.min(initial=np.inf)) for step in steps)
+        least = max(float(step.min()) if len(step) else 0.0 for step in steps)
         size = float(np.nanmax(np.abs(values[0]), initial=0.0))
         if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= min(least, size) + 1e-5 * size:
             return

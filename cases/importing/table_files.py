@@ -127,29 +127,46 @@ def _marks(
     """Columns with decimal commas, and those with characters between thousands: number -> the characters.
 
     columns: cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within
-    the limits of the quantity, along which the column runs smoothly, and that other columns of the file show; where
-    none of these tells, it is asked.
+    the limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
+    OpenQuestion where none of these tells.
     """
     cells = [[cell for cell in column if cell] for column in columns]
     shown = decimal or _decimal_of(cells, separator)
-    commas, grouped = [], {}
+    grouped: dict[int, str] = {}
+    decided: dict[int, bool | None] = {}
     for i, column in enumerate(cells):
         blank = any(re.search(rf"\d[{BLANKS}]\d", cell) for cell in column)
         if blank and _all(rf"[+-]?\d*([.,]\d+)?|{GROUPED.format(mark=BLANKS, decimal='.,')}", column):
             grouped[i] = BLANKS
         for mark, other in ((",", "."), (".", ",")):
             marked = [cell for cell in column if mark in cell]
-            if not marked or (mark == "." and shown != ","):
+            if (
+                not marked
+                or (mark == "." and shown != ",")
+                or not _all(GROUPED.format(mark=mark, decimal=other), marked)
+            ):
                 continue
-            if not _all(GROUPED.format(mark=mark, decimal=other), marked):
-                continue  # some are no thousands
-            sure = any(cell.count(mark) > 1 or other in cell for cell in marked)
-            if sure or _thousands(path, found.header[i], found.units[i], column, mark, shown):
+            if any(cell.count(mark) > 1 or other in cell for cell in marked):
                 grouped[i] = mark
+            else:
+                decided[i] = _thousands(found.header[i], found.units[i], column, mark)
+                if decided[i] is None and shown:
+                    decided[i] = shown != mark
+                grouped |= {i: mark} if decided[i] else {}
+    for i in [i for i, thousands in decided.items() if thousands is None]:
+        others = set(decided.values()) - {None} | ({True} if "," in grouped.values() else set())
+        if len(others) != 1:
+            cell = next(cell for cell in cells[i] if "," in cell)
+            whole, parts = cell.replace(",", ""), cell.replace(",", ".")
+            words = f"column '{split_unit(found.header[i])[0]}': '{cell}' is {whole} or {parts}"
+            raise OpenQuestion(path, words, {"thousands": {"decimal": "."}, "decimal": {"decimal": ","}})
+        grouped |= {i: ","} if True in others else {}
+    commas = []
+    for i, column in enumerate(cells):
         marked = [cell for cell in column if "," in cell]
-        if i not in grouped and marked and 2 * sum(bool(re.match(WITH_COMMA, cell)) for cell in marked) > len(marked):
+        numbers = sum(bool(re.match(WITH_COMMA, cell)) for cell in marked)
+        if marked and "," not in grouped.get(i, "") and (i in grouped or 2 * numbers > len(marked)):
             commas.append(i)
-    commas += [i for i in grouped if any("," in cell for cell in cells[i]) and "," not in grouped[i]]
     return commas, grouped
 
 
@@ -169,9 +186,9 @@ def _decimal_of(columns: Sequence[Sequence[str]], separator: str) -> str:
     return count.most_common(1)[0][0] if count and len(set(count.values())) in (1, len(count)) else ""
 
 
-def _thousands(path: Path, header: str, unit: str, column: Sequence[str], mark: str, shown: str) -> bool:
-    """Whether ``mark`` is between thousands in a ``column`` of cells that may be read both ways. shown: what is before
-    parts of a whole elsewhere in the file. Raises UserError where nothing tells."""
+def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:
+    """Whether ``mark`` is between thousands in a ``column`` of cells that may be read both ways; None where neither the
+    limits of the quantity nor the run of the numbers tells."""
     whole = np.array([_float(cell.replace(mark, "")) for cell in column])
     parts = np.array([_float(cell.replace(mark, ".")) for cell in column])
     own, inside = split_unit(header)
@@ -182,19 +199,8 @@ def _thousands(path: Path, header: str, unit: str, column: Sequence[str], mark: 
         if np.nanmax(np.abs(whole)) * scale > most >= np.nanmax(np.abs(parts)) * scale:
             return False
     marked = np.array([mark in cell for cell in column])
-    change = marked[1:] != marked[:-1]
-    rough = [_roughness(values, change) for values in (whole, parts)]
-    if min(rough) * ROUGHER < max(rough):
-        return rough[0] < rough[1]
-    if shown:
-        return shown != mark
-    cell = next(cell for cell in column if mark in cell)
-    other = {",": ".", ".": ","}[mark]
-    raise OpenQuestion(
-        path,
-        f"column '{own}': '{cell}' is {cell.replace(mark, '')} (thousands) or {cell.replace(mark, '.')} (decimal)",
-        {"thousands": {"decimal": other}, "decimal": {"decimal": mark}},
-    )
+    rough = [_roughness(values, marked[1:] != marked[:-1]) for values in (whole, parts)]
+    return rough[0] < rough[1] if min(rough) * ROUGHER < max(rough) else None
 
 
 def _roughness(values: np.ndarray, change: np.ndarray) -> float:

@@ -208,7 +208,7 @@ def test_characters_between_thousands(tmp_path: Path, separator: str, decimal: s
 
 
 def test_three_places_in_all_columns_are_asked(tmp_path: Path) -> None:
-    log = {"u [m/s]": TRUTH["u"] + 2, "RPM": TRUTH["n"] * 60, "heading [rad]": TRUTH["psi"] + 2}
+    log = {"north [m]": TRUTH["x"] + 10, "east [m]": TRUTH["y"] + 300}
     lines = ["\t".join(["time", *log])]
     rows = zip(times("%Y-%m-%dT%H:%M:%S"), *log.values(), strict=True)
     lines += ["\t".join([when, *(f"{v:.3f}".replace(".", ",") for v in row)]) for when, *row in rows]
