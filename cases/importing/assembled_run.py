@@ -14,7 +14,7 @@ from cases.importing.derived_motion import derived_velocities
 from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
 from cases.importing.track_direction import by_evidence, check_direction, check_units
-from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
+from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted
 from cases.io.headers import lacking
 from cases.io.sidecar import SidecarEntry
@@ -72,17 +72,12 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
             quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}
         )
         if not unit:
-            units = ", ".join(known_units(quantity))
-            header = log.of[quantity].header
-            line = f'{quantity} = {{ from = "{header}", unit = "..." }}'
-            problems.append(
-                f"column '{header}' ({quantity}) has no unit ({units}); say it in the map: [columns] {line}"
-            )
+            problems.append(str(log.unit_question(quantity)))
             continue
         columns[quantity] = columns[quantity] * (factor(quantity, unit) or 1.0)
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
-        raise Missing(f"{where}: " + "; ".join(problems))
+        raise Missing("; ".join(problems))
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:

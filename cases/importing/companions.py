@@ -374,7 +374,7 @@ def _refer(
             continue
         mapped.pop(mapped_as, None)
         for kind, name in names:
-            if (own := words & kind) and name not in mapped:
+            if (own := words & kind) and mapped.get(name, column).header == target:
                 mapped[name] = column
                 found.of.setdefault(name, []).append((header, own))
                 used.append(name)

@@ -17,7 +17,6 @@ from cases.importing.log_columns import Log, log_of
 from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import RawTable
 from cases.importing.table_files import LARGEST_LOG, read_excel_tables, read_parquet, read_text_log
-from cases.importing.vocabulary import known_units
 from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import BadValue, Missing, TooFewData, UserError
@@ -98,10 +97,7 @@ def _questions(log: Log) -> list[Question]:
     for quantity in log.unitless:
         if quantity in ("r", "sog", "u"):  # other columns show it
             continue
-        header = log.of[quantity].header
-        choices = {unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)}
-        choices["nothing"] = {"ignore": [header]}
-        found.append(Question(log.table.path, f"'{header}' ({quantity}) has no unit", choices))
+        found.append(log.unit_question(quantity))
     return found
 
 

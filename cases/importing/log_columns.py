@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
-from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
 from cases.importing.raw_table import Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.block_means import BlockMeans, rows_together
@@ -75,6 +75,15 @@ class Log:
     def without_rows(self) -> Log:
         """A copy that only says where its columns came from."""
         return replace(self, t=self.t[:0].copy(), columns={})
+
+    def unit_question(self, quantity: str) -> Question:
+        """In which unit the ``quantity`` is."""
+        header = self.of[quantity].header
+        choices: dict[str, dict[str, Any]] = {
+            unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)
+        }
+        choices["nothing"] = {"ignore": [header]}
+        return Question(self.table.path, f"'{header}' ({quantity}) has no unit", choices)
 
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
         """A copy in which ``quantity``, of unknown unit, has this ``unit``. why: what shows it."""

@@ -64,7 +64,7 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
     named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
     for run, log in [(one, log) for one in found.runs for log in one.logs]:
         table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
-        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift"})
+        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
         if unused := [*own.ignore, *log.unsure]:
             table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
         if len(run.logs) > 1:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cases.importing.import_logs import import_logs
-from cases.importing.import_map import ImportMap
+from cases.importing.import_map import ImportMap, read_map
+from cases.importing.written_trials import write_import
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
 from tests.support.raw_logs import BEGIN, answers, bridge, table
@@ -122,8 +123,11 @@ READ: dict[str, Callable[[Log], Log]] = {
 
 
 @pytest.mark.parametrize("make", READ.values(), ids=READ)
-def test_a_table_is_read_as_it_is_meant(tmp_path: Path, make: Callable[[Log], Log]) -> None:
-    assert right(table(tmp_path / "a.csv", make(bridge(TRUTH))))
+def test_a_table_is_read_as_it_is_meant_and_its_map_repeats_it(tmp_path: Path, make: Callable[[Log], Log]) -> None:
+    path = table(tmp_path / "a.csv", make(bridge(TRUTH)))
+    assert right(path)
+    write_import(import_logs([path]), ImportMap(), tmp_path / "out")
+    assert right(path, read_map(tmp_path / "out" / "import.toml"))
 
 
 ASKED: dict[str, tuple[Callable[[Log], Log], int]] = {
@@ -292,7 +296,9 @@ def test_winds_by_their_reference(tmp_path: Path) -> None:
     true = np.arange(N) % 2 == 1
     angle = np.where(true, np.degrees(1.0 - TRUTH["psi"]) % 360, 20.0)
     log = {**bridge(TRUTH), "Wind Angle [deg]": angle, "Wind Speed [kn]": np.where(true, 10.0, 12.0)}
-    run = import_logs([table(tmp_path / "a.csv", {**log, "Wind Reference": np.where(true, "T", "R")})]).runs[0].columns
+    path = table(tmp_path / "a.csv", {**log, "Wind Reference": np.where(true, "T", "R")})
+    write_import(import_logs([path]), ImportMap(), tmp_path / "out")
+    run = import_logs([path], read_map(tmp_path / "out" / "import.toml")).runs[0].columns
     assert np.nanmax(np.abs(run["wind_direction"] - 1.0)) < 0.01
     assert np.nanmax(np.abs(run["apparent_wind_direction"] - np.radians(20))) < 1e-9
     assert np.nanmax(run["wind_speed"]) < np.nanmin(run["apparent_wind_speed"])
