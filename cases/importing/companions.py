@@ -201,60 +201,12 @@ STATUS = (
     r"err|fault|alarm|invalid|health|good|bad)"
 )
 """A title of what says whether others hold."""
-GOOD = set(
-    [
-        "a",
-        "valid",
-        "ok",
-        "good",
-        "true",
-        "yes",
-        "fix",
-        "fixed",
-        "2d",
-        "3d",
-        "dgps",
-        "dgnss",
-        "gps",
-        "gnss",
-        "rtk",
-        "float",
-        "d",
-        "r",
-        "f",
-        "p",
-        "active",
-        "on",
-        "healthy",
-        "normal",
-        "auto",
-    ]
+GOOD = (
+    "a|d|f|p|r|ok|good|valid|true|yes|(gps_?|gnss_?|3d_?|2d_?|dgps_?|rtk_?)?(fix|fixed|float)|[23]d|d?gps|d?gnss|rtk|active|on|"
+    "healthy|normal|auto"
 )
-BAD = [
-    "v",
-    "n",
-    "e",
-    "invalid",
-    "bad",
-    "false",
-    "no",
-    "nofix",
-    "no_fix",
-    "none",
-    "lost",
-    "fault",
-    "fail",
-    "failed",
-    "error",
-    "timeout",
-    "void",
-    "unavailable",
-    "off",
-    "nan",
-]
-SOUND = {"good", "ok", "valid", "a", "fix"}
-BROKEN = {"bad", "fail", "failed", "fault", "invalid", "error", "lost", "v", "timeout", "nofix", "no fix"}
-"""Words that are of a status, whatever the title, where a column holds both."""
+BAD = "v|n|e|(in|not_?)valid|bad|false|no_?(fix)?|none|lost|faulty?|fail(ed|ure)?|error|time_?out|void|unavailable|off"
+"""Words of what holds, and of what does not."""
 FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"
 """A title of what is nonzero or true where others do not hold."""
 QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indicator)?"
@@ -305,7 +257,7 @@ def masks_of(
             continue
         elif (
             words <= {"a", "v", "d"}
-            or (words <= SOUND | BROKEN and words & SOUND and words & BROKEN)
+            or (words & {"ok", "good", "valid"} and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words))
             or (re.fullmatch(STATUS, title) and not is_order(title))
         ):
             _status(table, header, title, words, mapped, found)
@@ -338,15 +290,14 @@ def _left(table: RawTable, header: str, mapped: Mapping[str, ColumnMap]) -> str:
 
 
 def _referred(table: RawTable, header: str, title: str, mapped: Mapping[str, ColumnMap]) -> list[str]:
-    """Headers of the directions and wind speeds whose reference a column may be."""
-    known = {h: h for h in table.headers if re.search(r"heading|hdg|gyro|course|cog|wind|compass", plain_words(h))}
-    about = {h for h in known if _stems(plain_words(h)) & (_stems(title) - {"true", "t", "type"}) and h != header}
-    if re.search(r"heading|hdg|gyro|wind|course|compass", title):
-        word = re.search(r"heading|hdg|gyro|wind|course|compass", title)
-        about |= {h for h in known if h != header and word is not None and word[0] in plain_words(h)}
+    """Headers of the directions and wind speeds whose reference a column may be: those with the same word in them, or
+    the one left of it."""
+    words = re.compile(r"heading|hdg|gyro|course|cog|wind|compass")
+    own = words.search(title)
+    if own:
+        return [h for h in table.headers if h != header and own[0] in plain_words(h)]
     at = table.headers.index(header)
-    beside = {h for h in table.headers[max(at - 1, 0) : at] if h in known}
-    return sorted((about or beside) - {header})
+    return [h for h in table.headers[max(at - 1, 0) : at] if words.search(plain_words(h))]
 
 
 def _refer(
@@ -356,23 +307,17 @@ def _refer(
     of = {column.header: quantity for quantity, column in mapped.items()}
     used = []
     for target in targets:
-        title = plain_words(target)
-        wind = "wind" in title or of.get(target, "").startswith(("wind", "apparent", "true_wind"))
-        if wind and words & MAGNETIC:
-            continue
-        if not wind and of.get(target) not in ("psi", "heading_magnetic", "cog"):
-            continue
-        mapped_as = of.get(target, "")
-        if wind:
+        title, now = plain_words(target), of.get(target, "")
+        if "wind" in title and not words & MAGNETIC:
             speed = "speed" in title or "velocity" in title
             names = [(RELATIVE, "apparent_wind_speed" if speed else "apparent_wind_direction")]
             names.append((TRUE, "wind_speed" if speed else "true_wind_angle"))
+        elif now in ("psi", "heading_magnetic", "cog"):
+            names = [(TRUE, "cog")] if now == "cog" else [(TRUE, "psi"), (MAGNETIC, "heading_magnetic")]
         else:
-            names = [(TRUE, "psi"), (MAGNETIC, "heading_magnetic")] if mapped_as != "cog" else [(TRUE, "cog")]
-        column = mapped.get(mapped_as) or ColumnMap.model_validate({"from": target})
-        if not any(words & kind for kind, _ in names):
             continue
-        mapped.pop(mapped_as, None)
+        column = mapped.pop(now, None) or ColumnMap.model_validate({"from": target})
+        found.account[target] = ((), f"'{header}' says {', '.join(sorted(words))}")
         for kind, name in names:
             if (own := words & kind) and mapped.get(name, column).header == target:
                 mapped[name] = column
@@ -396,28 +341,20 @@ def _status(
         shared = {q: len(own & _stems(plain_words(c.header))) for q, c in mapped.items() if q not in ("t", "date")}
         best = max(shared.values(), default=0)
         targets = [q for q in shared if best and shared[q] == best]
-    good = {word for word in words if _says(word, title, words)}
-    unknown = {word for word in words if _says(word, title, words) is None} if len(words) > 1 else set()
-    shown = ", ".join(sorted(words)[:6])
-    if unknown or (not targets and words != good and len(words) > 1):
-        raise OpenQuestion(
-            table.path,
-            f"column '{header}' holds {shown}; which rows hold" + (f" {', '.join(targets)}" if targets else ""),
-            {f"those with {word}": {"rows": {header: [word]}} for word in sorted(words)[:4]}
-            | {"all": {"ignore": [header]}},
-        )
-    if not good and targets and all(_says(word, title, words) is False for word in words):
-        raise OpenQuestion(
-            table.path,
-            f"column '{header}' says {shown} in all rows: nothing of {', '.join(targets)} holds",
-            {"they hold": {"ignore": [header]}},
-        )
-    if words == good or len(words) == 1:
-        found.account[header] = ((), f"says {shown} in all rows")
-        return
-    for quantity in targets:
-        found.of.setdefault(quantity, []).append((header, good))
-    found.account[header] = (tuple(targets), f"they hold where it says {', '.join(sorted(good))}")
+    says = {word: _says(word, title, words) for word in words}
+    good, bad = ({word for word, sound in says.items() if sound is answer} for answer in (True, False))
+    shown, codes = ", ".join(sorted(words)[:6]), all(len(word) < 3 for word in words - good - bad)
+    if words == good or (len(words) == 1 and not bad) or not (bad or (targets and codes)):
+        found.account[header] = ((), f"says {shown}" + " in all rows" * (len(words) == 1))
+    elif words == bad or not targets or words - good - bad:
+        choices = {f"where it is {word}": {"rows": {header: [word]}} for word in sorted(words - bad)[:4]}
+        which = f"when do {', '.join(targets)} hold" if targets else "which rows hold"
+        anyhow: dict[str, Mapping[str, Any]] = {"always": {"ignore": [header]}}
+        raise OpenQuestion(table.path, f"column '{header}' says {shown}; {which}", choices | anyhow)
+    else:
+        for quantity in targets:
+            found.of.setdefault(quantity, []).append((header, good))
+        found.account[header] = (tuple(targets), f"they hold where it says {', '.join(sorted(good))}")
 
 
 def _says(word: str, title: str, words: set[str]) -> bool | None:
@@ -434,7 +371,7 @@ def _says(word: str, title: str, words: set[str]) -> bool | None:
         return None
     if word in ("m", "s", "e") and words & {"a", "d"}:  # mode indicators of NMEA: typed in, simulated, estimated
         return False
-    return not fault if word in GOOD else fault if word in BAD else None
+    return not fault if re.fullmatch(GOOD, word) else fault if re.fullmatch(BAD, word) else None
 
 
 def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], found: Masks) -> None:
