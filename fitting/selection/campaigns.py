@@ -39,13 +39,14 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 
 LEVEL = 0.05
-"""Probability by chance, corrected for the number of instruments, below which an instrument differs."""
+"""Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand;
+left-out runs decide after it."""
 WIDTHS = np.geomspace(0.02, 12.0, 33)
 """Standard deviations of the values of campaigns that are tried, in the typical size of the constant."""
 SHARED = 3.0
 """Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed."""
 UNINFORMATIVE = 0.9
-"""Share of the width from which a standard error says that the runs of a campaign tell nothing of a constant."""
+"""Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,6 @@ from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import score
 
-ROUNDS = 8
-"""Most times that a step is made again with coefficients held at their bounds."""
-
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     """mean(after) / mean(before) - 1 over files (R,) that both have, and its jackknife error over files; NaN where
@@ -53,7 +50,7 @@ def estimates_without(
         slope = info.score[rest].sum(axis=0) + info.prior_score
         held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
-            for _ in range(ROUNDS):
+            for _ in range(8):
                 # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
                 step, free = np.where(held, target - info.p, 0.0), ~held
                 step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])

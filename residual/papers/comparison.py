@@ -44,7 +44,7 @@ HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 BLOCK = 65.0
 """Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``."""
 MINIMUM_SECONDS = 10.0
-"""Seconds that have to be left of a time limit for something to be started."""
+"""Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
 
 @dataclass(frozen=True)
