@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,9 +14,51 @@ from cases.importing.raw_table import NUMBERED
 from cases.importing.vocabulary import factor, known_units
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
-from mmg.errors import Missing
+from mmg.errors import BadValue, Missing
 
 NAME = "import.toml"
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap."""
+
+    file: Path
+    words: str
+    choices: Mapping[str, Mapping[str, Any]]
+
+    def __str__(self) -> str:
+        lines = (f"{answer}: {line_of(change)}" for answer, change in self.choices.items())
+        return f"{self.file}: {self.words}; say in the map {', or '.join(lines)}"
+
+
+class OpenQuestion(BadValue):
+    """A log that may mean one of several things; the text has the line of the map for each."""
+
+    def __init__(self, file: Path, words: str, choices: Mapping[str, Mapping[str, Any]]) -> None:
+        self.question = Question(file, words, choices)
+        super().__init__(self.question)
+
+
+def line_of(change: Mapping[str, Any]) -> str:
+    """The lines of a map, in one, that say a ``change`` of FileMap."""
+    out = []
+    for key, value in change.items():
+        if key == "columns":
+            out += [f"[columns] {name} = {_toml(column)}" for name, column in value.items()]
+        else:
+            out.append(f"{key} = {_toml(value)}")
+    return " and ".join(out)
+
+
+def _toml(value: Any) -> str:
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update(value)
+        return table.as_string()
+    return tomlkit.item(value).as_string()
 
 
 def _quantity(name: str) -> str:
@@ -46,7 +89,8 @@ def _column(value: Any) -> Any:
 
 class FileMap(Section):
     """What holds for one file: columns over those for all; clock_offset [s] is added to its clock, and clock_drift
-    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used."""
+    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used; rows:
+    header -> cells of the rows that are used; decimal: what is written before parts of a whole."""
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
@@ -54,6 +98,8 @@ class FileMap(Section):
     run: Name = ""
     skip: bool = False
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
 
 
 class ImportMap(Section):
@@ -63,9 +109,9 @@ class ImportMap(Section):
     measured at each sample where it is not said; orders are held. axes: of ROS messages whose frames do not say them.
     zone_hours: time zone of stamps without one, ahead of UTC, where it is said. sentinels: further numbers that stand
     for nothing. origin: latitude and longitude [deg] of the local frame. separate: every file is a run of its own.
-    variation: of the compass, positive to the east, by which magnetic headings are true.
-    step: of the rows that are written [s]. ignore: headers of columns, and topics or sources, that are not used in any
-    file. files: by name, or with as much of the path before it as tells them apart.
+    variation: of the compass, positive to the east, by which magnetic headings are true. step: of the rows that are
+    written [s]. ignore: headers of columns, and topics or sources, that are not used in any file. rows, decimal: as of
+    FileMap. files: by name, or with as much of the path before it as tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -81,6 +127,8 @@ class ImportMap(Section):
     separate: bool = False
     step: float | None = number("s", None, gt=1e-4, le=60.0)
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
     files: dict[str, FileMap] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -113,6 +161,21 @@ class ImportMap(Section):
     def ignored_in(self, file: Path) -> set[str]:
         """Headers of ``file`` that are not used."""
         return {*self.ignore, *self.of(file).ignore}
+
+    def answered(self, name: str, change: Mapping[str, Any]) -> ImportMap:
+        """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
+        content = self.model_dump(exclude_unset=True, by_alias=True)
+        entry = dict(content.setdefault("files", {}).get(name, {}))
+        for key, value in change.items():
+            old = entry.get(key)
+            together = {**old, **value} if isinstance(old, dict) else [*old, *value] if isinstance(old, list) else value
+            entry[key] = together
+        content["files"][name] = entry
+        return validated(ImportMap, content, "answers")
+
+    def rows_of(self, file: Path) -> dict[str, list[str]]:
+        """Header -> cells of the rows of ``file`` that are used."""
+        return {**self.rows, **self.of(file).rows}
 
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""

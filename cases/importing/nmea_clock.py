@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
 
-from cases.importing.clocks import EPOCH, check_clock, within_stamps
+from cases.importing.clocks import EPOCHS, check_clock, within_stamps
 from cases.importing.raw_table import Clock
 from mmg.errors import Missing
 from mmg.messages import Message
@@ -86,7 +86,7 @@ def _of_day(clock: Sequence[int], decimals: str | None) -> float:
 
 def _since_1970(match: re.Match[str]) -> tuple[float, bool]:
     whole = float(f"{match[1]}.{match[2] or 0}")
-    unit = next(unit for unit, (low, high) in EPOCH.items() if low <= whole < high)
+    unit = next(unit for unit, low, high, _, zero, _ in EPOCHS if zero == 0.0 and low <= whole < high)
     return whole * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit], True
 
 

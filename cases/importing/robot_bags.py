@@ -17,7 +17,7 @@ import numpy as np
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.series import SourceSeries, table_of_series
-from cases.importing.vocabulary import NOT_USED, Meaning, meaning, plain_words
+from cases.importing.vocabulary import Meaning, is_order, meaning
 from mmg.errors import NotInstalled, Unreadable
 from mmg.messages import Message
 
@@ -108,7 +108,7 @@ def _topics(reader: Any, ignored: set[str], accounts: list[Account]) -> list[Top
     fields: dict[str, list[str]] = {}
     for connection in reader.connections:
         kind = connection.msgtype.rsplit("/", 1)[-1]
-        why = "an order" if re.fullmatch(NOT_USED, plain_words(connection.topic)) else ""
+        why = "an order" if is_order(connection.topic) else ""
         why = "ignored by the map" if connection.topic in ignored else why
         fields[connection.topic] = [] if kind in RANKS else _fields(reader, connection.msgtype)
         if not why and kind not in RANKS and not fields[connection.topic]:
