@@ -21,9 +21,12 @@ from cases.importing.vocabulary import known_units
 from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
+from mmg.messages import has_code
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
 """Files of a folder that are logs."""
+POINT = "FORWARD STARBOARD"
+"""A choice that stands for two numbers [m]."""
 BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
 
 
@@ -31,7 +34,8 @@ BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
 class Question:
     """What a person may be asked: of a ``file`` and its ``header``, which of the ``choices`` it is, in ``words``.
 
-    quantity: whose unit is asked for, or "" where the choices are quantities.
+    quantity: whose unit is asked for, or "" where the choices are quantities; "reference_point", of no file, is asked
+    for as POINT, two numbers.
     """
 
     file: str
@@ -86,6 +90,9 @@ def import_logs(
             problems.append(str(error))
     named = names_apart(all_files)
     asked = tuple(question for log in logs for question in _questions(with_units_of_size(log), named[log.table.path]))
+    if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
+        words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
+        asked += (Question("", "", "reference_point", (POINT, "unknown"), words),)
     skipped = tuple(file for file in all_files if file not in files)
     return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked, skipped)
 

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from cases.importing.vocabulary import RAW, known_units
+from cases.io.sidecar import ReferencePoint
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.io.units import is_canonical
 
@@ -22,6 +23,12 @@ def _quantity(name: str) -> str:
 
 
 Quantity = Annotated[str, AfterValidator(_quantity)]
+
+
+Antenna = Annotated[
+    Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
+    Discriminator(lambda value: "[word]" if value == "unknown" else "[point]"),
+]
 
 
 class ColumnMap(Section):
@@ -52,11 +59,12 @@ class ImportMap(Section):
     """A whole map; what is left out is found by the words of the headers.
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
-    measured at each sample where it is not said; orders are held. zone_hours: time zone of stamps without one,
-    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
-    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
-    headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
-    them apart.
+    measured at each sample where it is not said; orders are held. reference_point: where positions and velocities were
+    measured, from midship, or "unknown"; length: of the ship [m], for the lever arm of an unknown one. zone_hours: time
+    zone of stamps without one, ahead of UTC, where it is said. sentinels: further numbers that stand for nothing.
+    origin: latitude and longitude [deg] of the local frame. separate: every file is a run of its own. step: of the rows
+    that are written [s]. ignore: headers of columns that are not used in any file. files: by name, or with as much of
+    the path before it as tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -64,6 +72,8 @@ class ImportMap(Section):
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
+    reference_point: Antenna | None = None
+    length: float | None = number("m", None, ge=0.5, le=600.0)
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)

@@ -97,8 +97,11 @@ def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, st
         names = [question.file for question in questions]
         before |= {(name, header, quantity) for name in names}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        cli.say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
+        cli.say(f"{', '.join(names[:3])}{more}: {questions[0].words}".removeprefix(": "))
         answer = _choice(choices)
+        if quantity == "reference_point":
+            content[quantity] = answer if answer == "unknown" else list(_point(answer) or ())
+            continue
         for name in names:
             entry = dict(files.get(name, {}))
             columns = dict(entry.get("columns", {}))
@@ -110,18 +113,30 @@ def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, st
             else:
                 columns[answer] = {"from": header}
             files[name] = {**entry, "columns": columns}
-    return _with(chosen, {"files": files}) if together else chosen
+    return _with(chosen, content | ({"files": files} if files else {})) if together else chosen
 
 
 def _choice(choices: tuple[str, ...]) -> str:
     """The one of the ``choices`` that the person types; an empty line is the last one."""
     import typer
 
+    from cases.importing.import_logs import POINT
+
     while True:
         answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
-        if answer in choices:
+        if answer in choices and answer != POINT:
+            return answer
+        if POINT in choices and _point(answer):
             return answer
         cli.say(f"  '{answer}' is none of them")
+
+
+def _point(answer: str) -> tuple[float, float] | None:
+    """The two numbers [m] of an ``answer`` such as "12.0 0.0"; None of another."""
+    from cases.io.units import as_number
+
+    numbers = [as_number(word) for word in answer.replace(",", " ").split()]
+    return (numbers[0], numbers[1]) if len(numbers) == 2 and all(abs(n) <= 600 for n in numbers) else None
 
 
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:

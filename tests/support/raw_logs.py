@@ -131,6 +131,7 @@ def apart(folder: Path, trial: Trial) -> list[Path]:
 
 def rows(path: Path, header: str, lines: list[str]) -> Path:
     """A file of lines below a header."""
+    path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
     return path
 
