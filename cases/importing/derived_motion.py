@@ -51,7 +51,7 @@ LONGEST_GAP = 5.0
 
 @dataclass(frozen=True)
 class Smoothed:
-    """value (N,), rate (N,) per second, and the standard errors of both."""
+    """value and rate per second, of the shape of what was smoothed, and the standard errors of both."""
 
     value: np.ndarray
     rate: np.ndarray
@@ -70,19 +70,22 @@ TOO_FEW = (
 def smoothed(
     h: float, value: np.ndarray, rate: np.ndarray | None = None, resolution: float = 0.0, rate_resolution: float = 0.0
 ) -> Smoothed:
-    """A smooth path through ``value`` (N,) every h [s], NaN where nothing was measured, and its measured ``rate``.
+    """A smooth path through ``value``, (N,) or (N, C) every h [s], NaN where nothing was measured, and its ``rate``.
 
-    h: step [s]; rate: (N,) per second, or None; resolution, rate_resolution: to which both were rounded, FINEST where
-    nothing shows it. Of the sizes of noise and motion the most likely are taken, the noise not below that of rounding.
-    Raises UserError where no sizes smooth the values.
+    Columns are of one instrument, as north and east of a receiver: whichever way the axes lie, the path is the same.
+    h: step [s]; rate: as ``value`` per second, or None; resolution, rate_resolution: to which both were rounded, or 0
+    where nothing shows it (FINEST). Of the sizes of noise and motion the most likely are taken, the noise not below
+    that of rounding. Raises UserError where no sizes smooth the values.
     """
-    n = len(value)
-    if np.isfinite(value).sum() < FEWEST:
+    n, shape = len(value), np.shape(value)
+    value = np.reshape(value, (n, -1))
+    rate = np.full(value.shape, np.nan) if rate is None else np.reshape(rate, value.shape)
+    good = np.isfinite(value).all(axis=1)
+    if good.sum() < FEWEST:
         raise TooFewData(TOO_FEW)
-    rate = np.full(n, np.nan) if rate is None else rate
     resolution, rate_resolution = resolution or FINEST, rate_resolution or FINEST
-    centre = float(np.nanmean(value))
-    unit = max(float(np.nanmax(value) - np.nanmin(value)), resolution)
+    centre = value[good].mean(axis=0)
+    unit = max(4 * float(np.sqrt(np.mean(np.sum((value[good] - centre) ** 2, axis=1)))), resolution)
     k = 2 ** max(0, int(np.log2(n / BLOCKS)))  # fine rows of a slow ship leave the matrices no digits
     while True:
         y, slope = _means((value - centre) / unit, k), _means(rate * k * h / unit, k)
@@ -92,30 +95,29 @@ def smoothed(
             break
         k //= 2
     sharp = found.path.copy()
-    sharp[1:-1] -= np.diff(found.path, 2) * (1 - k**-2) / 24  # a mean over a block bends less than the path
+    sharp[1:-1] -= np.diff(found.path, 2, axis=0) * (1 - k**-2) / 24  # a mean over a block bends less than the path
     at = (n % k) // 2 + (np.arange(len(y)) + 0.5) * k - 0.5
     path, rows = CubicSpline(at, sharp), np.arange(n)
     rough = CubicSpline(at[::2], sharp[::2])
     between = float(np.sqrt(np.mean((path(at, 1) - rough(at, 1)) ** 2))) * k / RICHARDSON
     error = float(np.hypot(found.rate_std, between)) * unit / (k * h)
-    return Smoothed(path(rows) * unit + centre, path(rows, 1) * unit / h, found.value_std * unit, error)
+    smooth, slopes = (path(rows) * unit + centre).reshape(shape), (path(rows, 1) * unit / h).reshape(shape)
+    return Smoothed(smooth, slopes, found.value_std * unit, error)
 
 
 def _means(values: np.ndarray, k: int) -> np.ndarray:
-    """Means of ``values`` (N,) over blocks of k rows, (N // k,), NaN where less than half of a block is known."""
-    known, rows = np.isfinite(values), np.arange(len(values))
+    """Means of ``values`` (N, C) over blocks of k rows, (N // k, C), NaN where less than half of a block is known."""
+    known, rows, count = np.isfinite(values).all(axis=1), np.arange(len(values)), len(values) // k
     if k == 1 or not known.any():
-        return values[: len(values) // k]
-    filled = np.interp(rows, rows[known], values[known])
-    first = (len(values) % k) // 2
-    mean, share = (
-        part[first : first + len(part) // k * k].reshape(-1, k).mean(axis=1) for part in (filled, known.astype(float))
-    )
-    return np.where(share >= 0.5, mean, np.nan)
+        return values[:count]
+    inside = slice((len(values) % k) // 2, (len(values) % k) // 2 + count * k)
+    filled = np.transpose([np.interp(rows, rows[known], column[known]) for column in values.T])
+    share = known[inside].reshape(count, k).mean(axis=1)
+    return np.where(share[:, None] >= 0.5, filled[inside].reshape(count, k, -1).mean(axis=1), np.nan)
 
 
 class _Path(NamedTuple):
-    """path: (N,) the most likely; standard errors of it and of its rate; width: rows over which it smooths."""
+    """path: (N, C) the most likely; standard errors of it and of its rate; width: rows over which it smooths."""
 
     path: np.ndarray
     value_std: float
@@ -124,12 +126,14 @@ class _Path(NamedTuple):
 
 
 def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Path:
-    """The path through ``value`` and its ``rate`` per row (N,), in a range of one, at the most likely sizes; rounding:
-    the least variances of noise, third differences and noise of the rates."""
-    n = len(value)
-    known, with_rate = np.isfinite(value), np.isfinite(rate)
+    """The path through ``value`` and its ``rate`` per row, (N, C) in a range of one, at the most likely sizes.
+
+    rounding: the least variances of noise, third differences and noise of the rates.
+    """
+    n, C = value.shape
+    known, with_rate = np.isfinite(value).all(axis=1), np.isfinite(rate).all(axis=1)
     with_rate[:2] = with_rate[-2:] = False
-    y, slope = np.where(known, value, 0.0), np.where(with_rate, rate, 0.0)
+    y, slope = np.where(known[:, None], value, 0.0), np.where(with_rate[:, None], rate, 0.0)
     third = sparse.diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(n - 3, n), format="csr")
     central = sparse.diags(STENCIL, [-2, -1, 0, 1, 2], shape=(n, n), format="csr")[with_rate]
     D, R, turned = _band(third.T @ third), _band(central.T @ central), central.T @ slope[with_rate]
@@ -146,7 +150,7 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Pa
         A = D * jerk + R * rates
         A[-1] += known * noise
         root = cholesky_banded(A)
-        return root, cho_solve_banded((root, False), known * y * noise + turned * rates)
+        return root, cho_solve_banded((root, False), y * noise + turned * rates)
 
     def cost(logs: np.ndarray) -> float:
         try:
@@ -154,11 +158,12 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Pa
         except np.linalg.LinAlgError:
             return 1e300
         residuals = (y - x)[known], third @ x, slope[with_rate] - central @ x
-        squares = np.array([float(part @ part) for part in residuals])[: len(counts)]
-        return float(2 * np.log(root[-1]).sum() + counts @ sizes(logs) + np.exp(-sizes(logs)) @ squares)
+        squares = np.array([float(np.sum(part**2)) for part in residuals])[: len(counts)]
+        likelihood = 2 * np.log(root[-1]).sum() + counts @ sizes(logs)
+        return float(C * likelihood + np.exp(-sizes(logs)) @ squares)
 
-    noise, jerk = (np.log(_variance(np.diff(y[known], order))) for order in (2, 3))
-    rates = [np.log(_variance(np.diff(slope[with_rate])))] * (len(counts) - 2)
+    noise, jerk = (np.log(_variance(np.diff(y[known], order, axis=0))) for order in (2, 3))
+    rates = [np.log(_variance(np.diff(slope[with_rate], axis=0)))] * (len(counts) - 2)
     starts = [
         np.clip([noise - less, (noise - less - jerk + slower) / 6, *rates], *limits)
         for less, slower in itertools.product(STARTS, STARTS)
@@ -184,7 +189,7 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Pa
 
 
 def _variance(values: np.ndarray) -> float:
-    return max(float(values @ values), 1e-300) / max(len(values), 1)
+    return max(float(np.sum(values**2)), 1e-300) / max(values.size, 1)
 
 
 def resolution_of(values: np.ndarray) -> float:
@@ -240,26 +245,21 @@ def derived_velocities(
     used = [pair for pair in (("x", "y"), ("sog", "cog")) if set(pair) <= set(columns)]
     if {"u", "v"} <= set(columns) or not used:
         return Derived(new, std, ancestors, said)
-    ground: list[np.ndarray | None] = [None, None]
-    rounding = 0.0
+    ground, rounding = np.full((len(t), 2), np.nan), 0.0
     if used[-1] == ("sog", "cog"):
         sog, cog = columns["sog"], columns["cog"]
-        ground = [sog * np.cos(cog), sog * np.sin(cog)]
+        ground = np.column_stack([sog * np.cos(cog), sog * np.sin(cog)])
         rounding = float(np.sqrt(np.nanmean(grain.get("sog", 0.0) ** 2 + (sog * grain.get("cog", 0.0)) ** 2) / 2))
     if used[0] == ("x", "y"):
-        known = np.isfinite(columns["x"]) & np.isfinite(columns["y"])
-        both = [
-            _joined(steps.get("x", h), h, columns[name], rate, grain.get(name, 0.0), rounding)
-            for name, rate in zip("xy", ground, strict=True)
-        ]
-        north, east = (_where_near(known, part.rate, h) for part in both)
-        error, how = float(np.sqrt(np.mean([part.rate_std**2 for part in both]))), "positions"
+        place = np.column_stack([columns["x"], columns["y"]])
+        found = _joined(steps.get("x", h), h, place, ground, max(grain.get("x", 0.0), grain.get("y", 0.0)), rounding)
+        known, velocity, error, how = np.isfinite(place).all(axis=1), found.rate, found.rate_std, "positions"
         how += ", speed and course over ground" if len(used) > 1 else ""
     else:
-        known, parts = np.isfinite(sog * cog), [part for part in ground if part is not None]
-        both = [_smoothed_every(steps.get("sog", h), h, part, resolution=rounding) for part in parts]
-        north, east = (_where_near(known, part.value, h) for part in both)
-        error, how = float(np.sqrt(np.mean([part.value_std**2 for part in both]))), "speed and course over ground"
+        found = _smoothed_every(steps.get("sog", h), h, ground, resolution=rounding)
+        known, velocity, error = np.isfinite(ground).all(axis=1), found.value, found.value_std
+        how = "speed and course over ground"
+    north, east = (_where_near(known, part, h) for part in velocity.T)
     psi, (l_x, l_y) = np.where(good, turn.value, np.nan), point or (0.0, 0.0)
     ahead, aside = north * np.cos(psi) + east * np.sin(psi), east * np.cos(psi) - north * np.sin(psi)
     for name, values, other, arm in (("u", ahead, aside, -l_y), ("v", aside, ahead, l_x)):
@@ -302,13 +302,13 @@ def widened(
 
 
 def _joined(
-    step: float, h: float, value: np.ndarray, rate: np.ndarray | None, resolution: float, rate_resolution: float
+    step: float, h: float, value: np.ndarray, rate: np.ndarray, resolution: float, rate_resolution: float
 ) -> Smoothed:
     """As ``_smoothed_every``, with a standard error that holds what the ``rate`` and the ``value`` disagree by beyond
     their own errors (Hausman 1978: an efficient estimate differs from a consistent one by the difference of their
     variances)."""
     alone = _smoothed_every(step, h, value, resolution=resolution)
-    if rate is None or np.isfinite(rate).sum() < FEWEST:
+    if np.isfinite(rate).all(axis=1).sum() < FEWEST:
         return alone
     both = _smoothed_every(step, h, value, rate, resolution, rate_resolution)
     excess = float(np.mean((both.rate - alone.rate) ** 2)) - max(alone.rate_std**2 - both.rate_std**2, 0.0)
@@ -323,15 +323,15 @@ def _smoothed_every(
     resolution: float = 0.0,
     rate_resolution: float = 0.0,
 ) -> Smoothed:
-    """As ``smoothed`` of values (N,) every h [s] that were measured every ``step`` [s] and lie on lines in between:
+    """As ``smoothed`` of values every h [s] that were measured every ``step`` [s] and lie on lines in between:
     such lines must not count as measurements."""
     k = max(1, round(step / h))
     found = smoothed(k * h, value[::k], None if rate is None else rate[::k], resolution, rate_resolution)
     if k == 1:
         return found
     rows = np.arange(len(value))
-    spline = CubicSpline(rows[::k], np.transpose([found.value, found.rate]))(rows)
-    return replace(found, value=spline[:, 0], rate=spline[:, 1])
+    path, slope = (CubicSpline(rows[::k], part)(rows) for part in (found.value, found.rate))
+    return replace(found, value=path, rate=slope)
 
 
 def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
