@@ -223,8 +223,13 @@ def _place(
             return _count_from_start(columns, where, notices)
         columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
     assert origin is not None
-    columns["x"], columns["y"] = local_positions(columns.pop("latitude"), columns.pop("longitude"), origin, where)
+    place = columns.pop("latitude"), columns.pop("longitude")
+    columns["x"], columns["y"], turn = local_positions(*place, origin, where)
+    for name in [name for name in columns if known(name).compass]:
+        columns[name] = columns[name] - turn
     words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
+    most = float(np.degrees(np.abs(turn).max(initial=0.0)))
+    words += f"; directions from the north of that place, up to {most:.2g} deg off their own" if most > 0.01 else ""
     notices.append(Message(words, "local_frame"))
 
 
@@ -313,19 +318,27 @@ def _fitting(quantity: str, values: np.ndarray, truth: np.ndarray, what: str) ->
     return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
 
 
+NORTHERNMOST = 89.9
+"""deg; nearer to a pole, meridians converge along the track of a ship."""
 FURTHEST = 200e3
 """Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
 
 
 def local_positions(
     latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, float], where: str
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x north and y east [m] of positions (N,) [deg] in the transverse Mercator projection about ``origin`` (latitude,
-    longitude) on the WGS 84 ellipsoid.
+    longitude) on the WGS 84 ellipsoid, and the convergence of meridians [rad]: the north of the frame lies so far to
+    the right of that of the place.
 
-    where: for messages. Raises UserError where pyproj is missing and for positions further than FURTHEST away.
+    where: for messages. Raises UserError where pyproj is missing, for positions further than FURTHEST away and beyond
+    NORTHERNMOST.
     """
     pyproj = _pyproj(where)
+    if np.nanmax(np.abs(latitude), initial=0.0) > NORTHERNMOST:
+        raise OutOfRange(
+            f"{where}: positions at a pole, where no direction is north; give x and y in a frame of their own"
+        )
     lat, lon = origin
     frame = pyproj.Proj(proj="tmerc", lat_0=lat, lon_0=lon, k=1.0, ellps="WGS84")
     east, north = frame(
@@ -338,7 +351,9 @@ def local_positions(
         raise OutOfRange(
             f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
         )
-    return x, y
+    good = np.flatnonzero(known)
+    turn = np.radians(frame.get_factors(longitude[good], latitude[good]).meridian_convergence)
+    return x, y, np.interp(np.arange(len(x)), good, turn) if len(good) else np.zeros(len(x))
 
 
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:

@@ -157,11 +157,12 @@ def receiver(columns: Mapping[str, np.ndarray], path: Path, origin: tuple[float,
     frame = pyproj.Proj(proj="tmerc", lat_0=origin[0], lon_0=origin[1], k=1.0, ellps="WGS84")
     longitude, latitude = frame(columns["y"], columns["x"], inverse=True)
     stamps = pd.Timestamp(begin, tz="UTC") + pd.to_timedelta(columns["t"], unit="s")
+    turn = np.radians(frame.get_factors(longitude, latitude).meridian_convergence)
     cells = {"Time": stamps.strftime("%Y-%m-%dT%H:%M:%S.%fZ"), "Latitude": latitude, "Longitude": longitude}
     for name, values in columns.items():
         if name not in "txy":
             cells[f"{name} [{'deg' if quantity(name).wraps else quantity(name).unit}]"] = (
-                np.degrees(values) % 360 if quantity(name).wraps else values
+                np.degrees(values + turn * quantity(name).compass) % 360 if quantity(name).wraps else values
             )
     pd.DataFrame(cells).to_csv(path, index=False)
     return path
@@ -211,3 +212,6 @@ def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_t
         ((78.0, 15.0), "2016-12-31T23:59:00"),
     ):
         assert_same(plain, imported(dict, origin, begin), within)
+    far = {**columns, "x": columns["x"] + 4e4, "y": columns["y"] - 9e4}  # 90 km: a degree between both norths
+    there = imported(lambda _: far, (65.0, 20.0), day)
+    assert_same(plain, {**there, "x": there["x"] - 4e4, "y": there["y"] + 9e4}, dict.fromkeys(columns, 1e-6))
