@@ -69,13 +69,15 @@ _REL = "apparent|relative|rel|app"
 _ROWS = (
     Quantity(
         "t", "s",
-        headers="time|time_?stamp|date_?time|utc|utc_time|time_utc|gps_time|clock|epoch|unix_?time|elapsed(_time)?|zeit",
+        headers="time|time_?stamp|date_?time|date_and_time|utc|utc_(date_)?time|time_utc|(gps|gnss)_time|clock|epoch|"
+        "unix_?time(stamp)?|elapsed(_time)?|(log|sample|local|system|ship)_time|time_(of_day|since_start|local|gps)|secs?|"
+        "seconds|(header_)?stamp(_secs?)?|date_?num|(gps_|gnss_)?(i?tow|sow|time_of_week|seconds?_of_week)(_m?s)?",
     ),
     Quantity("x", "m", headers=r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", valid=_FIX),
     Quantity("y", "m", mirror=-1, headers=r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", valid=_FIX),
     _direction(
         "psi", compass=True,
-        headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_angle|_gyro)?|gyro|psi",
+        headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi",
         valid=r"(heading|hdg|hdt|gyro|ths)_(status|mode|valid|validity|ok)",
     ),
     _speed(
@@ -142,9 +144,23 @@ _ROWS = (
     ),
     _direction(
         "cog", canonical=False, compass=True, valid=_FIX,
-        headers="(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true)?",
+        headers="(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true|_t)?",
     ),
     _direction("true_wind_angle", canonical=False, headers="true_wind_angle|wind_angle_true|twa"),
+    _direction(
+        "heading_magnetic", canonical=False, compass=True,
+        headers="(magnetic|mag|compass)_(heading|hdg)|(heading|hdg)_(magnetic|mag|m|compass)|hdm|compass",
+        valid=r"(heading|hdg|hdm|compass)_(status|mode|valid|validity|ok)",
+    ),
+    Quantity("variation", "rad", False, headers="(magnetic_|mag_)?(variation|declination|decl)|mag_?var|var_mag"),
+    *(
+        Quantity(f"{name}_{part}", "", False, headers=rf"({short}|{name})_({words})")
+        for name, short in (("latitude", "lat"), ("longitude", "lon|long|lng"))
+        for part, words in (("min", "min|mins|minutes?|mm"), ("s", "secs?|seconds?|ss"))
+    ),
+    Quantity("t_week", "", False, headers="(gps_|gnss_)?(week|wk|wn|week_?number|week_?no)"),
+    Quantity("t_part", "", False, headers="((header_)?stamp_)?(n_?secs?|nano_?secs?|nano_?seconds?|micro_?seconds?|"
+        "milli_?seconds?|u_?secs?|m_?secs?|millis|micros|nanos)"),
     Quantity("date", "", False, headers="date|day|datum|utc_date"),
     Quantity("ship", "", False, headers=r"mmsi|imo(_number)?|vessel(_name)?|ship(_name)?|call_?sign"),
     Quantity("zone", "", False, headers="(utm_)?zone"),
@@ -154,6 +170,7 @@ QUANTITIES = {row.name: row for row in _ROWS}
 """By name; of a ship with more than two propellers see ``quantity``."""
 SIGNED = ("latitude", "longitude", *(name for name in INPUTS if name.startswith(("n", "delta"))))
 """Quantities whose sign another column of a raw log may say, in words."""
+QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}
 QUANTITIES |= {f"{name}_sign": Quantity(f"{name}_sign", "", canonical=False) for name in SIGNED}
 UNITS = {row.name: row.unit for row in _ROWS if row.canonical}
 """Canonical columns and the unit they have in a Trial."""

@@ -14,7 +14,7 @@ from cases.checks import check
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.log_columns import log_of
-from cases.importing.text_log import read_text_log
+from cases.importing.table_files import read_text_log
 from cases.io.groups import group_trials
 from cases.io.read import read_controls, read_trial
 from cases.io.site import read_site

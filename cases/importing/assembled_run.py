@@ -9,19 +9,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.importing.clock_match import clock_problems
-from cases.importing.derived_motion import derived_velocities, resolution_of, smoothed, widened
-from cases.importing.import_map import ImportMap
+from cases.importing.clocks import clock_problems
+from cases.importing.derived_motion import derived_velocities, resolution_of, widened
+from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
-from cases.importing.track_direction import positions_problem
-from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
+from cases.importing.track_direction import by_evidence, check_direction, check_units
+from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted
 from cases.io.headers import lacking
 from cases.io.sidecar import ReferencePoint, SidecarEntry
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
 from cases.quantities import quantity as known
-from cases.trial import RUDDERS, unwrapped
+from cases.trial import RUDDERS
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
 
@@ -68,8 +68,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
     t, columns, steps, resolutions = _on_one_clock(logs, chosen, where, notices)
-    exchanged = positions_problem(columns, logs, chosen, where)
-    problems = [exchanged] if exchanged else clock_problems(logs, chosen)
+    check_direction(columns, logs, chosen)
+    problems = clock_problems(logs, chosen)
     if problems:
         raise BadValue("; ".join(problems))
     receiver = not {"latitude", "sog"}.isdisjoint(columns)
@@ -80,17 +80,12 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
             quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}
         )
         if not unit:
-            units = ", ".join(known_units(quantity))
-            header = log.of[quantity].header
-            line = f'{quantity} = {{ from = "{header}", unit = "..." }}'
-            problems.append(
-                f"column '{header}' ({quantity}) has no unit ({units}); say it in the map: [columns] {line}"
-            )
+            problems.append(str(log.unit_question(quantity)))
             continue
         columns[quantity] = columns[quantity] * (factor(quantity, unit) or 1.0)
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
-        raise Missing(f"{where}: " + "; ".join(problems))
+        raise Missing("; ".join(problems))
     point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
@@ -104,6 +99,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    notices += check_units(t, columns, logs, chosen)
+    _ask_for_astern(columns, logs, chosen)
     computed = {"u", "v"} & set(ancestors)
     if point is None and (receiver or computed):
         std, words = widened(std, columns, computed, chosen.length)
@@ -263,10 +260,30 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
 
 
-CLOSE, APART = 0.10, 0.25
-"""Relative difference of a unit that fits, and least one of all others."""
-RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
-"""Units that are read where they are written, but not looked for: other ones lie too near."""
+STOPPED = 0.05
+"""Share of her speed below which a ship is not slowed down by her rudder alone."""
+
+
+def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
+    """Raises OpenQuestion where the ship stops or goes astern on revolutions that are never negative. Blades that turn
+    and pods may do so."""
+    log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
+    if log is None or "n" in chosen.columns_of(log.table.path) or not {"n", "u"} <= set(columns):
+        return
+    if {"pitch", "azimuth"} & set(columns) or np.nanmin(columns["n"]) < 0 or not (columns["n"] > 0).any():
+        return
+    good = np.isfinite(columns["u"]) & np.isfinite(columns["n"])
+    u, n = columns["u"][good], columns["n"][good]
+    first = int(np.argmax(u)) if len(u) else 0
+    stopped = (u[first:] < STOPPED * u[first : first + 1]) & (n[first:] > 0.5 * n[first : first + 1])
+    if stopped.any():
+        header = log.of["n"].header
+        raise OpenQuestion(
+            log.table.path,
+            f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write "
+            "it, or a column with it",
+            {"they are right": {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}},
+        )
 
 
 def with_units_of_size(log: Log) -> Log:
@@ -283,39 +300,6 @@ def with_units_of_size(log: Log) -> Log:
         elif known(quantity).unit == "rps" and 60 < largest < 5000:
             log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
     return log
-
-
-def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[str, str]:
-    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
-
-    t: (N,) even times [s]; columns: of the same run, with known units. A speed is compared with that of the positions,
-    a turn rate with the change of the heading.
-    """
-    h = float(np.median(np.diff(t)))
-    if quantity == "r" and "psi" in columns:
-        return _fitting(quantity, values, smoothed(h, unwrapped(columns["psi"])).rate, "the change of the heading")
-    if quantity in ("sog", "u") and {"x", "y"} <= set(columns):
-        speed = np.hypot(*(smoothed(h, columns[name]).rate for name in ("x", "y")))
-        return _fitting(quantity, values, speed, "the speed of the positions")
-    return "", ""
-
-
-def _fitting(quantity: str, values: np.ndarray, truth: np.ndarray, what: str) -> tuple[str, str]:
-    """The unit in which ``values`` agree with the ``truth`` (N,), if only one does."""
-    good = np.isfinite(values) & np.isfinite(truth)
-    square = float(values[good] @ values[good])
-    if good.sum() < 10 or square == 0:
-        return "", ""
-    slope = float(values[good] @ truth[good]) / square
-    error = truth[good] - slope * values[good]
-    if slope <= 0 or error @ error > 0.2 * float(truth[good] @ truth[good]):
-        return "", ""
-    off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
-    ranked = sorted(off, key=lambda unit: off[unit])
-    if off[ranked[0]] > CLOSE or off[ranked[1]] < APART:
-        return "", ""
-    assert factor(quantity, ranked[0]) is not None
-    return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
 
 
 NORTHERNMOST = 89.9

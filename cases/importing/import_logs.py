@@ -4,58 +4,41 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
-from cases.importing.excel_sheet import read_excel_tables
-from cases.importing.import_map import ImportMap, names_apart
+from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
 from cases.importing.log_columns import Log, log_of
 from cases.importing.nmea_log import is_nmea, read_nmea
-from cases.importing.raw_table import RawTable, raw_table
-from cases.importing.text_log import LARGEST_LOG, read_text_log
-from cases.importing.vocabulary import known_units
+from cases.importing.raw_table import RawTable
+from cases.importing.table_files import LARGEST_LOG, read_excel_tables, read_parquet, read_text_log
 from cases.io.files import LARGEST, check_file
 from cases.io.sidecar import NAME as SIDECAR
-from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, Missing, TooFewData, UserError
 from mmg.messages import has_code
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
 """Files of a folder that are logs."""
-POINT = "FORWARD STARBOARD"
-"""A choice that stands for two numbers [m]."""
 BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a person may be asked: of a ``file`` and its ``header``, which of the ``choices`` it is, in ``words``.
-
-    quantity: whose unit is asked for, or "" where the choices are quantities; "reference_point", of no file, is asked
-    for as POINT, two numbers.
-    """
-
-    file: str
-    header: str
-    quantity: str
-    choices: tuple[str, ...]
-    words: str
 
 
 @dataclass(frozen=True)
 class Imported:
     """runs: as they can be written; problems: of files and runs that cannot, one line each; origin: latitude and
-    longitude [deg] of the local frame, or None; questions: that the headers leave open; skipped: files that were not
-    read, by the map."""
+    longitude [deg] of the local frame, or None; questions: that the logs leave open; skipped: files that were not
+    read, by the map; names: of all files, as the map calls them."""
 
     runs: tuple[ImportedRun, ...]
     problems: tuple[str, ...]
     origin: tuple[float, float] | None
     questions: tuple[Question, ...] = ()
     skipped: tuple[Path, ...] = ()
+    names: Mapping[Path, str] = field(default_factory=dict)
 
 
 def import_logs(
@@ -72,15 +55,21 @@ def import_logs(
         raise Missing("no logs given")
     logs: list[Log] = []
     problems: list[str] = []
+    asked: list[Question] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file)]
+            decimal = chosen.of(file).decimal or chosen.decimal
+            logs += [log_of(table, chosen) for table in _tables(file, decimal)]
         except UserError as error:
             problems.append(str(error))
+            asked += [error.question] if isinstance(error, OpenQuestion) else []
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
     problems += _several_ships(logs)
+    if chosen.zone_hours is not None and logs and all(log.zoned for log in logs):
+        words = f"zone_hours = {chosen.zone_hours:g} is for stamps without a time zone, and these have one"
+        problems.append(f"{logs[0].name}: {words}; leave it out")
     origin = _origin(logs, chosen)
     runs: list[ImportedRun] = []
     for group in grouped(logs, chosen):
@@ -88,27 +77,34 @@ def import_logs(
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             problems.append(str(error))
-    named = names_apart(all_files)
-    asked = tuple(question for log in logs for question in _questions(with_units_of_size(log), named[log.table.path]))
+            asked += [error.question] if isinstance(error, OpenQuestion) else []
+    asked += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
-        asked += (Question("", "", "reference_point", (POINT, "unknown"), words),)
+        asked.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
     skipped = tuple(file for file in all_files if file not in files)
-    return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked, skipped)
+    return Imported(
+        tuple(_with_own_names(runs)),
+        tuple(dict.fromkeys(problems)),
+        origin,
+        tuple(asked),
+        skipped,
+        names_apart(all_files),
+    )
 
 
-def _questions(log: Log, name: str) -> list[Question]:
-    """What the headers of ``log`` leave open. name: of its file."""
+def _questions(log: Log) -> list[Question]:
+    """What the headers of ``log`` leave open, though a run can be made without it."""
     found = []
     for header, may_be in log.unsure.items():
-        choices = tuple(word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing")
-        found.append(Question(name, header, "", (*choices, "nothing"), f"'{header}' may be {may_be}"))
+        names = [word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing"]
+        choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
+        choices["nothing"] = {"ignore": [header]}
+        found.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
     for quantity in log.unitless:
         if quantity in ("r", "sog", "u"):  # other columns show it
             continue
-        header = log.of[quantity].header
-        units = (*known_units(quantity), "nothing")
-        found.append(Question(name, header, quantity, units, f"'{header}' ({quantity}) has no unit"))
+        found.append(log.unit_question(quantity))
     return found
 
 
@@ -122,7 +118,7 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
-def _tables(file: Path) -> list[RawTable]:
+def _tables(file: Path, decimal: str) -> list[RawTable]:
     check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
@@ -132,25 +128,11 @@ def _tables(file: Path) -> list[RawTable]:
     if suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
     if suffix == ".parquet":
-        return [_parquet(file)]
+        return [read_parquet(file)]
     with file.open("rb") as stream:
         if is_nmea(stream.read(8192)):
             return [read_nmea(file)]
-    return [read_text_log(file)]
-
-
-def _parquet(file: Path) -> RawTable:
-    import pandas as pd
-
-    try:
-        frame = pd.read_parquet(file)
-    except Exception as error:  # pyarrow raises many kinds for damaged files
-        why = " ".join(str(error).split())
-        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        raise Unreadable(f"{file}: not a readable Parquet file ({why})") from None
-    cells = [str(c) for c in frame.columns]
-    frame.columns = pd.RangeIndex(len(cells))
-    return raw_table(file, str(file), cells, [""] * len(cells), frame, [])
+    return [read_text_log(file, decimal)]
 
 
 def _several_ships(logs: Sequence[Log]) -> list[str]:

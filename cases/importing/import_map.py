@@ -2,18 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from cases.importing.vocabulary import known_units
+from cases.importing.vocabulary import factor, known_units
 from cases.io.sidecar import ReferencePoint
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
+from mmg.errors import BadValue
 
 NAME = "import.toml"
+POINT = "FORWARD STARBOARD"
+"""An answer that stands for two numbers [m]."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap, or of
+    all files, as in ImportMap, where ``file`` is none."""
+
+    file: Path
+    words: str
+    choices: Mapping[str, Mapping[str, Any]]
+
+    def __str__(self) -> str:
+        lines = (f"{answer}: {line_of(change)}" for answer, change in self.choices.items())
+        return f"{self.file}: {self.words}; say in the map {', or '.join(lines)}"
+
+
+class OpenQuestion(BadValue):
+    """A log that may mean one of several things; the text has the line of the map for each."""
+
+    def __init__(self, file: Path, words: str, choices: Mapping[str, Mapping[str, Any]]) -> None:
+        self.question = Question(file, words, choices)
+        super().__init__(self.question)
+
+
+def line_of(change: Mapping[str, Any]) -> str:
+    """The lines of a map, in one, that say a ``change`` of FileMap."""
+    out = []
+    for key, value in change.items():
+        if key == "columns":
+            out += [f"[columns] {name} = {_toml(column)}" for name, column in value.items()]
+        else:
+            out.append(f"{key} = {_toml(value)}")
+    return " and ".join(out)
+
+
+def _toml(value: Any) -> str:
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update(value)
+        return table.as_string()
+    return tomlkit.item(value).as_string()
 
 
 def _quantity(name: str) -> str:
@@ -45,7 +92,8 @@ def _column(value: Any) -> Any:
 
 class FileMap(Section):
     """What holds for one file: columns over those for all; clock_offset [s] is added to its clock, and clock_drift
-    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used."""
+    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used; rows:
+    header -> cells of the rows that are used; decimal: what is written before parts of a whole."""
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
@@ -53,6 +101,8 @@ class FileMap(Section):
     run: Name = ""
     skip: bool = False
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
 
 
 class ImportMap(Section):
@@ -61,9 +111,10 @@ class ImportMap(Section):
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
     measured at each sample where it is not said; orders are held. reference_point: where positions and velocities were
     measured, from midship, or "unknown"; length: of the ship [m], for the lever arm of an unknown one. zone_hours: time
-    zone of stamps without one, ahead of UTC, where it is said. sentinels: further numbers that stand for nothing.
-    origin: latitude and longitude [deg] of the local frame. separate: every file is a run of its own. step: of the rows
-    that are written [s]. ignore: headers of columns that are not used in any file. files: by name, or with as much of
+    zone of stamps without one, ahead of UTC, where it is said. variation: of the compass, positive to the east, by
+    which magnetic headings are true. sentinels: further numbers that stand for nothing. origin: latitude and longitude
+    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
+    headers of columns that are not used in any file. rows, decimal: as of FileMap. files: by name, or with as much of
     the path before it as tells them apart.
     """
 
@@ -75,11 +126,14 @@ class ImportMap(Section):
     reference_point: Antenna | None = None
     length: float | None = number("m", None, ge=0.5, le=600.0)
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
+    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
     step: float | None = number("s", None, gt=1e-4, le=60.0)
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
     files: dict[str, FileMap] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -87,7 +141,7 @@ class ImportMap(Section):
         for columns in (self.columns, *(file.columns for file in self.files.values())):
             for name, column in columns.items():
                 units = known_units(name)
-                if column.unit and units and column.unit not in units and name != "t":
+                if column.unit and units and factor(name, column.unit) is None and name != "t":
                     raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
@@ -106,6 +160,21 @@ class ImportMap(Section):
     def ignored_in(self, file: Path) -> set[str]:
         """Headers of ``file`` that are not used."""
         return {*self.ignore, *self.of(file).ignore}
+
+    def answered(self, name: str, change: Mapping[str, Any]) -> ImportMap:
+        """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
+        content = self.model_dump(exclude_unset=True, by_alias=True)
+        entry = dict(content.setdefault("files", {}).get(name, {}))
+        for key, value in change.items():
+            old = entry.get(key)
+            together = {**old, **value} if isinstance(old, dict) else [*old, *value] if isinstance(old, list) else value
+            entry[key] = together
+        content["files"][name] = entry
+        return validated(ImportMap, content, "answers")
+
+    def rows_of(self, file: Path) -> dict[str, list[str]]:
+        """Header -> cells of the rows of ``file`` that are used."""
+        return {**self.rows, **self.of(file).rows}
 
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""

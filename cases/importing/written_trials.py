@@ -70,7 +70,7 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
     named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
     for run, log in [(one, log) for one in found.runs for log in one.logs]:
         table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
-        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift"})
+        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
         if unused := [*own.ignore, *log.unsure]:
             table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
         if len(run.logs) > 1:
@@ -82,7 +82,8 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
             table.setdefault("columns", {})[quantity] = row
     files |= {named[path]: {"skip": True} for path in found.skipped}
     words = "# What mmg import did; mmg import FILE... --map import.toml --out DIR does it again.\n"
-    return words + tomlkit.dumps({**document, "files": files})
+    account = [f"# {log.table.path.name}: {row}\n" for run in found.runs for log in run.logs for row in log.accounts]
+    return words + "".join(dict.fromkeys(account)) + tomlkit.dumps({**document, "files": files})
 
 
 def sidecar_text(found: Imported, chosen: ImportMap, folder: Path) -> str:

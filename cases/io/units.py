@@ -23,9 +23,10 @@ FACTORS: dict[str, dict[str, float]] = {
     "m/s": {"m/s": 1.0, "kn": KNOT, "km/h": 1.0 / 3.6, "cm/s": 0.01, "mm/s": 0.001, "ft/s": 0.3048},
     "rad/s": {"rad/s": 1.0, "deg/s": DEG, "deg/min": DEG / 60.0, "rad/min": 1.0 / 60.0, "mrad/s": 0.001},
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0, "rad/s": 0.5 / math.pi},
-    "deg": {"deg": 1.0, "rad": 1.0 / DEG},
+    "deg": {"deg": 1.0, "rad": 1.0 / DEG, "1e-7 deg": 1e-7, "ddmm": 1.0},
 }
-"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial."""
+"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial.
+"ddmm" is degrees and minutes in one number, which the reader parts before."""
 
 SPELLINGS = {
     "sec": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "minutes": "min", "µs": "us",

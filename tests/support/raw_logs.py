@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import datetime
+import re
+import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, reduce
 from pathlib import Path
 
 import numpy as np
 
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap
+from cases.io.toml_file import validated
 from cases.trial import Trial
 from mmg_ident import simulate
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 BEGIN = datetime.datetime(2026, 5, 4, 9, 30, tzinfo=datetime.timezone.utc)
 ORIGIN = (34.7, 135.4)
@@ -182,3 +192,17 @@ def table(path: Path, columns: Mapping[str, Sequence[object] | np.ndarray], keep
 
 def _cell(value: object) -> str:
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
+
+
+def answers(path: Path) -> list[ImportMap]:
+    """The maps of the lines that the only problem of the log ``path`` prints, one for each answer."""
+    (problem,) = import_logs([path]).problems
+    _, printed, lines = problem.partition("; say in the map ")
+    assert printed, problem
+    maps = []
+    for line in re.split(r", or (?=[^]}]+: [\[\w])", lines):
+        change = re.search(r": ((?:\[columns\]|ignore|rows|decimal).*)$", line)
+        assert change, line
+        text = change[1].replace("] and [", "]\n[").replace("} and [", "}\n[").replace("[columns] ", "columns.")
+        maps.append(validated(ImportMap, tomllib.loads(text), line))
+    return maps

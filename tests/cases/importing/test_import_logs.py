@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.importing.import_logs import Imported, import_logs
-from cases.importing.import_map import ImportMap, read_map
+from cases.importing.import_map import POINT, ImportMap, read_map
 from cases.importing.written_trials import write_import
 from cases.inputs import STANDARD, is_sampled, model_inputs
 from cases.io.read import read_trials
@@ -142,7 +142,7 @@ def test_an_unknown_antenna_is_said_with_the_line_that_answers_it_and_widens_the
     (said,) = [m for m in found.runs[0].notices if has_code([m], "reference_point_unknown")]
     for line in re.findall(r'reference_point = (?:\{[^}]*\}|"\w+")', said):
         validated(ImportMap, parse_toml(line, "line"), "line")
-    assert [q.quantity for q in found.questions] == ["reference_point"]
+    assert [list(q.choices) for q in found.questions] == [[POINT, "unknown"]]
     lever = 3.0 * np.sqrt(np.mean(raw_logs.run()["r"] ** 2))
     assert lever < found.runs[0].std["v"] < 2 * lever
     for map_ in ({"reference_point": "unknown"}, {"reference_point": "unknown", "length": 14.0}):
@@ -178,6 +178,16 @@ def test_force_replaces_what_an_import_wrote_and_keeps_what_a_person_wrote(tmp_p
     with pytest.raises(UserError, match="colour"):
         write_import(imported(tmp_path / "logs" / "a.csv"), chosen, out, force=True)
     assert path.read_text() == "colour = 1\n"
+
+
+@pytest.mark.parametrize("zones", [("Z",), ("+02:00",), ("", "Z")])
+def test_a_zone_for_stamps_that_have_one_is_refused(tmp_path: Path, zones: tuple[str, ...]) -> None:
+    log = raw_logs.bridge(raw_logs.run())
+    log["Time"] = [raw_logs.stamp(t)[:-6] + zones[i % len(zones)] for i, t in enumerate(raw_logs.run().t)]
+    path = raw_logs.table(tmp_path / "a.csv", log)
+    assert import_logs([path], validated(ImportMap, {"zone_hours": 9.0}, "map")).problems
+    log["Time"] = [cell.removesuffix(zones[-1]) for cell in log["Time"]]
+    imported(raw_logs.table(path, log), validated(ImportMap, {"zone_hours": 9.0}, "map"))
 
 
 def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path) -> None:
@@ -231,7 +241,7 @@ def test_a_unit_that_nothing_shows_is_asked_for(tmp_path: Path) -> None:
     path = plain(tmp_path / "a.txt", UNITS.replace("shaft_rps", "shaft speed").replace("shaft speed", "shaft_speed"))
     found = import_logs([path])
     assert len(found.problems) == 1 and "'shaft_speed'" in found.problems[0]
-    assert [(q.quantity, q.choices[:2]) for q in found.questions] == [("n", ("rps", "rpm"))]
+    assert [list(q.choices)[:2] for q in found.questions] == [["rps", "rpm"]]
     chosen = validated(ImportMap, {"columns": {"n": {"from": "shaft_speed", "unit": "rps"}}}, "map")
     assert errors(imported(path, chosen), raw_logs.run())["n"] < 1e-12
 
@@ -241,9 +251,9 @@ def test_what_a_column_may_be_is_asked(tmp_path: Path) -> None:
     more = {"w": np.full(len(truth), 5.0), "d": np.full(len(truth), 1.0)}
     path = plain(tmp_path / "a.txt", f"{UNITS} wind_speed_mps wind_dir_rad", **more)
     found = import_logs([path])
-    assert [q.choices for q in found.questions] == [
-        ("wind_speed", "apparent_wind_speed", "nothing"),
-        ("wind_direction", "apparent_wind_direction", "nothing"),
+    assert [list(q.choices) for q in found.questions] == [
+        ["wind_speed", "apparent_wind_speed", "nothing"],
+        ["wind_direction", "apparent_wind_direction", "nothing"],
     ]
     assert "wind_speed" not in found.runs[0].columns
 

@@ -265,7 +265,7 @@ def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     path = log(tmp_path / "run.nmea", *turning(shaft("E,0")))
     found = import_logs([path])
     assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
-    assert [q.choices for q in found.questions] == [("n", "n_2", "nothing")]
+    assert [list(q.choices) for q in found.questions] == [["n", "n_2", "nothing"]]
     direct = validated(ImportMap, {"columns": {"n": "RPM-E"}}, "map")
     assert off(columns(path, direct), "n") < 0.01
 
