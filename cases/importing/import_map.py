@@ -22,8 +22,8 @@ POINT = "FORWARD STARBOARD"
 
 @dataclass(frozen=True)
 class Question:
-    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap; where
-    ``file`` is none, of all files, as in ImportMap."""
+    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap;
+    without a ``file``, of all files, as in ImportMap."""
 
     file: Path
     words: str
