@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from cases.importing.clocks import clock_problems
-from cases.importing.derived_motion import derived_velocities
+from cases.importing.derived_motion import derived_velocities, resolution_of, widened
 from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
 from cases.importing.raw_table import NOT_READ
@@ -18,7 +18,7 @@ from cases.importing.track_direction import by_evidence, check_direction, check_
 from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted
 from cases.io.headers import lacking
-from cases.io.sidecar import SidecarEntry
+from cases.io.sidecar import ReferencePoint, SidecarEntry
 from cases.io.through_north import through_north
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
@@ -28,8 +28,15 @@ from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, To
 from mmg.messages import Message
 
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
+DEGREE = 60 * 1852.0
+"""Metres in a degree of latitude."""
 CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}
 """Keys of the map that a sidecar has as well."""
+REFERENCE_POINT = (
+    'reference_point = { x = 12.0, y = 0.0, applies_to = "both" } (of the antenna from midship, in m forward and to '
+    'starboard), or reference_point = "unknown"'
+)
+"""What the map says of the antenna."""
 GAP = 2.5
 """Gaps of a column beyond so many of its steps stay gaps."""
 LEAST_ROWS = 20
@@ -62,11 +69,12 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
-    t, columns, steps = _on_one_clock(logs, chosen, where, notices)
+    t, columns, steps, resolutions = _on_one_clock(logs, chosen, where, notices)
     check_direction(columns, logs, chosen)
     problems = clock_problems(logs, chosen)
     if problems:
         raise BadValue("; ".join(problems))
+    receiver = not {"latitude", "sog"}.isdisjoint(columns)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
@@ -80,6 +88,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
         raise Missing("; ".join(problems))
+    point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
@@ -91,18 +100,24 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
             columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
             ancestors["wind_direction"] = ("psi", "true_wind_angle")
             notices.append(Message("wind_direction is heading and angle of the true wind from the bow", "wind_angle"))
-        derived = derived_velocities(t, columns, steps)
+        derived = derived_velocities(t, columns, steps, resolutions, (point.x, point.y) if point else None)
         std, ancestors = derived.std, ancestors | derived.ancestors
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
     notices += check_units(t, columns, logs, chosen)
     _ask_for_astern(columns, logs, chosen)
+    computed = {"u", "v"} & set(ancestors)
+    if point is None and (receiver or computed):
+        std, words = widened(std, columns, computed, chosen.length)
+        line = "" if chosen.reference_point else f"; say it in the map: {REFERENCE_POINT}"
+        text = f"positions and speeds are not known to be those of midship: {words}{line}"
+        notices.append(Message(text, "reference_point_unknown"))
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))
     columns = {q: v for q, v in columns.items() if is_canonical(q)}
-    canonical = converted({"t": t, **columns}, SidecarEntry(**chosen.model_dump(include=CONVENTIONS)), notices)
+    canonical = converted({"t": t, **columns}, _conventions(chosen, point, computed), notices)
     for q in filter(wraps, canonical):
         canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
     first = logs[0].t[0] if logs[0].absolute else None
@@ -118,11 +133,20 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     )
 
 
+def _conventions(chosen: ImportMap, point: ReferencePoint | None, computed: Collection[str]) -> SidecarEntry:
+    """What the map says of frames and signs; velocities that were ``computed`` are in body axes and at midship."""
+    settings = chosen.model_dump(include=CONVENTIONS) | ({"velocity_frame": "body"} if computed else {})
+    if point is not None and computed:
+        moved = point.applies_to in ("position", "both")
+        point = point.model_copy(update={"applies_to": "position"}) if moved else None
+    return SidecarEntry(**settings, reference_point=point or ReferencePoint())
+
+
 def _on_one_clock(
     logs: Sequence[Log], chosen: ImportMap, where: str, notices: list[Message]
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float]]:
-    """Even times from zero [s], the columns of all logs at them, for as long as all of them run, and the steps [s] at
-    which the logs hold these."""
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float], dict[str, float]]:
+    """Even times from zero [s], the columns of all logs at them, for as long as all of them run, the steps [s] at which
+    the logs hold these, and to which the states were rounded."""
     first, last = max(log.t[0] for log in logs), min(log.t[-1] for log in logs)
     if last <= first:
         raise Conflict(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
@@ -154,9 +178,12 @@ def _on_one_clock(
             Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
         )
     steps = {quantity: log.step(quantity) for quantity, log in taken.items()}
-    if "latitude" in columns:
+    grain = {q: resolution_of(taken[q].columns[q]) for q in ("y", "longitude", "cog", *STATES) if q in taken}
+    if {"latitude", "longitude"} <= set(columns):
         steps["x"] = steps["latitude"]
-    return t, columns, steps
+        narrower = float(np.cos(np.radians(np.nanmedian(columns["latitude"]))))
+        grain["x"], grain["y"] = DEGREE * grain["latitude"], DEGREE * narrower * grain["longitude"]
+    return t, columns, steps, grain
 
 
 def _round(step: float) -> float:
@@ -199,8 +226,13 @@ def _place(
             return _count_from_start(columns, where, notices)
         columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
     assert origin is not None
-    columns["x"], columns["y"] = local_positions(columns.pop("latitude"), columns.pop("longitude"), origin, where)
+    place = columns.pop("latitude"), columns.pop("longitude")
+    columns["x"], columns["y"], turn = local_positions(*place, origin, where)
+    for name in [name for name in columns if known(name).compass]:
+        columns[name] = columns[name] - turn
     words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
+    most = float(np.degrees(np.abs(turn).max(initial=0.0)))
+    words += f"; directions from the north of that place, up to {most:.2g} deg off their own" if most > 0.01 else ""
     notices.append(Message(words, "local_frame"))
 
 
@@ -284,19 +316,27 @@ def with_units_of_size(log: Log) -> Log:
     return log
 
 
+NORTHERNMOST = 89.9
+"""deg; nearer to a pole, meridians converge along the track of a ship."""
 FURTHEST = 200e3
 """Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
 
 
 def local_positions(
     latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, float], where: str
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x north and y east [m] of positions (N,) [deg] in the transverse Mercator projection about ``origin`` (latitude,
-    longitude) on the WGS 84 ellipsoid.
+    longitude) on the WGS 84 ellipsoid, and the convergence of meridians [rad]: the north of the frame lies so far to
+    the right of that of the place.
 
-    where: for messages. Raises UserError where pyproj is missing and for positions further than FURTHEST away.
+    where: for messages. Raises UserError where pyproj is missing, for positions further than FURTHEST away and beyond
+    NORTHERNMOST.
     """
     pyproj = _pyproj(where)
+    if np.nanmax(np.abs(latitude), initial=0.0) > NORTHERNMOST:
+        raise OutOfRange(
+            f"{where}: positions at a pole, where no direction is north; give x and y in a frame of their own"
+        )
     lat, lon = origin
     frame = pyproj.Proj(proj="tmerc", lat_0=lat, lon_0=lon, k=1.0, ellps="WGS84")
     east, north = frame(
@@ -309,7 +349,9 @@ def local_positions(
         raise OutOfRange(
             f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
         )
-    return x, y
+    good = np.flatnonzero(known)
+    turn = np.radians(frame.get_factors(longitude[good], latitude[good]).meridian_convergence)
+    return x, y, np.interp(np.arange(len(x)), good, turn) if len(good) else np.zeros(len(x))
 
 
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from cases.importing.array_files import is_hdf5, is_matlab, read_arrays
 from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
-from cases.importing.import_map import ImportMap, OpenQuestion, Question, names_apart
+from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
 from cases.importing.json_logs import is_iso19848, is_signal_k, read_iso19848, read_signal_k, with_local_ids
 from cases.importing.log_columns import Log, log_of
 from cases.importing.long_table import pivoted
@@ -25,6 +25,7 @@ from cases.importing.table_files import LARGEST_LOG, read_excel_tables, read_par
 from cases.io.files import LARGEST, check_file, opened
 from cases.io.sidecar import NAME as SIDECAR
 from mmg.errors import BadValue, Missing, TooFewData, UserError
+from mmg.messages import has_code
 
 BEGIN = 65536
 """Bytes by which the format of a file is known."""
@@ -78,6 +79,9 @@ def import_logs(
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
     problems += _several_ships(logs)
+    if chosen.zone_hours is not None and logs and all(log.zoned for log in logs):
+        words = f"zone_hours = {chosen.zone_hours:g} is for stamps without a time zone, and these have one"
+        problems.append(f"{logs[0].name}: {words}; leave it out")
     origin = _origin(logs, chosen)
     runs: list[ImportedRun] = []
     for group in grouped(logs, chosen):
@@ -87,6 +91,9 @@ def import_logs(
             problems.append(str(error))
             asked += [error.question] if isinstance(error, OpenQuestion) else []
     asked += [question for log in logs for question in _questions(with_units_of_size(log))]
+    if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
+        words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
+        asked.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
     skipped = tuple(file for file in all_files if file not in files)
     return Imported(
         tuple(_with_own_names(runs)),

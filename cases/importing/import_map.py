@@ -8,20 +8,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from cases.importing.raw_table import NUMBERED
 from cases.importing.vocabulary import factor, known_units
+from cases.io.sidecar import ReferencePoint
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
 from mmg.errors import BadValue, Missing
 
 NAME = "import.toml"
+POINT = "FORWARD STARBOARD"
+"""An answer that stands for two numbers [m]."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap."""
+    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap;
+    without a ``file``, of all files, as in ImportMap."""
 
     file: Path
     words: str
@@ -74,6 +78,12 @@ def _header(value: Any) -> Any:
     return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+Antenna = Annotated[
+    Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
+    Discriminator(lambda value: "[word]" if value == "unknown" else "[point]"),
+]
+
+
 class ColumnMap(Section):
     """Where a quantity comes from: the header (``from``), or the number of a column without one, its unit and its
     sign."""
@@ -107,11 +117,13 @@ class ImportMap(Section):
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
     measured at each sample where it is not said; orders are held. axes: of ROS messages whose frames do not say them.
-    zone_hours: time zone of stamps without one, ahead of UTC, where it is said. sentinels: further numbers that stand
-    for nothing. origin: latitude and longitude [deg] of the local frame. separate: every file is a run of its own.
-    variation: of the compass, positive to the east, by which magnetic headings are true. step: of the rows that are
-    written [s]. ignore: headers of columns, and topics or sources, that are not used in any file. rows, decimal: as of
-    FileMap. files: by name, or with as much of the path before it as tells them apart.
+    reference_point: where positions and velocities were measured, from midship, or "unknown"; length: of the ship [m],
+    for the lever arm of an unknown one. zone_hours: time zone of stamps without one, ahead of UTC, where it is said.
+    sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local frame.
+    separate: every file is a run of its own. variation: of the compass, positive to the east, by which magnetic
+    headings are true. step: of the rows that are written [s]. ignore: headers of columns, and topics or sources, that
+    are not used in any file. rows, decimal: as of FileMap. files: by name, or with as much of the path before it as
+    tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -120,6 +132,8 @@ class ImportMap(Section):
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
     axes: Literal["enu", "ned"] = "enu"
+    reference_point: Antenna | None = None
+    length: float | None = number("m", None, ge=0.5, le=600.0)
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
     variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)

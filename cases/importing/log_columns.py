@@ -41,7 +41,7 @@ class Log:
     table: as read, without its cells; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity ->
     (N,) in the units of the registry; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
     yet; unknown: headers that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "";
-    accounts: of every column of the table.
+    accounts: of every column of the table; zoned: whether its stamps name a time zone.
     """
 
     table: RawTable
@@ -56,6 +56,7 @@ class Log:
     zone: str = ""
     notices: tuple[Message, ...] = ()
     accounts: tuple[Account, ...] = ()
+    zoned: bool = False
 
     @property
     def name(self) -> str:
@@ -220,7 +221,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     return Log(
         table.without_cells(), t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
-        table.accounts or of.accounts(table),
+        table.accounts or of.accounts(table), clock.zoned,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.leave_out import left_out
-from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
+from cases.io.sidecar import SidecarEntry, sidecar_entry
 from cases.io.through_north import through_north
 from cases.io.toml_file import validated
 from cases.io.trial_table import check_forward, trial_table
@@ -86,9 +86,9 @@ def read_trial(
     if path.suffix.lower() not in SUFFIXES:
         check_file(path)
         raise BadValue(f"{path}: not a trial file; expected .csv or .parquet")
-    entry = sidecar_entry(path) if settings is None else settings
-    entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
+    entry = sidecar_entry(path, notices) if settings is None else settings
+    entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     labels: dict[str, tuple[str, str]] = {}
     raw, digest = _si_columns(path, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)
@@ -150,11 +150,6 @@ def _files_of(folder: Path) -> list[Path]:
     found = _named(folder.iterdir()) or _named(folder.rglob("*"))
     if not found:
         raise Missing(f"{folder}: no .csv or .parquet files in this folder")
-    if (folder / NAME).exists():
-        names = {p.name for p in found} | {p.stem for p in found}
-        absent = [name for name in read_sidecar(folder / NAME).files if name not in names]
-        if absent:
-            raise Missing(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
 
 

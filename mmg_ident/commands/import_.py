@@ -93,13 +93,18 @@ def _answered(found: Imported, chosen: ImportMap, before: set[tuple[Path, str]])
         if (question.file, question.words) not in before:
             together.setdefault((question.words, tuple(question.choices)), []).append(question)
     for (words, choices), questions in together.items():
-        names = [found.names[question.file] for question in questions]
+        names = [found.names.get(question.file, "") for question in questions]
         before |= {(question.file, words) for question in questions}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        cli.say(f"{', '.join(names[:3])}{more}: {words}")
+        cli.say(f"{', '.join(names[:3])}{more}: {words}".removeprefix(": "))
         answer = _choice(choices)
-        for name, question in zip(names, questions, strict=True):
-            chosen = chosen.answered(name, question.choices[answer])
+        if point := _point(answer):
+            chosen = _with(chosen, {"reference_point": list(point)})
+        elif not names[0]:
+            chosen = _with(chosen, dict(questions[0].choices[answer]))
+        else:
+            for name, question in zip(names, questions, strict=True):
+                chosen = chosen.answered(name, question.choices[answer])
     return chosen
 
 
@@ -107,11 +112,23 @@ def _choice(choices: tuple[str, ...]) -> str:
     """The one of the ``choices`` that the person types; an empty line is the last one."""
     import typer
 
+    from cases.importing.import_map import POINT
+
     while True:
         answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
-        if answer in choices:
+        if answer in choices and answer != POINT:
+            return answer
+        if POINT in choices and _point(answer):
             return answer
         cli.say(f"  '{answer}' is none of them")
+
+
+def _point(answer: str) -> tuple[float, float] | None:
+    """The two numbers [m] of an ``answer`` such as "12.0 0.0"; None of another."""
+    from cases.io.units import as_number
+
+    numbers = [as_number(word) for word in answer.replace(",", " ").split()]
+    return (numbers[0], numbers[1]) if len(numbers) == 2 and all(abs(n) <= 600 for n in numbers) else None
 
 
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:

@@ -40,9 +40,10 @@ def stamp(t: float, begin: datetime.datetime = BEGIN) -> str:
     return (begin + datetime.timedelta(seconds=float(t))).isoformat(timespec="milliseconds")
 
 
-def globe(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-    """Latitude and longitude [deg] of the positions."""
-    return ORIGIN[0] + trial["x"] / M_PER_DEG[0], ORIGIN[1] + trial["y"] / M_PER_DEG[1]
+def globe(trial: Trial, origin: tuple[float, float] = ORIGIN) -> tuple[np.ndarray, np.ndarray]:
+    """Latitude and longitude [deg] of the positions about an ``origin``."""
+    M = M_PER_DEG if origin == ORIGIN else (111133.0, 111320.0 * float(np.cos(np.radians(origin[0]))))
+    return origin[0] + trial["x"] / M[0], (origin[1] + trial["y"] / M[1] + 180) % 360 - 180
 
 
 def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -91,16 +92,23 @@ def sentence(body: str) -> str:
     return f"${body}*{reduce(lambda a, c: a ^ ord(c), body, 0):02X}"
 
 
-def nmea(path: Path, trial: Trial, damaged: bool = True) -> Path:
+def nmea(
+    path: Path,
+    trial: Trial,
+    damaged: bool = True,
+    origin: tuple[float, float] = ORIGIN,
+    begin: datetime.datetime = BEGIN,
+) -> Path:
     """Sentences of a satellite receiver, a gyro, a rudder indicator and a shaft, with a damaged line."""
-    lat, lon = globe(trial)
+    lat, lon = globe(trial, origin)
     sog, cog = ground(trial)
     lines = []
     for i, t in enumerate(trial.t):
-        now = BEGIN + datetime.timedelta(seconds=float(t))
-        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat[i], lon[i]))
+        now = begin + datetime.timedelta(seconds=float(t))
+        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (abs(lat[i]), abs(lon[i])))
+        a, b = f"{a},{'N' if lat[i] >= 0 else 'S'}", f"{b},{'E' if lon[i] >= 0 else 'W'}"
         clock = f"{now:%H%M%S}.{now.microsecond // 10000:02d}"
-        lines.append(sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
+        lines.append(sentence(f"GPRMC,{clock},A,{a},{b},{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
         lines.append(sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
         lines.append(sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
         lines.append(sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
@@ -141,6 +149,7 @@ def apart(folder: Path, trial: Trial) -> list[Path]:
 
 def rows(path: Path, header: str, lines: list[str]) -> Path:
     """A file of lines below a header."""
+    path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
     return path
 
