@@ -20,8 +20,8 @@ from benchmarks.blind.generator.write import generate
 from benchmarks.record import Figure, keep, parser_of
 from cases.checks.stretches import broken_stretches
 from cases.io.leave_out import inside
+from cases.io.published_splits import data_folder
 from cases.io.read import read_trials
-from cases.published_splits import data_folder
 from cases.trial import Trial
 
 Columns = dict[str, np.ndarray]

@@ -27,7 +27,8 @@ from benchmarks.file_faults.fleet import SETS, drawn
 from benchmarks.record import Figure, keep, parser_of
 from cases.checks import CheckReport, check
 from cases.io.read import read_trials
-from cases.trial import UNITS, Trial
+from cases.quantities import UNITS
+from cases.trial import Trial
 from mmg.errors import UserError
 
 ADVICE = re.compile(r'trials\.toml, (\[default\]|\[files\."[^"]+"\]): (.+?)(?:\.$|\. |$)', re.MULTILINE)

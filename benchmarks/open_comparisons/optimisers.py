@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.record import Figure, keep
-from cases import published_splits as splits
+from cases.io import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibration import estimate_coefficients

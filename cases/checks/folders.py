@@ -23,7 +23,8 @@ from cases.io.leave_out import left_out
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import NAME, SidecarEntry, sidecar_entry
 from cases.io.unit_sanity import mislabelled
-from cases.io.units import si_unit, to_si, unit_by_factor
+from cases.io.units import to_si, unit_by_factor
+from cases.quantities import quantity
 from cases.trial import Trial
 from mmg.errors import UserError
 
@@ -270,7 +271,7 @@ OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body",
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:
     """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
     found = json.loads(trial.meta.get("labels", "{}"))
-    return {name: tuple(found.get(name, (name, si_unit(name)))) for name in trial.columns}
+    return {name: tuple(found.get(name, (name, quantity(name).unit))) for name in trial.columns}
 
 
 def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.evidence.signals import PIECES, Signals, Stats, evidence, over_windows, relative, signals
-from cases.io.units import si_unit, to_si, unit_by_factor
+from cases.io.units import to_si, unit_by_factor
+from cases.quantities import quantity
 from cases.trial import Trial
 
 DEG = math.pi / 180.0
@@ -392,7 +393,7 @@ def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
     choices = {"psi": HEADINGS, "u": SPEEDS, "t": CLOCKS, "r": {abs(factor) for factor in RATES}}
     out = set()
     for column, factors in choices.items():
-        own = to_si(column, labels.get(column) or si_unit(column), column)
+        own = to_si(column, labels.get(column) or quantity(column).unit, column)
         out |= {(column, factor) for factor in factors if not unit_by_factor(column, own * factor)}
     return out
 

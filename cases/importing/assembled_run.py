@@ -14,12 +14,14 @@ from cases.importing.derived_motion import derived_velocities, smoothed
 from cases.importing.import_map import ImportMap
 from cases.importing.log_columns import Log
 from cases.importing.track_direction import positions_problem
-from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, turn_of, unit_of
+from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units
 from cases.io.conventions import converted
 from cases.io.headers import lacking
 from cases.io.sidecar import SidecarEntry
 from cases.io.trial_table import MOST_ROWS
-from cases.trial import RUDDERS, UNITS, unwrapped, wraps
+from cases.quantities import is_canonical, wraps
+from cases.quantities import quantity as known
+from cases.trial import RUDDERS, unwrapped
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
 
@@ -96,7 +98,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))
-    columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
+    columns = {q: v for q, v in columns.items() if is_canonical(q)}
     canonical = converted({"t": t, **columns}, SidecarEntry(**chosen.model_dump(include=CONVENTIONS)), notices)
     for q in filter(wraps, canonical):
         canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
@@ -166,8 +168,8 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
     if good.sum() < 2:
         return np.full(len(times), np.nan)
     t, y = log.t[good], values[good]
-    if turn := turn_of(quantity):
-        y = np.unwrap(y, period=turn)
+    if period := known(quantity).period:
+        y = np.unwrap(y, period=period)
     for end in (t[0], t[-1]):  # sums of steps miss the ends by their last digits
         times = np.where(np.abs(times - end) < 1e-6, end, times)
     out = np.interp(times, t, y, left=np.nan, right=np.nan)
@@ -244,9 +246,9 @@ def with_units_of_size(log: Log) -> Log:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than a turn in radians")
         elif (quantity in RUDDERS or quantity == "pitch") and 1.75 < largest <= 110:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than 100 deg if in radians")
-        elif unit_of(quantity) == "m" and largest > 2e4:
+        elif known(quantity).unit == "m" and largest > 2e4:
             log = log.with_unit(quantity, "m", "of the size of eastings and northings")
-        elif unit_of(quantity) == "rps" and 60 < largest < 5000:
+        elif known(quantity).unit == "rps" and 60 < largest < 5000:
             log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
     return log
 

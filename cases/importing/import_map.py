@@ -8,15 +8,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from cases.importing.vocabulary import RAW, known_units
+from cases.importing.vocabulary import known_units
 from cases.io.toml_file import Name, Section, number, read_toml, validated
-from cases.io.units import is_canonical
+from cases.quantities import QUANTITIES, is_canonical
 
 NAME = "import.toml"
 
 
 def _quantity(name: str) -> str:
-    if not is_canonical(name) and name not in RAW:
+    if not is_canonical(name) and name not in QUANTITIES:
         raise ValueError(f"'{name}' is no quantity of a log (t, psi, u, n, delta, latitude, longitude, sog, cog, ...)")
     return name
 

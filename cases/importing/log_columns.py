@@ -14,16 +14,18 @@ from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_z
 from cases.importing.import_map import ColumnMap, ImportMap
 from cases.importing.raw_table import Clock, RawTable, split_unit
 from cases.importing.sign_columns import hold_signs, sign_columns, signed
-from cases.importing.vocabulary import SIGNS, factor, known_units, meaning, turn_in, turn_of, unit_of
+from cases.importing.vocabulary import factor, known_units, meaning, turn_in
 from cases.io.block_means import BlockMeans, rows_together
 from cases.io.sentinels import remarks, sentinels_in
+from cases.quantities import QUANTITIES, wraps
+from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName
 from mmg.messages import Message
 
 HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
 """A header of a motion of the hull, beside which a column called pitch is another."""
 PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
-TEXT = ("ship", "zone", "date", *SIGNS)
+TEXT = tuple(name for name, known in QUANTITIES.items() if not known.unit)
 """Quantities that are words."""
 
 
@@ -32,7 +34,7 @@ class Log:
     """One table of a log whose columns are known.
 
     table: as read, without its cells; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity ->
-    (N,) in the units of ``unit_of``; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
+    (N,) in the units of the registry; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
     yet; unknown: headers that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "".
     """
 
@@ -99,14 +101,14 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             raise UnknownName(
                 f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
             )
-        if scale is None and unit_of(quantity):
+        if scale is None:
             unitless.append(quantity)
         if f"{quantity}_sign" in mapped:
             notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
         scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
-    means = BlockMeans(count, {q: turn_of(q) for q in scales if turn_of(q)})
+    means = BlockMeans(count, {q: period for q in scales if (period := known(q).period)})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
     clock, days, end = None, 0.0, -np.inf
     for piece in table.pieces([column.header for column in mapped.values()]):
@@ -127,7 +129,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             lost = (columns["latitude"] == 0) & (columns["longitude"] == 0)
             columns |= {name: np.where(lost, np.nan, columns[name]) for name in ("latitude", "longitude")}
         if not means.rows:  # without units, the first rows tell which turn directions have
-            means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if turn_of(q)}
+            means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).wraps}
         t, columns, said = _rows(own.t, columns, means.periods)
         means.add({"t": t, **columns})
         notices += [m for m in (*piece.notices, *said) if m.code not in {n.code for n in notices}]
@@ -267,7 +269,8 @@ def _degrees(cell: Any, where: str, header: str) -> float:
 
 def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
     """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
-    for quantity, most in (("latitude", 90.0), ("longitude", 360.0)):
+    for quantity in ("latitude", "longitude"):
+        most = known(quantity).limits[1]
         values = np.abs(columns.get(quantity, np.zeros(0)))
         beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
         if beyond.sum() > 0.5 * len(beyond):
@@ -324,7 +327,7 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     for name, values in states.items():
         at = held[name]
         change = np.abs(np.diff(values))
-        if name in ("psi", "cog"):
+        if wraps(name):
             turn = 360.0 if np.nanmax(np.abs(values)) > 7 else 2 * np.pi
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0

@@ -23,7 +23,8 @@ from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.toml_file import validated
 from cases.io.trial_table import check_forward, trial_table
 from cases.io.unit_sanity import implausible
-from cases.io.units import si_unit, to_si
+from cases.io.units import to_si
+from cases.quantities import quantity
 from cases.trial import RUDDERS, Trial
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
@@ -64,12 +65,6 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     if not files:
         raise Missing("no trial files given")
     return list(dict.fromkeys(files))
-
-
-def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:
-    """Trials as they are, and those at paths read; given: one or several of both."""
-    several = [given] if isinstance(given, (str, Path, Trial)) else given
-    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
 
 
 def read_trial(
@@ -167,7 +162,9 @@ def _si_columns(
     and the hash of the file. labels: to which the header and the unit of each column are added."""
     table = trial_table(path)
     named = {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, table.header))}
-    at_rest = [f"{name} [{si_unit(name)}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
+    at_rest = (
+        [f"{name} [{quantity(name).unit}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
+    )
     matched = match_headers(path, table.header + at_rest, entry, notices)
     if at_rest:
         notices.append(Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest"))
@@ -181,7 +178,7 @@ def _si_columns(
         wanted[name] = (index, factor)
         labels[name] = (table.header[index], unit)
         if factor != 1.0:
-            notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
+            notices.append(Message(f"{name} converted from {unit} to {quantity(name).unit}", "unit_converted"))
     columns = table.columns(wanted, None if entry.sentinels == [] else entry.sentinels or (), notices)
     columns |= {name: np.zeros(len(columns["t"])) for name in STATES[2:] if at_rest}
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]

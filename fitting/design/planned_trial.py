@@ -15,10 +15,10 @@ from cases.criteria.standard_runs import figures_of
 from cases.io.files import replaced
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
+from cases.quantities import UNITS
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
 from cases.simulation.simulate_batch import simulate_batch
-from cases.trial import UNITS
 from fitting.design.area import Area
 from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan
 from fitting.design.sequences import table_of

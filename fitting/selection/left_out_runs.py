@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.checks.trusted import duplicates
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
@@ -77,7 +77,7 @@ def each_alone(count: int) -> list[tuple[int, ...]]:
 def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``trials`` alone, those that share rows together."""
     groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
-    for i, (copies, _) in enumerate(duplicates(trials)):
+    for i, copies in enumerate(TrialSet.of(trials).copies):
         for copy in copies:
             pair = (groups[i], groups[position[copy["other"]]])
             groups = [min(pair) if g in pair else g for g in groups]

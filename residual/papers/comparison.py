@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.trusted import remarks
 from cases.inputs import assumed
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
@@ -418,7 +418,7 @@ def tables_text(found: Comparison) -> str:
 def _noted(found: Comparison) -> list[Message]:
     """What mmg check says of the trials of the comparison ``found``, and what her ship assumes of them."""
     trials = [*found.study.train, *found.study.test]
-    return [*remarks(trials), *assumed(trials, found.study.ship.inputs)]
+    return [*TrialSet.of(trials).remarks, *assumed(trials, found.study.ship.inputs)]
 
 
 def comparison_dict(found: Comparison, command: str) -> dict:

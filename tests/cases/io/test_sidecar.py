@@ -11,7 +11,7 @@ from cases.importing.import_map import FileMap, ImportMap
 from cases.io.read import read_trial, read_trials
 from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entry
 from cases.io.toml_file import validated
-from cases.trial import UNITS
+from cases.quantities import UNITS
 from mmg.errors import BadValue, Missing, UserError
 from mmg.messages import has_code
 from tests.support.trial_files import motion_columns, write_csv

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.published_splits import SPLITS
+from cases.io.published_splits import SPLITS
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
