@@ -34,12 +34,13 @@ from cases.importing.written_trials import write_import
 from cases.io.read import read_trials
 from cases.io.sidecar import NAME as SIDECAR
 from cases.maneuvers.definitions import parse_maneuver
+from cases.quantities import wraps
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate, simulate_controls
-from cases.trial import Trial, wraps
+from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -78,20 +79,22 @@ AT = {"hemispheres missing": WEST, "hemispheres in columns of their own": WEST, 
       "ddmm.mmmm as degrees": (0.31, 6.62)}  # fmt: skip
 """Latitude and longitude of a log: any of PLACES, and where the faults AT them show."""
 QUANTITIES = "latitude longitude x y sog cog psi u v r n delta wind_speed wind_direction azimuth n_azimuth"
+QUANTITIES += " apparent_wind_speed apparent_wind_direction"
 DIALECTS = tuple(
     dict(zip(QUANTITIES.split(), words.split(","), strict=True))
     for words in (
         "Latitude,Longitude,x,y,SOG,COG,Heading,u,v,ROT,RPM,Rudder,True wind speed,True wind direction,Pod angle,"
-        "Pod rpm",
+        "Pod rpm,AWS,AWA",
         "lat,lon,northing,easting,speed_over_ground,course_over_ground,hdg,surge,sway,yaw_rate,shaft_rpm,rudder_angle,"
-        "tws,twd,azimuth,azimuth_rpm",
+        "tws,twd,azimuth,azimuth_rpm,aws,awa",
         "GPS Latitude,GPS Longitude,x north,y east,Ground speed,Course made good,Gyro heading,Surge velocity,"
-        "Sway velocity,Rate of turn,Propeller rpm,Rudder feedback,TWS,TWD,Azimuth angle,Azimuth revs",
+        "Sway velocity,Rate of turn,Propeller rpm,Rudder feedback,TWS,TWD,Azimuth angle,Azimuth revs,"
+        "Apparent wind speed,Apparent wind angle",
     )
 )
 """Quantity -> words of its header, in three styles."""
 _UNITS = ("deg", "deg", "m", "m", "kn", "deg", "deg", "m/s", "m/s", "deg/s", "rpm", "deg", "m/s", "deg", "deg", "rpm")
-UNITS = dict(zip(QUANTITIES.split(), _UNITS, strict=True))
+UNITS = dict(zip(QUANTITIES.split(), (*_UNITS, "m/s", "deg"), strict=True))
 SCALES = {"kn": 1 / KN, "rpm": 60.0, "deg": DEG, "deg/s": DEG}
 SIDES = {"n": "Stbd ", "n_2": "Port ", "delta_port": "Port ", "delta_starboard": "Stbd ", "azimuth": "Stbd ",
          "azimuth_2": "Port ", "n_azimuth": "Stbd ", "n_azimuth_2": "Port "}  # fmt: skip
@@ -131,8 +134,11 @@ def truths(ship: Ship, dt: float, rng: np.random.Generator) -> dict[str, Columns
         begin = np.array([0, 0, rng.uniform(-np.pi, np.pi), plan.speed, 0, 0])
         wind = Wind(rng.uniform(0.5, 0.9) * plan.speed, rng.uniform(0, 2 * np.pi), gusty=True)
         trial = simulate(moved, plan, dt, wind, int(rng.integers(1000)), begin)
-        if "n_2" in trial and kind == "turn":  # screws that differ
-            trial = simulate_controls(moved, trial.with_columns(n=0.8 * trial["n"], n_2=1.1 * trial["n_2"]))
+        if "n_2" in trial and kind == "sail":  # also steered by screws
+            swing = 0.4 * np.sin(trial.t / trial.t[-1] * 20)
+            trial = trial.with_columns(n=(1 - swing) * np.abs(trial["n"]), n_2=(1 + swing) * np.abs(trial["n_2"]))
+            held = {q: 0.3 * trial[q] for q in trial.columns if q.startswith("delta")}
+            trial = simulate_controls(moved, trial.with_columns(**held))
         unused = {"n_bow", *(("n", "delta") if "n_azimuth" in trial else ())}
         c = {name: values[:ROWS] for name, values in trial.columns.items() if name not in unused}
         c["psi"] = np.unwrap(c["psi"])
@@ -410,6 +416,11 @@ def spoil_motion(log: Log) -> None:
             log.q |= {"x": q["y"], "y": q["x"], "psi": np.pi / 2 - q["psi"], "v": -q["v"], "r": -q["r"]}
 
 
+def apparent(c: Columns) -> Columns:
+    """The apparent wind of the truth ``c``, as a vane logs it."""
+    return {"apparent_wind_speed": np.abs(c["air"]), "apparent_wind_direction": np.angle(c["air"])}
+
+
 def spoil_inputs(log: Log) -> None:
     """The faults of actuators, wind and clock."""
     c, q, late = log.truth, log.q, np.arange(len(log.clock)) > 0.5 * len(log.clock)
@@ -439,11 +450,11 @@ def spoil_inputs(log: Log) -> None:
         case "apparent wind called true":
             log.q |= {"wind_speed": np.abs(c["air"]), "wind_direction": np.angle(c["air"])}
         case "wind to instead of from":
-            log.q["wind_direction"] = q["wind_direction"] + np.pi
+            log.q |= {"wind_direction": q["wind_direction"] + np.pi} | apparent(c)
         case "wind from the bow called from north":
             log.q["wind_direction"] = q["wind_direction"] - q["psi"]
         case "wind in kn called m/s":
-            log.q["wind_speed"] = q["wind_speed"] / KN
+            log.q |= {"wind_speed": q["wind_speed"] / KN} | apparent(c)
         case "summer time begins" | "summer time ends":
             log.stamp, log.clock = "dotted", log.clock + (3600.0 if log.title.endswith("begins") else -3600.0) * late
         case "the day stays over midnight":
@@ -607,7 +618,7 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
         reports = check(trials)
     except UserError as error:
         words = str(error).replace(str(folder), "")
-        return Outcome("named" if re.search(cause, words) else "otherwise", f"refused: {words}")
+        return Outcome("named" if re.search(f"(?i){cause}", words) else "otherwise", f"refused: {words}")
     notes = [f"{m.code}: {m}" for run in found.runs for m in run.notices if m.code not in ROUTINE]
     for log_used in (one for run in found.runs for one in run.logs):
         notes += [f"may be: {h}: {w}" for h, w in log_used.unsure.items()] + [f"unknown: {h}" for h in log_used.unknown]
@@ -615,14 +626,15 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
     codes = ", ".join(sorted({word.partition(":")[0] for word in loud})) or "ok"
     if len(trials) > 1:
         return Outcome(
-            "named" if re.search(cause, " ".join(loud + notes)) else "otherwise", f"{len(trials)} runs; {codes}"
+            "named" if re.search(f"(?i){cause}", " ".join(loud + notes)) else "otherwise",
+            f"{len(trials)} runs; {codes}",
         )
     off, name = worst(trials[0], log.truth)
     advice = followed(folder / "out", loud, files[0], log.truth, off)
     words = " | ".join([f"{log.form}: {name} off by {off:.0%}; {codes}", *notes])
     if off <= TOLERANCE:
         return Outcome("doubted" if loud else "right", words, advice)
-    named = any(re.search(cause, word) for word in loud + notes)
+    named = any(re.search(f"(?i){cause}", word) for word in loud + notes)
     return Outcome("named" if named else "otherwise" if loud else "silent", words, advice)
 
 
