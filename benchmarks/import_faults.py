@@ -5,7 +5,7 @@ stops and free sailing of 8 ships of 3 m to 320 m (single and twin screws, pods)
 as loggers do: text, Excel, Parquet, NMEA, with headers and units of several styles.
 right: imported, and every column within 5 % of its range of the truth at midship. named: refused, doubtful or
 contradictory with the cause of the fault among the words. otherwise: refused or doubted for another cause. silent:
-imported and called ok, but wrong. Logs as they should be have to be right, and "ok" or consistent.
+imported and called ok, but wrong. crash: an exception that is not meant for people. Logs as they should be have to be right, and "ok" or consistent.
 """
 
 from __future__ import annotations
@@ -619,6 +619,8 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
     except UserError as error:
         words = str(error).replace(str(folder), "")
         return Outcome("named" if re.search(f"(?i){cause}", words) else "otherwise", f"refused: {words}")
+    except Exception as error:
+        return Outcome("crash", f"{log.form}: {type(error).__name__}: {error}")
     notes = [f"{m.code}: {m}" for run in found.runs for m in run.notices if m.code not in ROUTINE]
     for log_used in (one for run in found.runs for one in run.logs):
         notes += [f"may be: {h}: {w}" for h, w in log_used.unsure.items()] + [f"unknown: {h}" for h in log_used.unknown]
@@ -694,14 +696,14 @@ def main() -> None:
                 or "harm" in one.advice
             ):
                 print(f"{title}: {one.kind}: {ship}: {one.words} {one.advice}", flush=True)
-    kinds = ("right", "doubted", "named", "otherwise", "silent", "mended", "harmful")
+    kinds = ("right", "doubted", "named", "otherwise", "silent", "crash", "mended", "harmful")
     print(f"\n{'':40s}", *(f"{k:>9s}" for k in kinds))
     for title, row in rows.items():
         print(f"{title:40s}", *(f"{row[k] or '':>9}" for k in kinds))
     sound, total = Counter[str](), Counter[str]()
     for title, row in rows.items():
         (sound if title.startswith("sound") else total).update(row)
-    count, good = (sum(c[k] for k in kinds[:5]) for c in (total, sound))
+    count, good = (sum(c[k] for k in kinds[:6]) for c in (total, sound))
     named, harmful = sum(total[k] for k in kinds[:3]), total["harmful"] + sound["harmful"]
     print(f"{named} of {count} right or named, {total['silent']} silent, {harmful} harmful; "
           f"{sound['right']} of {good} sound ones right; {time.process_time() - began:.0f} s")  # fmt: skip
