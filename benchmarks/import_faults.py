@@ -5,7 +5,8 @@ stops and free sailing of 8 ships of 3 m to 320 m (single and twin screws, pods)
 as loggers do: text, Excel, Parquet, NMEA, with headers and units of several styles.
 right: imported, and every column within 5 % of its range of the truth at midship. named: refused, doubtful or
 contradictory with the cause of the fault among the words. otherwise: refused or doubted for another cause. silent:
-imported and called ok, but wrong. crash: an exception that is not meant for people. Logs as they should be have to be right, and "ok" or consistent.
+imported and called ok, but wrong. crash: an exception that is not meant for people. Logs as they should be have to be
+right, and "ok" or consistent.
 """
 
 from __future__ import annotations
