@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,43 +30,9 @@ from fitting.settings import Settings
 from mmg.network import Layers, Network
 from residual.pipeline import train
 from residual.settings import BlackBoxSettings, TrainSettings
-from tests.support import format_logs
 
 GOOD = Path(__file__).with_name("samples")
-"""Folder of good text files: a sidecar, a site, captive tests, controls, an import map."""
-_STAMPS = tuple(f"2026-05-04T09:30:{second:02d}.000+00:00" for second in range(24))
-_LOGGED = "34,70{i:04d};135,4;2,1{i};90;91,5;300;-5,{i};good"
-LOG = "\r\n".join(
-    ["LOGGER 3000", "Time;Latitude;Longitude;SOG [kn];COG [deg];Heading [deg];RPM;Rudder Angle [deg];Mood"]
-    + [f"{stamp};{_LOGGED.format(i=i)}" for i, stamp in enumerate(_STAMPS)]
-)
-_SENTENCES = (
-    "$GPRMC,{t},A,3442.000{i},N,13524.0000,E,2.10,90.0,040526,7.5,W,A", "$GPVTG,90.0,T,,M,2.1,N,3.9,K,A",
-    "$GNGGA,{t},3442.0{i},N,13524.0,E,4,10,0.8,20.0,M,30.0,M,,", "$GNGNS,{t},3442.0{i},N,13524.0,E,AN,10,0.8,20.0,,,,V",
-    "$GPZDA,{t},04,05,2026,00,00", "$HEHDT,9{i}.0,T", "$HCHDG,97.5,1.0,E,7.5,W", "$HCHDM,97.5,M", "$HETHS,90.0,A",
-    "$TIROT,{i}.0,A", "\\s:VDR1,c:1777887000*00\\$IIRSA,-5.{i},A,,", "$IIRPM,S,1,300.0,{i}.0,A",
-    "$WIMWV,200.0,R,4.0,M,A", "$WIMWD,200.0,T,,M,8.0,N,4.0,M", "$YXXDR,A,3.0,D,RUDDER", "$VWVHW,90.0,T,,M,2.5,N,,K",
-    "$VDVBW,2.5,0.1,A,2.1,0.1,A,,V,,V", "!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0",
-)  # fmt: skip
-NMEA = "\n".join(
-    f"{stamp} {line.format(t=f'0930{second:02d}.00', i=second % 10)}"
-    for second, stamp in enumerate(_STAMPS)
-    for line in _SENTENCES
-)
-LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA))
-FORMATS: dict[str, Callable[[Path, Trial], Path]] = {
-    "bag": lambda folder, trial: format_logs.bag(folder / "bag.bag", trial, "bag"),
-    "db3": lambda folder, trial: format_logs.bag(folder / "ros", trial, "db3"),
-    "mcap": lambda folder, trial: format_logs.bag(folder / "mcap", trial, "mcap"),
-    "candump": lambda folder, trial: format_logs.bus(folder / "candump.txt", trial),
-    "canboat": lambda folder, trial: format_logs.bus(folder / "canboat.txt", trial, "json"),
-    "signal_k": lambda folder, trial: format_logs.signal_k(folder / "signal_k.jsonl", trial),
-    "iso19848": lambda folder, trial: format_logs.iso19848(folder / "iso19848.txt", trial),
-    "mat": lambda folder, trial: format_logs.matlab(folder / "mat.mat", trial, "series"),
-    "hdf5": lambda folder, trial: format_logs.hdf5(folder / "hdf5.h5", trial, "groups"),
-    "long_table": lambda folder, trial: format_logs.long_rows(folder / "long_table.csv", trial),
-}
-"""Reader -> how a short log of its format is written."""
+"""Folder of good files: a sidecar, a site, captive tests, controls, an import map, and ``logs``, one of each format."""
 GROUPS = "day\nrun_07_2020-11-12\nrun_08_31-Jul-2020\nsea 20201112_zigzag"
 TEXTS = {
     "effect": (
@@ -106,14 +72,6 @@ def write_tables(folder: Path) -> None:
     (folder / "trial").mkdir()
     for path in (folder / "trial" / "a.csv", folder / "trial" / "b.parquet", folder / "side" / "side.csv"):
         write_trial(trial, path)
-    whole = demo_trials(1, dt=0.5)[0][0]
-    longer = replace(whole, columns={name: values[: len(_STAMPS)] for name, values in whole.columns.items()})
-    (folder / "scratch").mkdir()
-    for name, write in FORMATS.items():
-        made = write(folder / "scratch", longer)
-        shutil.copy(made, folder / f"{name}{made.suffix}")
-    for name, text in LOGS:
-        (folder / name).write_text(text, encoding="utf-8")
     (folder / "ship.toml").write_text(small_ship(), encoding="utf-8")
 
 

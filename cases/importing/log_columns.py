@@ -16,7 +16,7 @@ from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Quest
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.block_means import BlockMeans, rows_together
-from cases.io.sentinels import remarks, sentinels_in
+from cases.io.sentinels import remarks, sentinels_in, without_dropouts
 from cases.quantities import QUANTITIES, wraps
 from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
@@ -215,6 +215,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
+    columns, zeros = without_dropouts(columns, STATES)
+    notices += remarks(zeros)
     for clean in (lost_satellites, stands_still):
         columns, said = clean(t, columns)
         notices += said

@@ -275,6 +275,18 @@ def test_numbers_for_nothing_lost_satellites_and_a_channel_that_stands_still(tmp
     assert {"sentinel", "position_lost", "frozen"} <= set(codes)
 
 
+def test_zeros_of_a_logger_without_values_stand_for_nothing(tmp_path: Path) -> None:
+    """Of a rudder only where a heading or a speed is lost as well: one amidships is zero, too."""
+    truth = raw_logs.run()
+    lost = np.zeros(len(truth), dtype=bool)
+    lost[42:47] = True  # the rudder lies at 20 deg
+    changed = {c: np.where(lost, 0.0, truth[c] + off) for c, off in (("psi", 1.0), ("u", 0.0), ("delta", 0.0))}
+    columns = imported(plain(tmp_path / "a.txt", UNITS, **changed)).runs[0].columns
+    sound = imported(plain(tmp_path / "b.txt", UNITS, delta=changed["delta"])).runs[0].columns
+    assert all(np.array_equal(np.isnan(columns[c]), lost) for c in changed)
+    assert np.isfinite(sound["delta"]).all()
+
+
 def test_sound_noisy_logs_lose_nothing(tmp_path: Path) -> None:
     """Also coarsely rounded ones: no number is taken for nothing, no channel stands still."""
     truth = raw_logs.run()
