@@ -275,7 +275,7 @@ def _holds(table: RawTable, header: str, cells: set[str]) -> np.ndarray:
 
 
 def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
-    """Rows (N,) of the ``table`` in which the ``quantity`` holds."""
+    """Rows (N,) of the ``table`` in which the ``quantity`` holds, by the ``masks``."""
     good = np.ones(len(table), dtype=bool)
     for header, cells in [*masks.rows.items(), *masks.of.get(quantity, [])]:
         good &= _holds(table, header, cells)
