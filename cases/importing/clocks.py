@@ -188,7 +188,7 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
     """
     stamps, first, count = np.unique(t, return_index=True, return_counts=True)
     repeated = len(t) - len(stamps)
-    if not repeated:
+    if not repeated or len(stamps) == 1:  # of a clock that stands still, which is refused later
         return t, []
     within = changes = 0
     for values in columns:

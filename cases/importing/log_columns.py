@@ -206,7 +206,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
 def _scales(
     table: RawTable, mapped: dict[str, ColumnMap], notices: list[Message]
 ) -> tuple[dict[str, float], list[str]]:
-    """Factor by which each ``mapped`` quantity of a ``table`` is multiplied, and those whose unit nothing says. Units are
+    """Factor by which each ``mapped`` quantity of a ``table`` is multiplied, and those of unknown unit. Units are
     noted in ``mapped``, what is said of them in ``notices``. Raises UserError for one that is unknown."""
     scales: dict[str, float] = {}
     unitless = []
