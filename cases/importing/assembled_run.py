@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.importing.clocks import clock_problems
 from cases.importing.derived_motion import derived_velocities, resolution_of, widened
 from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
 from cases.importing.raw_table import NOT_READ
-from cases.importing.track_direction import by_evidence, check_direction, check_units
+from cases.importing.track_direction import by_evidence, check_direction, check_units, clock_problems
 from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted
 from cases.io.headers import lacking

@@ -257,7 +257,11 @@ def masks_of(
             continue
         elif (
             words <= {"a", "v", "d"}
-            or (words & {"ok", "good", "valid"} and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words))
+            or (
+                len(words) > 1
+                and words & {"ok", "good", "valid"}
+                and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words)
+            )
             or (re.fullmatch(STATUS, title) and not is_order(title))
         ):
             _status(table, header, title, words, mapped, found)
@@ -275,7 +279,7 @@ def _holds(table: RawTable, header: str, cells: set[str]) -> np.ndarray:
 
 
 def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
-    """Rows (N,) of the ``table`` in which the ``quantity`` holds."""
+    """Rows (N,) of the ``table`` in which the ``quantity`` holds, by the ``masks``."""
     good = np.ones(len(table), dtype=bool)
     for header, cells in [*masks.rows.items(), *masks.of.get(quantity, [])]:
         good &= _holds(table, header, cells)

@@ -137,25 +137,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     """
     of = assigned(table, chosen)
     mapped = of.mapped
-    notices, scales, unitless = list(table.notices), {}, []
-    for quantity in [q for q in mapped if q != "t" and q not in TEXT]:
-        column = mapped[quantity]
-        unit = unit_in(table, quantity, column)
-        scale = factor(quantity, unit) if unit else None
-        if unit and scale is None and known(quantity).unit:
-            accepted = ", ".join(known_units(quantity))
-            raise UnknownName(
-                f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
-            )
-        if scale is None and known(quantity).unit:
-            unitless.append(quantity)
-        if f"{quantity}_sign" in mapped:
-            notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
-        scales[quantity] = column.sign * (scale or 1.0)
-        mapped[quantity] = column.model_copy(update={"unit": unit})
-    for name in ("latitude", "longitude"):
-        if name in mapped and mapped[name].unit == "ddmm":
-            notices.append(Message(f"{name}: degrees and minutes in one number (ddmm.mm)", "degrees_minutes"))
+    notices = list(table.notices)
+    scales, unitless = _scales(table, mapped, notices)
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
@@ -184,9 +167,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
         check_forward(own, table.name, piece.before, end)
         end = float(np.nanmax(own.t))
-        if count > 1 and {"latitude", "longitude"} <= set(columns):
-            none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
-            columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
+        if count > 1:
+            _without_zero(columns)
         if not means.rows:  # without units, the first rows tell which turn directions have
             means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).period}
         t, columns, said = _rows(own.t, columns, means.periods)
@@ -206,13 +188,10 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
     _check_globe(table, columns, mapped)
+    _check_one_each(table, words)
     if "heading_magnetic" in columns:
         notices += _true_heading(table, columns, mapped, chosen)
         unitless = [q for q in unitless if q in columns]
-    for name, several in words.items():
-        if len(several) > 1:
-            what = "ships" if name == "ship" else "UTM zones"
-            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
     columns, zeros = without_dropouts(columns, STATES)
@@ -225,6 +204,48 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
         table.accounts or of.accounts(table), clock.zoned,
     )  # fmt: skip
+
+
+def _scales(
+    table: RawTable, mapped: dict[str, ColumnMap], notices: list[Message]
+) -> tuple[dict[str, float], list[str]]:
+    """Factor by which each ``mapped`` quantity of a ``table`` is multiplied, and those of unknown unit. Units are
+    noted in ``mapped``, what is said of them in ``notices``. Raises UserError for one that is unknown."""
+    scales: dict[str, float] = {}
+    unitless = []
+    for quantity in [q for q in mapped if q != "t" and q not in TEXT]:
+        column = mapped[quantity]
+        unit = unit_in(table, quantity, column)
+        scale = factor(quantity, unit) if unit else None
+        if unit and scale is None and known(quantity).unit:
+            accepted = ", ".join(known_units(quantity))
+            raise UnknownName(
+                f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
+            )
+        if scale is None and known(quantity).unit:
+            unitless.append(quantity)
+        if f"{quantity}_sign" in mapped:
+            notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
+        scales[quantity] = column.sign * (scale or 1.0)
+        mapped[quantity] = column.model_copy(update={"unit": unit})
+    for name in ("latitude", "longitude"):
+        if name in mapped and mapped[name].unit == "ddmm":
+            notices.append(Message(f"{name}: degrees and minutes in one number (ddmm.mm)", "degrees_minutes"))
+    return scales, unitless
+
+
+def _check_one_each(table: RawTable, words: Mapping[str, set[str]]) -> None:
+    for name, several in words.items():
+        if len(several) > 1:
+            what = "ships" if name == "ship" else "UTM zones"
+            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
+
+
+def _without_zero(columns: dict[str, np.ndarray]) -> None:
+    """Positions at latitude and longitude 0, which are none, become NaN before rows are averaged."""
+    if {"latitude", "longitude"} <= set(columns):
+        none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
+        columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
 
 
 def _of_masks(masks: Masks) -> list[str]:
