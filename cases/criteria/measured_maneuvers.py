@@ -114,11 +114,12 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
     stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
-    found = _steered(trial, holds, [stop for stop in stops if stop.stopped], unit)
-    if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
+    complete = [stop for stop in stops if stop.stopped]
+    found = _steered(trial, holds, complete, unit)
+    first = stops[0].order_time if stops else math.inf
+    if not found and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
         found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
-    if found and not all(stop.stopped for stop in stops):
-        stops = [stop for stop in stops if stop.stopped]
+    stops = complete if found else stops
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
     found = [execute for execute in found if kind in ("", execute.kind)]
     if not found:
@@ -159,10 +160,6 @@ def length_by_turns(trial: Trial) -> float:
     if not (fastest > 0 and speed > 0):
         raise Missing(f"{trial.name}: the ship does not turn in this record; no manoeuvre can be found in it")
     return TURN_RATE * speed / fastest
-
-
-def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
-    return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
 
 
 def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
@@ -372,8 +369,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     what keeps a criterion from being judged, and what is only to be told, both in words. Speed is NaN where none is
     recorded. trial: the run.
     """
-    t = trial.t - trial.t[0]
-    speed, r = np.hypot(trial["u"], trial["v"]), trial["r"]
+    t, speed, r = trial.t - trial.t[0], np.hypot(trial["u"], trial["v"]), trial["r"]
     good = np.isfinite(speed) & np.isfinite(r)
     if not good.any():
         return math.nan, ["no speed is recorded"], []
@@ -384,29 +380,22 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     stretch = APPROACH_LENGTHS * length / now
     rows = good & (t <= time + 1e-9) & (t >= max(time - stretch, earliest))
     if rows.sum() < 3:
-        return _unrecorded(now, float(np.median(r[near])) * length / now)
+        turn = float(np.median(r[near])) * length / now
+        begun = f"the record begins in the manoeuvre, with r L/V = {turn:.2g}: lengths from the order are not known"
+        unrecorded = f"no approach is recorded: V {now:.4g} m/s is the first speed of the record"
+        return (now, [begun], []) if abs(turn) > TURNING_RATE else (now, [], [unrecorded])
     mean, seconds = float(speed[rows].mean()), float(np.ptp(t[rows]))
     blocking, told = [], []
     if seconds < 0.5 * stretch:
         told.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
-    if rows.sum() > 2 and seconds >= 0.1 * stretch:
-        change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
-        if abs(change) > STEADY_SPEED:
-            words = f"approach not steady: the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
-            blocking.append(words)
+    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
     turn = float(np.abs(r[rows]).mean()) * length / mean
+    if abs(change) > STEADY_SPEED and seconds >= 0.1 * stretch:
+        words = f"the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
+        blocking.append(f"approach not steady: {words}")
     if turn > STEADY_RATE and seconds >= 0.1 * stretch:
         blocking.append(f"approach not straight: mean |r| L/V = {turn:.2g} in the last {seconds:.3g} s")
     return mean, blocking, told
-
-
-def _unrecorded(speed: float, turn: float) -> tuple[float, list[str], list[str]]:
-    """Of a run whose record begins with the order, at this ``speed`` [m/s] and dimensionless rate of ``turn``."""
-    if abs(turn) > TURNING_RATE:
-        words = f"the record begins in the manoeuvre, with r L/V = {turn:.2g}: lengths from the order are not known"
-        return speed, [words], []
-    words = f"no approach is recorded: V {speed:.4g} m/s is the first speed of the record"
-    return speed, [], [words]
 
 
 @dataclass(frozen=True)
