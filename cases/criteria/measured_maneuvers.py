@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -296,10 +297,8 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
 def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, rudder: float, start: float) -> float:
     """The heading [deg] at which the ``rudder`` [deg] was ordered over, that moved at ``times`` (K,) [s] from
     turns with ``signs`` (K,). unit: L/U [s]; start: heading at the first execute [rad]."""
-    t, good, rows = trial.t - trial.t[0], np.isfinite(trial["r"]), np.isfinite(trial["psi"])
+    t, good, (interval, noise) = trial.t - trial.t[0], np.isfinite(trial["r"]), _interval_and_noise(trial)
     rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
-    interval, steps = _interval(trial), np.diff(trial.psi_unwrapped[rows], 3)
-    noise = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(20) if len(steps) else 0.0  # of 1, -3, 3, -1
     helm = HELM if len(times) < 4 else RESOLUTION  # the scatter of so few is not known from themselves
     errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
     delays = np.linspace(-interval, interval + REACTION * unit, 41)
@@ -307,23 +306,33 @@ def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, ru
     return ordered_heading(headings, delays, signs, errors, rudder)
 
 
-def _interval(trial: Trial) -> float:
+@lru_cache(maxsize=1)
+def _interval_and_noise(trial: Trial) -> tuple[float, float]:
     """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
-    lie on straight lines between the samples."""
-    longest = [math.inf]
-    for values in (trial.psi_unwrapped, trial["r"]):
-        steps = np.diff(values[np.isfinite(values)])
+    lie on straight lines between the samples. And noise of the heading [rad]."""
+    longest, psi = list[float](), _heading_series(trial)[1]
+    for values in (psi, trial["r"][np.isfinite(trial["r"])]):
+        steps = np.diff(values)
         samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
         longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
-    return trial.dt * (min(longest) if len(longest) > 1 else 1.0)
+    noise = (
+        1.4826 * float(np.median(np.abs(np.diff(psi, 3)))) / math.sqrt(20) if len(psi) > 3 else 0.0
+    )  # of 1, -3, 3, -1
+    return trial.dt * min(longest, default=1.0), noise
 
 
 def _headings(trial: Trial, times: Sequence[float] | np.ndarray, longest: float = math.inf) -> np.ndarray:
     """Headings [rad] at times after the first sample [s]; NaN within a gap that is longer than ``longest`` [s]."""
-    good = np.isfinite(trial["psi"])
-    t = trial.t[good] - trial.t[0]
+    t, psi = _heading_series(trial)
     after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
-    return np.where(t[after] - t[after - 1] > longest, math.nan, np.interp(times, t, trial.psi_unwrapped[good]))
+    return np.where(t[after] - t[after - 1] > longest, math.nan, np.interp(times, t, psi))
+
+
+@lru_cache(maxsize=1)
+def _heading_series(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Times after the first sample [s] and continuous headings [rad] where there are any, (N,) each."""
+    good = np.isfinite(trial["psi"])
+    return trial.t[good] - trial.t[0], trial.psi_unwrapped[good]
 
 
 def _approached(trial: Trial, length: float, execute: Execute, earliest: float) -> Execute:
