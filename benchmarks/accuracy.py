@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.left_out import PAST, SHIP, inside_bands, records, trials_of
 from benchmarks.record import Figure, keep, parser_of, table
-from cases import published_splits as splits
+from cases.io import published_splits as splits
 from fitting.calibrate import FitOptions
 from fitting.prediction.score import pooled_sigma
 from mmg_ident.api import calibrate, score

@@ -27,8 +27,8 @@ from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigz
 from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
 from benchmarks.measured import done
 from benchmarks.record import Figure, keep, parser_of
-from cases import published_splits as splits
 from cases.criteria.imo import imo_figures
+from cases.io import published_splits as splits
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cases import published_splits as splits
-from cases.checks.trusted import duplicates, without_broken
+from cases.io import published_splits as splits
 from cases.io.groups import group_trials
-from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma
@@ -43,14 +42,14 @@ class Fold:
 
 def trials_of(names: Sequence[str]) -> list[Trial]:
     """Records by their ``names`` without their broken stretches, as the commands take them."""
-    return without_broken(read_trials(splits.find(names)))
+    return list(TrialSet.of(splits.find(names)).sound)
 
 
 def folds_of(trials: Sequence[Trial]) -> list[list[int]]:
     """Numbers of ``trials`` in five folds that spread each day and kind; those that share rows stay together."""
     days, groups = group_trials(trials, "day"), list(range(len(trials)))
     position = {t.name: i for i, t in enumerate(trials)}
-    for i, (copies, _) in enumerate(duplicates(trials)):
+    for i, copies in enumerate(TrialSet.of(trials).copies):
         for copy in copies:
             pair = (groups[i], groups[position[copy["other"]]])
             groups = [min(pair) if g in pair else g for g in groups]

@@ -20,8 +20,8 @@ from benchmarks.blind.generator.write import generate
 from benchmarks.record import Figure, keep, parser_of
 from cases.checks.stretches import broken_stretches
 from cases.io.leave_out import inside
+from cases.io.published_splits import data_folder
 from cases.io.read import read_trials
-from cases.published_splits import data_folder
 from cases.trial import Trial
 
 Columns = dict[str, np.ndarray]
@@ -210,7 +210,7 @@ def main() -> None:
     parser.add_argument("--breaks", type=int, default=30, help="of each kind")
     parser.add_argument("--world", nargs="+", choices=tuple(WORLDS), default=list(NARROW))
     given = parser.parse_args()
-    records = read_trials([data_folder()])
+    records = read_trials([data_folder() / "frt-ds-esso"])
     pool, false, clean = [], 0, 0
     for name in given.world:
         trials = clean_runs(WORLDS[name], given.runs, given.seed)

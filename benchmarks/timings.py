@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.record import Figure, keep, parser_of
-from cases import published_splits as splits
+from cases.io import published_splits as splits
 
 ROOT = Path(__file__).parents[1]
 SHIP = "esso_osaka_3m"

@@ -9,7 +9,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cases.trial import Trial, wraps
+from cases.quantities import wraps
+from cases.trial import Trial
 from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from cases.quantities import UNITS
 from mmg.errors import check_name
 from mmg.messages import Message
-from mmg.motion.flow import PODS
 from mmg.notebook import html_table
 
 RUDDERS = ("delta", "delta_port", "delta_starboard")
@@ -20,40 +19,6 @@ RUDDERS = ("delta", "delta_port", "delta_starboard")
 
 REQUIRED = ("psi", "u", "v", "r", "n", "delta")
 """Columns without which nothing can be calibrated or predicted."""
-
-UNITS = {
-    "t": "s",
-    "x": "m",
-    "y": "m",
-    "psi": "rad",
-    "u": "m/s",
-    "v": "m/s",
-    "r": "rad/s",
-    "n": "rps",
-    "n_2": "rps",
-    "delta": "rad",
-    "delta_port": "rad",
-    "delta_starboard": "rad",
-    "n_bow": "rps",
-    "n_stern": "rps",
-    "pitch": "rad",
-    "n_azimuth": "rps",
-    "phi": "rad",
-    "p": "rad/s",
-    "azimuth": "rad",
-    **{f"{name}_{i}": unit for i in range(2, PODS + 1) for name, unit in (("n_azimuth", "rps"), ("azimuth", "rad"))},
-    "wind_speed": "m/s",
-    "wind_direction": "rad",
-    "apparent_wind_speed": "m/s",
-    "apparent_wind_direction": "rad",
-}
-"""Canonical columns and the unit they have in a Trial."""
-
-
-def wraps(column: str) -> bool:
-    """Whether a ``column`` is a direction, whose values begin anew after a turn: a heading, a course over ground, where
-    a pod pushes or the wind comes from, from north or from the bow."""
-    return re.fullmatch(r"psi|cog|azimuth(_[2-9])?|(apparent_)?wind_direction|true_wind_angle", column) is not None
 
 
 def unwrapped(values: np.ndarray) -> np.ndarray:

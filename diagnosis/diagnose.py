@@ -15,14 +15,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from cases.checks.trusted import remarks as remarks_on
 from cases.evidence.kinematics import Kinematics
 from cases.inputs import model_inputs
 from cases.io.campaigns import ship_in
-from cases.io.groups import Groups, group_trials
+from cases.io.groups import Groups
 from cases.io.site import Site, read_site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -102,14 +102,14 @@ def diagnose(
     with time_limit(o.time_limit):
         trials, tests, by_role = parted(trials, tests, o.between)
         trials, copies = diagnosable_trials(trials)
-        groups = group_trials(trials, o.between) if o.between else None
+        groups = trials.groups(o.between) if o.between else None
         ship, of_campaign = ship_in(ship, trials)
         ship, remarks = diagnosable(ship)
         remarks += of_campaign
         place = site if isinstance(site, Site) else read_site(trials, ship, site)
         kept, shared = independent_tests(trials, tests)
         known = calibration_trials(ship, trials, calibrated_on)
-        remarks += [*remarks_on([*trials, *kept]), *by_role, *copies, *shared, *known.remarks, *place.notices]
+        remarks += [*TrialSet((*trials, *kept)).remarks, *by_role, *copies, *shared, *known.remarks, *place.notices]
         remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
         told = told_of_predictions(ship, calibrated_on)
         inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)

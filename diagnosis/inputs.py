@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from cases.checks import inputs_are_constant
-from cases.checks.trusted import by_role, duplicates, without_copies
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
@@ -86,13 +86,14 @@ def diagnosis_store(
 
 def parted(
     trials: Sequence[Trial], tests: Sequence[Trial], between: str | None = None
-) -> tuple[list[Trial], list[Trial], list[Message]]:
+) -> tuple[TrialSet, list[Trial], list[Message]]:
     """The ``trials`` to diagnose by, those to check on, and messages on those whose role in trials.toml decides.
 
     trials with the role test or validate take no part and are checked on with the ``tests``; where groups are compared
     ``between`` roles, all take part. Raises UserError where none is left to diagnose by.
     """
-    kept, out = by_role(trials) if between != "role" else (list(trials), [])
+    trials = TrialSet.of(trials)
+    kept, out = trials.by_role if between != "role" else (trials, TrialSet(()))
     if not out:
         return kept, list(tests), []
     names = ", ".join(t.name for t in out)
@@ -107,7 +108,7 @@ def parted(
     return kept, [*tests, *out], [Message(words, "role_held_out")]
 
 
-def diagnosable_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
+def diagnosable_trials(trials: Sequence[Trial]) -> tuple[TrialSet, list[Message]]:
     """The ``trials`` without copies, and messages on these. Raises UserError without any, and where no input ever
     changes: then no force of the ship is told from another."""
     if not trials:
@@ -115,7 +116,7 @@ def diagnosable_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Messa
     if all(inputs_are_constant(t) for t in trials):
         words = "the inputs n and delta never change, so there is nothing to diagnose by; give trials with manoeuvres"
         raise TooFewData(f"{', '.join(t.name for t in trials)}: {words}")
-    return without_copies(trials)
+    return TrialSet.of(trials).once
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
@@ -140,7 +141,7 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
         return [], []
     every = [*train, *tests]
     hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[str](), list[Trial]()
-    copies = [{str(copy.get("other")) for copy in found} for found, *_ in duplicates(every)]
+    copies = [{str(copy.get("other")) for copy in found} for found in TrialSet.of(every).copies]
     for t, others in zip(tests, copies[len(train) :], strict=True):
         here = [o.name for o, its in zip(train, copies, strict=False) if o.name in others or t.name in its]
         here += [hashes[t.sha256]] if t.sha256 in hashes else []

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from cases.checks.propulsion import doubtful_revolutions
-from cases.checks.trusted import shared_rows, training_trials
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
+from cases.trial_set import TrialSet, shared_rows
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
@@ -101,7 +101,7 @@ def calibrate(
     """
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
-    trials, remarks = training_trials(trials, validation)
+    trials, remarks = TrialSet.of(trials).training(validation)
     given, ship = ship, with_instruments(ship, options.instruments, trials)
     _check_options(ship, trials, options)
     made = Made()

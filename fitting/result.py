@@ -187,13 +187,14 @@ class FitResult(FitRecord):
 
         trials: its own that are at hand, for tracks and the growth of errors. As given where it has figures already.
         """
-        from cases.checks import ready
+        from cases.trial_set import TrialSet, ready
         from fitting.report.plots import write_figures
 
         if self.figures or self.scaling is not None or self.folder is None:
             return self
         names = {row.name for row in self.validation_data}
-        train, held_out = ([t for t in trials if (t.name in names) is held] for held in (False, True))
+        apart = (tuple(t for t in trials if (t.name in names) is held) for held in (False, True))
+        train, held_out = map(TrialSet, apart)
         with suppress(UserError):  # fitted all the same (--unchecked)
             train, held_out = ready(train, held_out)
         models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)

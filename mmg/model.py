@@ -243,7 +243,7 @@ def _settled(memory: Memory) -> list[Any]:
 POINTS = 50_000
 """Points at which logged columns are asked for in one call: a call costs as much as a thousand of them."""
 INVERSIONS = 30
-"""Most fixed-point steps from logged columns to the state behind them."""
+"""Most fixed-point steps from logged columns to the state behind them. Set by hand."""
 
 
 def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:

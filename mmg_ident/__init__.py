@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cases.shipfiles.new_ship import new_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial import Trial
+    from cases.trial_set import TrialSet
     from delivery.export import export_ship
     from delivery.full_scale.result import scale
     from diagnosis.result import Diagnosis
@@ -51,6 +52,7 @@ _HOMES = {
     "Ship": "mmg.ship",
     "TrainResult": "residual.result",
     "Trial": "cases.trial",
+    "TrialSet": "cases.trial_set",
     "UserError": "mmg.errors",
     "export_ship": "delivery.export",
     "load_ship": "cases.shipfiles.ship_file",
@@ -62,8 +64,9 @@ _HOMES = {
 
 __all__ = [
     "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "Score", "Ship",
-    "TrainResult", "Trial", "UserError", "__version__", "calibrate", "check", "diagnose", "export_ship", "load_run",
-    "load_ship", "new_ship", "predict", "read_trials", "scale", "score", "simulate", "train", "write_report",
+    "TrainResult", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "export_ship",
+    "load_run", "load_ship", "new_ship", "predict", "read_trials", "scale", "score", "simulate", "train",
+    "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

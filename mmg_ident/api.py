@@ -1,7 +1,7 @@
 """The functions of ``mmg_ident``: what each command does, for a script or a notebook.
 
 A *model* is a ship, the name of one of the library, a ship file, a run folder, or the result of ``calibrate`` or
-``train``. *Trials* are what ``read_trials`` returns, or paths; ``without_broken`` of them is what is fitted and judged.
+``train``. *Trials* are a ``TrialSet``, what ``read_trials`` returns, or paths; what is fitted and judged is ``sound``.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from cases.checks.report import CheckReport
     from cases.trial import Trial
+    from cases.trial_set import TrialSet
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
@@ -86,12 +87,11 @@ class Prediction:
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
 
 
-def _sound(given: Trials) -> list[Trial]:
+def _sound(given: Trials) -> TrialSet:
     """Trials without their broken stretches, paths read."""
-    from cases.checks.trusted import without_broken
-    from cases.io.read import given_trials
+    from cases.trial_set import TrialSet
 
-    return without_broken(given_trials(given))
+    return TrialSet.of(given).sound
 
 
 def _ship(model: Any) -> Ship:
@@ -141,10 +141,9 @@ def check(trials: Trials) -> list[CheckReport]:
 
     Returns a report per trial, with its verdict and findings. Raises UserError for a file that cannot be read.
     """
-    from cases.checks import check as check_trials
-    from cases.io.read import given_trials
+    from cases.trial_set import TrialSet
 
-    return check_trials(given_trials(trials))
+    return list(TrialSet.of(trials).reports)
 
 
 def simulate(
@@ -256,7 +255,7 @@ def predict(
     """
     from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
-    from cases.io.read import given_trials
+    from cases.trial_set import TrialSet
     from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
@@ -279,7 +278,7 @@ def predict(
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
-    results, runs, short = [], given_trials(trials), window <= 0 or step >= window
+    results, runs, short = [], TrialSet.of(trials), window <= 0 or step >= window
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))

@@ -209,7 +209,7 @@ def to_network(
 
 
 OUTPUT = 0.3
-"""Scale of the residual as a share of the rms accelerations of the ship on the training rows."""
+"""Scale of the residual as a share of the rms accelerations of the ship on the training rows. Set by hand."""
 
 
 def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> Hybrid:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.trusted import shared_rows, training_trials
 from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from cases.trial_set import TrialSet, shared_rows
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
@@ -74,7 +74,7 @@ def train(
     if keep not in KEEP:
         raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
     ship, known, name = _start(ship_or_fit)
-    chosen, by_role = training_trials(trials, validation)
+    chosen, by_role = TrialSet.of(trials).training(validation)
     if not chosen:
         raise Missing("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()

@@ -16,7 +16,7 @@ from mmg.ship import Ship
 from residual.decide import percent
 
 TROUBLE = 0.2
-"""Share of validation rows outside the training range from which on the report warns."""
+"""Share of validation rows outside the training range from which on the report warns. Set by hand."""
 
 
 def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], known: Sequence[Delivered] = ()) -> str:

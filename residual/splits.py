@@ -58,15 +58,15 @@ def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
 
 
 WINDOW = 30.0
-"""Windows by which trainings are stopped and judged [s]."""
+"""Windows by which trainings are stopped and judged [s]. That of the scores (fitting/prediction/score.py)."""
 FOLDS = 5
-"""Parts into which the runs are split, or the blocks of fewer runs."""
+"""Parts into which the runs are split, or the blocks of fewer runs. Set by hand."""
 WHOLE = 3
-"""Fewest runs of which whole ones judge."""
+"""Fewest runs of which whole ones judge. Set by hand."""
 GAP = 30.0
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
 SHORTER = (120.0, 90.0, 75.0)
-"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS."""
+"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS. Set by hand."""
 
 
 class Split(NamedTuple):

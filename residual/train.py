@@ -58,7 +58,7 @@ class Adam:
 
 
 RESTARTS, LOWER = 2, 0.2
-"""How often a diverged training starts again, and the factor on its learning rate."""
+"""How often a diverged training starts again, and the factor on its learning rate. Set by hand."""
 Stage = tuple[float, RolloutBatch, int]
 """Length of rollouts [s], their windows, epochs."""
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]

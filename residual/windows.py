@@ -81,7 +81,8 @@ def augmented(
 
 
 STRIDE, RESTART = 15.0, 100.0
-"""Seconds between the starts of stop and judged windows; length of the restarts of the second metric."""
+"""Seconds between the starts of stop and judged windows; length of the restarts of the second metric. Those of the
+scores (fitting/prediction/score.py)."""
 
 
 def compare_errors(
@@ -114,9 +115,9 @@ def window_errors(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Ten
 
 
 POSITION, HEADING = 1.0, 0.3
-"""Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad]; those of u, v, r are taken from the data."""
+"""Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad], set by hand; those of u, v, r are of the data."""
 LEAST_SCALE = 1e-9
-"""Scale of what never changes in the training rows."""
+"""Scale of what never changes in the training rows. It bounds a division."""
 
 
 @dataclass(frozen=True)

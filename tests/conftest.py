@@ -32,7 +32,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture(scope="session")
 def frt() -> Path:
     """The folder of the FRT-DS-ESSO records; the test is skipped where they are not installed."""
-    from cases.published_splits import data_folder
+    from cases.io.published_splits import data_folder
     from mmg.errors import UserError
 
     try:

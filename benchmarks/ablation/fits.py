@@ -24,11 +24,10 @@ from benchmarks.blind.cases import blind_ship, dealt, folders
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.coverage import figure_hits
 from benchmarks.left_out import NORMAL, PAST, SHIP, Fold, inside_bands, records
-from cases import published_splits as splits
-from cases.checks.trusted import without_broken
-from cases.io.read import read_trials
+from cases.io import published_splits as splits
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
+from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions
 from fitting.prediction.figure_intervals import accelerations
 from fitting.prediction.score import pooled_sigma, score
@@ -102,7 +101,7 @@ def gunnerus(work: Path) -> Iterator[Fold]:
         record = data / "RVG_ManeuveringTests.csv"
         (cut / "raw" / record.name).write_bytes(record.read_bytes())
         subprocess.run([sys.executable, str(data / "prepare.py"), "rudder"], cwd=cut, check=True)
-    train, out = (without_broken(read_trials(cut / "rudder" / part)) for part in ("train", "held"))
+    train, out = (TrialSet.of(cut / "rudder" / part).sound for part in ("train", "held"))
     yield Fold("gunnerus", "all", new_ship("gunnerus", GUNNERUS), train, out, pooled_sigma(out), {})
 
 
@@ -111,7 +110,7 @@ def generated(work: Path, world: str) -> Iterator[Fold]:
     folder = work / f"fits_{world}"
     dealt(folder, world, "mix", GENERATED[world], SEED)
     for case in folders(folder):
-        train, out = (without_broken(read_trials(case / part)) for part in ("train", "test"))
+        train, out = (TrialSet.of(case / part).sound for part in ("train", "test"))
         sealed = json.loads((folder / "sealed" / f"{case.name}.json").read_text(encoding="utf-8"))
         true = {s: v for s, v in sealed["nominal_true_coefficients"].items() if s in WORLDS[world].drawn}
         yield Fold(world, case.name, blind_ship(WORLDS[world].ship), train, out, pooled_sigma(out), true)

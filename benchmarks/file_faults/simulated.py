@@ -17,6 +17,7 @@ from benchmarks.file_faults.faults import FAULTS as OF_FILES
 from benchmarks.file_faults.faults import KNOT, Change, both, earth, scaled, swapped
 from cases.checks import check
 from cases.criteria.standard_runs import simulated_trial
+from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 
@@ -82,6 +83,61 @@ def sets(seed: int) -> dict[str, list[Trial]]:
             trials = [t.with_columns(**{n: np.round(t[n] / grain) * grain for n in "xy"}) for t in trials]
         out[name] = [replace(t, name=f"run_{k}") for k, t in enumerate(trials)]
     return out
+
+
+SHIPS = {"esso_osaka_3m": 0.1, "vectwin_3m": 0.1, "kvlcc2_l7": 0.2, "mariner": 0.5, "kvlcc2_full": 1.0}
+"""Ships of the filtered sets, and their sampling interval [s]."""
+
+RUNS = (
+    "zigzag:10/10",
+    "zigzag:-5/5",
+    "zigzag:2/2",
+    "zigzag:20/20",
+    "turning:15",
+    "turning:-35",
+    "turning:5",
+    "straight",
+)
+HARD = ("random", "crash-stop", "berthing")
+
+
+def filtered(seed: int) -> list[Trial]:
+    """Seven sound files of one ship whose u and v pass a filter of 0.1 to 0.5 s, in body axes or over ground: mild and
+    hard runs, calm or in wind up to twice her speed, with noise, some rounded and some without positions."""
+    rng = np.random.default_rng([7, seed])
+    name, dt = list(SHIPS.items())[seed % len(SHIPS)]
+    ship = load_ship(name)
+    runs = [str(run) for run in rng.choice(RUNS[:6] if seed % 3 else RUNS, 7)]
+    if name != "mariner" and seed % 4 == 1:
+        runs[:2] = [str(run) for run in rng.choice(HARD, 2)]
+    speed = 0.07 * math.sqrt(9.81 * ship.particulars["L"])
+    wind = f"{rng.uniform(0.3, 2.0) * speed:.3g}:{rng.uniform(0, 360):.0f}:gusty" if seed % 2 else None
+    tau, ground, bare = rng.uniform(0.1, 0.5), rng.random() < 0.5, seed % 7 == 3
+    grain = float(rng.choice([0.0, 0.01, 0.1])) * ship.particulars["L"] / 100
+    out = []
+    for number, run in enumerate(runs):
+        order = parse_maneuver(run, ship, duration=60 * math.sqrt(ship.particulars["L"]), seed=seed + number)
+        trial = simulated_trial(ship, order, None, wind, True, 100 * seed + number, dt)
+        turn = np.exp(1j * trial["psi"]) if ground else np.ones(len(trial))
+        w = (trial["u"] + 1j * trial["v"]) * turn
+        keep, late = math.exp(-dt / tau), w.copy()
+        for k in range(1, len(w)):
+            late[k] = keep * late[k - 1] + (1 - keep) * w[k]
+        columns = {**trial.columns, "u": (late / turn).real, "v": (late / turn).imag}
+        if grain:
+            columns |= {axis: np.round(columns[axis] / grain) * grain for axis in "xy"}
+        out.append(Trial(f"run_{number}", {c: v for c, v in columns.items() if not (bare and c in "xy")}, kind=run))
+    return out
+
+
+def judged_sound(trials: Sequence[Trial]) -> tuple[str, str]:
+    """("quiet", "contradictory" or "harmful"), and what was said, of sound ``trials``: any line that is advised for
+    them changes what is right."""
+    said = [(report, f) for report in check(trials) for f in report.findings]
+    found = [(report, f) for report, f in said if f.level == "contradictory"]
+    lines = [f for _, f in said if "trials.toml, [" in f.text and f.level != "info"]
+    words = "; ".join(f"{report.name}: {f.code}" for report, f in found) + "".join(f" ADVICE {f.text}" for f in lines)
+    return "harmful" if lines else "contradictory" if found else "quiet", words
 
 
 def contradictions(trials: Sequence[Trial]) -> list[str]:

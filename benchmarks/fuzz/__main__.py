@@ -14,8 +14,7 @@ from typing import Any
 
 import benchmarks.fuzz
 from benchmarks.fuzz.damage import numbered
-from benchmarks.fuzz.readers import Reader, readers
-from benchmarks.fuzz.reproducers import REPRODUCERS
+from benchmarks.fuzz.readers import Reader, log_readers, readers
 from benchmarks.record import Figure, keep, parser_of
 from benchmarks.record import table as markdown
 from mmg.errors import LONGEST, UserError
@@ -79,11 +78,16 @@ def main() -> None:
     parser = parser_of("fuzz", benchmarks.fuzz.__doc__)
     parser.add_argument("--inputs", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--reader", choices=sorted(REPRODUCERS), nargs="*")
+    parser.add_argument("--reader", nargs="*", help="names, or beginnings of them")
+    parser.add_argument("--logs", action="store_true", help="only readers of raw logs")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        found, numbers = readers(Path(scratch) / "fuzz"), range(given.first, given.first + given.inputs)
-        rows = [piece(name, found[name], numbers) for name in given.reader or found]
+        found, numbers = (
+            (log_readers if given.logs else readers)(Path(scratch) / "fuzz"),
+            range(given.first, given.first + given.inputs),
+        )
+        names = [n for n in found if not given.reader or n.startswith(tuple(given.reader))]
+        rows = [piece(name, found[name], numbers) for name in names]
     print("\n".join(table(rows)))
     for row in rows:
         for words, some in row["strange"].items():

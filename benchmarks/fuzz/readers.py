@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
 
 from benchmarks.fuzz.reproducers import REPRODUCERS
-from benchmarks.fuzz.samples import GROUPS, TEXTS, short_trial, write_runs, write_tables
+from benchmarks.fuzz.samples import GOOD, GROUPS, TEXTS, short_trial, write_runs, write_tables
 from cases.checks import check
-from cases.importing.import_logs import import_logs
+from cases.importing.import_logs import SUFFIXES, import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.log_columns import log_of
-from cases.importing.text_log import read_text_log
+from cases.importing.table_files import read_text_log
 from cases.io.groups import group_trials
 from cases.io.read import read_controls, read_trial
 from cases.io.site import read_site
@@ -32,8 +34,6 @@ from mmg.ship import Ship
 from residual.papers.black_box import load_box
 from residual.result import read_training
 
-BINARY = ("parquet", "iterate", "network", "black_box")
-"""Readers of files that are no text."""
 LARGEST_SEED = 6000
 """Bytes of a reproducer that is damaged further."""
 
@@ -67,15 +67,10 @@ def readers(folder: Path) -> dict[str, Reader]:
         "network": (hybrid / NETWORK, lambda: load_ship(hybrid)),
         "black_box": (box / NETWORK, lambda: load_box(box)),
         "captive": (folder / "captive.csv", lambda: read_captive(folder / "captive.csv")),
-        "log": (folder / "log.csv", lambda: _imported(folder / "log.csv")),
-        "long_log": (
-            folder / "long.csv",
-            lambda: _averaged(folder / "long.csv"),
-        ),
-        "nmea": (folder / "log.nmea", lambda: _imported(folder / "log.nmea")),
         "import_map": (folder / "import.toml", lambda: read_map(folder / "import.toml")),
     }
     found = {name: _of_file(name, path, read) for name, (path, read) in files.items()}
+    found |= log_readers(folder / "raw")
     texts = {
         "effect": lambda text: _effect(text, ship),
         "maneuver": lambda text: parse_maneuver(text, ship, n=9.0, speed=0.4),
@@ -85,6 +80,31 @@ def readers(folder: Path) -> dict[str, Reader]:
         good = (GROUPS,) if name == "groups" else TEXTS[name]
         found[name] = _of_text(parse, (*(text.encode() for text in good), *_small(name)))
     return found
+
+
+def log_readers(folder: Path) -> dict[str, Reader]:
+    """Those of raw logs, one of each format, on copies of the samples in ``folder``, which must not exist."""
+    shutil.copytree(GOOD / "logs", folder)
+    found = {path.stem: _of_log(path) for path in sorted(folder.iterdir()) if path.suffix in SUFFIXES}
+    long = Path(shutil.copy(folder / "log.csv", folder / "long.csv"))
+    return found | {"long_log": _of_file("long_log", long, lambda: _averaged(long))}
+
+
+def _of_log(path: Path) -> Reader:
+    """A reader of a raw log; of a workbook the sheet is damaged, and the archive around it is whole."""
+    if path.suffix != ".xlsx":
+        return _of_file(path.stem, path, lambda: _imported(path))
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    sheet = next(name for name in parts if "sheet1" in name)
+
+    def read(content: bytes) -> object:
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, part in {**parts, sheet: content}.items():
+                archive.writestr(name, part)
+        return _imported(path)
+
+    return Reader(read, (parts[sheet],))
 
 
 def _of_file(name: str, path: Path, read: Callable[[], object]) -> Reader:
@@ -97,7 +117,7 @@ def _of_file(name: str, path: Path, read: Callable[[], object]) -> Reader:
 
 def _small(name: str) -> list[bytes]:
     """The reproducers of a reader from which more are made; the others cost too much time."""
-    return [content for content in REPRODUCERS[name] if len(content) < LARGEST_SEED]
+    return [content for content in REPRODUCERS.get(name, ()) if len(content) < LARGEST_SEED]
 
 
 def _of_text(parse: Callable[[str], object], seeds: tuple[bytes, ...]) -> Reader:
@@ -113,8 +133,10 @@ def _table(path: Path) -> None:
 
 
 def _imported(path: Path) -> object:
-    """The runs in a raw log. Raises UserError, with its problems, where they cannot be written."""
-    found = import_logs([path])
+    """The runs in a raw log, by the map of its name. Raises UserError, with its problems, where they cannot be
+    written."""
+    said = GOOD / "logs" / f"{path.stem}.toml"
+    found = import_logs([path], read_map(said) if said.exists() else None)
     if found.problems:
         raise UserError("; ".join(found.problems))
     return found

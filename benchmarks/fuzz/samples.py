@@ -32,19 +32,7 @@ from residual.pipeline import train
 from residual.settings import BlackBoxSettings, TrainSettings
 
 GOOD = Path(__file__).with_name("samples")
-"""Folder of good text files: a sidecar, a site, captive tests, controls, an import map."""
-_STAMPS = tuple(f"2026-05-04T09:30:{second:02d}.000+00:00" for second in range(24))
-_LOGGED = "34,70{i:04d};135,4;2,1{i};90;91,5;300;-5,{i};good"
-LOG = "\r\n".join(
-    ["LOGGER 3000", "Time;Latitude;Longitude;SOG [kn];COG [deg];Heading [deg];RPM;Rudder Angle [deg];Mood"]
-    + [f"{stamp};{_LOGGED.format(i=i)}" for i, stamp in enumerate(_STAMPS)]
-)
-NMEA = "\n".join(
-    f"$GPRMC,0930{second:02d}.00,A,3442.000{second % 10},N,13524.0000,E,2.10,90.0,040526,,\n$HEHDT,9{second % 10}.0,T\n"
-    f"$IIRSA,-5.{second % 10},A,,\n$IIRPM,S,1,300.0,100.0,A"
-    for second in range(24)
-)
-LOGS = (("log.csv", LOG), ("long.csv", LOG), ("log.nmea", NMEA))
+"""Folder of good files: a sidecar, a site, captive tests, controls, an import map, and ``logs``, one of each format."""
 GROUPS = "day\nrun_07_2020-11-12\nrun_08_31-Jul-2020\nsea 20201112_zigzag"
 TEXTS = {
     "effect": (
@@ -84,8 +72,6 @@ def write_tables(folder: Path) -> None:
     (folder / "trial").mkdir()
     for path in (folder / "trial" / "a.csv", folder / "trial" / "b.parquet", folder / "side" / "side.csv"):
         write_trial(trial, path)
-    for name, text in LOGS:
-        (folder / name).write_text(text, encoding="utf-8")
     (folder / "ship.toml").write_text(small_ship(), encoding="utf-8")
 
 

@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cases.evidence.signals import independent, white_noise
 from cases.inputs import integral
 from cases.trial import RUDDERS, Trial
 
@@ -28,11 +29,11 @@ COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
 def mismatches(trial: Trial) -> dict[str, np.ndarray]:
     """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
 
-    "psi" [rad]; "position" [m], north + i east, where there are positions.
+    "psi" [rad]; "position" [m], north + i east, where there are positions; none of relatives.
     """
     t, psi = trial.t, filled(trial.psi_unwrapped)
-    found = {"psi": psi - integral(t, filled(trial["r"]))}
-    if trial.has_position:
+    found = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
+    if independent(trial, "track"):
         w = filled(trial["u"]) + 1j * filled(trial["v"])
         found["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
     return found
@@ -83,6 +84,9 @@ NOISY = 0.25
 it never repeats itself for long."""
 
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
+
+WANDER = 4.0
+"""Standard deviations of the integral of white noise that say nothing."""
 
 
 def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
@@ -136,7 +140,9 @@ def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ..
     drift = (own[-1] - own[0] - off[-1]) / rest if rest > since[-1] else 0.0
     missing = min(float(np.abs(off).max()), float(np.abs(off - drift * since).max()))
     place, rate = (resolution(trial, columns) for columns in COLUMNS[name])
-    return missing > place + rate * float(since[-1])
+    noise = white_noise([trial.states])[[NAMES.index(column) for column in COLUMNS[name][1]]]
+    wander = WANDER * math.hypot(*noise) * math.sqrt(float(since[-1]) * trial.dt)
+    return missing > place + rate * float(since[-1]) + wander
 
 
 def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
@@ -177,6 +183,9 @@ def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) ->
 
 NAMES = ("x", "y", "psi", "u", "v", "r")
 
+MANY = 20
+"""Rows before by which a jump is known."""
+
 CHANGES = 0.5
 """Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long."""
 
@@ -215,8 +224,16 @@ def _replayed(trial: Trial, names: tuple[str, ...], rows: np.ndarray, same: np.n
     follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)
     for first, last in runs(follows):
         moving = float(np.mean(~same[first:last])) if last > first else 0.0
-        if last - first >= least and moving > CHANGES:
+        if last - first >= least and moving > CHANGES and _begins_anew(trial, names, first):
             yield int(first), int(last), "earlier samples are repeated", names
+
+
+def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
+    """Whether the columns ``names`` of ``trial`` jump at the row ``first``: a ship that comes round again does not."""
+    rows = slice(max(first - MANY, 0), first + 1)
+    values = np.column_stack([trial.psi_unwrapped[rows] if name == "psi" else trial[name][rows] for name in names])
+    change = np.abs(np.diff(values, axis=0))
+    return first == 0 or bool((change[-1] > JUMP * np.nanmedian(change, axis=0)).any())
 
 
 SURE = 8.0

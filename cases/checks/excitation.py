@@ -15,6 +15,7 @@ import numpy as np
 
 from cases.checks.report import DOUBTFUL, INFO, CheckReport, Found
 from cases.trial import Trial
+from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 
 ENOUGH = 20.0
@@ -93,9 +94,9 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
 
 
 def inputs_are_constant(trial: Trial) -> bool:
-    """True when in ``trial`` neither revolutions nor rudder nor thrusters ever change: nothing to identify."""
-    names = [c for c in trial.columns if c in ("n", "n_bow", "n_stern") or c.startswith(("delta", "n_"))]
-    spans = [float(np.nanmax(trial[c]) - np.nanmin(trial[c])) for c in names if np.isfinite(trial[c]).any()]
+    """True when in ``trial`` no actuator ever changes: nothing to identify."""
+    names = [c for c in INPUTS if c in trial and np.isfinite(trial[c]).any()]
+    spans = [float(np.nanmax(trial[c]) - np.nanmin(trial[c])) for c in names]
     return all(span < 1e-9 for span in spans)
 
 
@@ -112,7 +113,7 @@ def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[di
 def _sentences(numbers: dict[str, Any]) -> list[Found]:
     findings: list[Found] = []
     if numbers["inputs_constant"]:
-        findings.append((DOUBTFUL, "nothing_to_identify", "Revolutions and rudder never change: nothing to identify."))
+        findings.append((DOUBTFUL, "nothing_to_identify", "No actuator ever changes: nothing to identify."))
     share = ", ".join(f"{QUADRANTS[k]} {v:.0%}" for k, v in numbers["quadrants"].items() if v >= 0.005)
     findings.append((INFO, "quadrants", f"Share of time: {share}."))
     return findings + [(INFO, "not_excited", text) for text in _missing(numbers["group_seconds"], numbers["seconds"])]

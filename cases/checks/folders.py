@@ -11,36 +11,40 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport
+from cases.checks.independent import not_checked, sternway, sway, sway_findings, turning_wind
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.single import following
 from cases.checks.stretches import DRIFTING
-from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, scores
+from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores
 from cases.evidence.contradicted import standing, wrong_inputs
-from cases.evidence.shifts import LAGS, Shift, Value, candidates, shifts
-from cases.evidence.signals import signals
+from cases.evidence.scale import TRACK, TURN, Scale, scale
+from cases.evidence.shifts import LAGS, Shift, Value, candidates, nats, shifts
+from cases.evidence.signals import independent, signals
 from cases.io.conventions import converted
 from cases.io.leave_out import left_out
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import NAME, SidecarEntry, sidecar_entry
 from cases.io.unit_sanity import mislabelled
-from cases.io.units import si_unit, to_si, unit_by_factor
+from cases.io.units import to_si, unit_by_factor
+from cases.quantities import quantity
 from cases.trial import Trial
 from mmg.errors import UserError
-
-TRIED = 4
-"""So many of the files that a remedy is for are read again with it before it is advised."""
 
 LATE = 1.5
 """Lag [s] of a channel beyond which the verdict is no longer "ok"."""
 
-GAIN = {"gain u": 0.06, "gain v": 0.1, "gain r": 0.075}
-"""Deviation of a channel's gain from one beyond which the verdict is no longer "ok"."""
+TURNED, LEAST_ARM = math.radians(2.0), 0.05
+"""The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
+secant of the latitude), and for a lever arm [m]."""
 
-TURNED, LEAST_ARM = math.radians(5.0), 0.05
-"""The same for the offset of a heading [rad] and for a lever arm [m]."""
+LEAST_SHARE = 0.001
+"""Gains and angles [rad] below it are not worth a note."""
 
 DISAGREE = 0.8
 """Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
+
+SURE = 20.0
+"""Nats from which one file refutes its labels although all others of its folder bear theirs out."""
 
 TOPICS = {"unit": "units", "rudder_sign": "rudder"}
 
@@ -63,7 +67,8 @@ class Said(NamedTuple):
 
 def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
     """``reports`` on ``trials`` with what their folders show together: frames, signs, units, channels that stand still,
-    lags, lever arms, gains and offsets. What follows from a contradiction is not said beside it.
+    lags, lever arms, gains, offsets, and what could not be checked. What follows from a contradiction is not said
+    beside it.
     """
     out = list(reports)
     folders: dict[Path | None, list[int]] = {}
@@ -75,16 +80,89 @@ def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Che
         turning = [reports[i].numbers["rudder"]["correlation"] for i in rows]
         found = [_scored(*each) for each in zip(some, still, turning, strict=True)]
         own = [trials[i] for i in rows]
-        said = [_contradicted(*each) for each in zip(own, still, judged(found), turning, strict=True)]
+        said = [_contradicted(own, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
         whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
         quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
-        alone: dict[int, dict[str, Value | None]] = {}
+        alone: dict[int, dict[str, Value | None]] = {k: {} for k in range(len(rows))}
         for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
-            alone[k] = values
+            alone[k] = dict(values)
             if shift:
-                said[k], alone[k] = _shift_said(shift), {**values, shift.name: shift.value}
+                said[k], alone[k][shift.name] = _shift_said(shift), shift.value
+                some[k] = _in_time(some[k], shift)
+        quiet = [k for k in quiet if all(level == INFO for level, *_ in said[k].findings)]
+        for k, (values, more) in zip(quiet, _scaled([some[k] for k in quiet]), strict=True):
+            said[k].findings.extend(more)
+            alone[k].update(values)
+        for k, more in zip(quiet, _moved([own[k] for k in quiet]), strict=True):
+            said[k].findings.extend(more)
         for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
-            out[i] = _joined(out[i], each, found[k], alone.get(k, {}))
+            out[i] = _joined(out[i], each, not_checked(trials[i]), found[k], alone[k])
+    return out
+
+
+def _in_time(trial: Trial, shift: Shift) -> Trial:
+    """``trial`` without the lag that ``shift`` says."""
+    late = {name for group in LAGS.get(shift.name, ()) for name in {"w": "uv", "place": "xy"}.get(group, (group,))}
+    t, by = trial.t, float(np.real(shift.value))
+    moved = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
+    return trial.with_columns(**{name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in moved.items()})
+
+
+def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list[Found]]]:
+    """Gains and the angle of the track of each of the ``trials``, and what is said of them: what all files of a folder
+    show together, or each by itself where they do not."""
+    out: list[tuple[dict[str, Value | None], list[Found]]] = [({}, []) for _ in trials]
+    for names in (TRACK[:6], TURN):
+        able = [k for k, trial in enumerate(trials) if independent(trial, "turn" if names == TURN else "track")]
+        own = {k: scale([trials[k]], names) for k in able}
+        together = scale([trials[k] for k in able], names)
+        for name in names[:3]:
+            shared = together is not None and together.significant(name, LEAST_SHARE)
+            said = _scale_said(together, name, [trials[k] for k in able]) if together and shared else None
+            for k, one in own.items():
+                if one is None:
+                    continue
+                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name)
+                if said or one.significant(name, LEAST_SHARE):
+                    out[k][1].append(said or _scale_said(one, name, [trials[k]]))
+    return out
+
+
+def _logged_as(found: Scale, name: str) -> float:
+    """A gain as what the column is of the truth, an angle as it is."""
+    return found.values[name] if name == "angle" else 1.0 / max(1.0 + found.values[name], 0.1)
+
+
+def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:
+    """What is said of a value of ``found`` that is no chance, from these ``trials``."""
+    files = f" over {len(trials)} files" if len(trials) > 1 else ""
+    if name == "angle":
+        side = "clockwise" if found.values[name] > 0 else "counter-clockwise"
+        size, error = abs(math.degrees(found.values[name])), math.degrees(found.std[name])
+        text = (
+            f"The track is turned {size:.1f} deg {side} from heading and velocities (standard error {error:.1g}"
+            f"{files}), by an offset of the heading or by the axes"
+        )
+        return (DOUBTFUL if found.significant(name, TURNED) else INFO), "heading_offset", text
+    share = _logged_as(found, name) - 1.0
+    of = "what the heading says" if name == "r" else "what the positions say"
+    side = "below" if share < 0 else "above"
+    text = f"{name} is {abs(share):.1%} {side} {of} (standard error {found.std[name]:.2%}{files})"
+    if name == "u":
+        water = scale(trials, TRACK)
+        current = water is None or not water.significant(name)
+        text += ", u or the positions in a wrong unit or grid" + (", or u through the water in a current" * current)
+    return (DOUBTFUL if found.matters(name) else INFO), "gain", text
+
+
+def _moved(trials: Sequence[Trial]) -> list[list[Found]]:
+    """What the motion of the ship says of each of the ``trials``, whether or not their columns are relatives."""
+    derived = [not independent(trial, "track") and trial.has_position for trial in trials]
+    together = sway_findings(sway(trials)) if trials else []
+    out = []
+    for trial, relatives in zip(trials, derived, strict=True):
+        shared = [(level if relatives else INFO, code, text) for level, code, text in together]
+        out.append([*shared, *sternway(trial), *turning_wind(trial)[1]])
     return out
 
 
@@ -101,25 +179,35 @@ def _scored(trial: Trial, still: Mapping[str, str], turning: float | None) -> Sc
     return scores(trial, turning, tuple(still), {name: unit for name, (_, unit) in labels(trial).items()})
 
 
-def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning: float | None) -> Said:
-    """What refutes the labels of ``trial``: columns that stand ``still``, and the reading that was ``found``.
+def _contradicted(
+    trials: Sequence[Trial], k: int, still: Mapping[str, str], found: Judged, turning: float | None
+) -> Said:
+    """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading that was
+    ``found``.
 
     turning: correlation of its turn rate with the rudder.
     """
+    trial = trials[k]
     said = [
         (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
         for name, why in still.items()
     ]
     keys: Keys = {}
-    alone = found.reading.rudder != found.folder.rudder
+    alone = found.reading != found.folder
     for code, meaning in [] if still else found.reading.statements():
-        level = DOUBTFUL if alone and code == "rudder_sign" else CONTRADICTORY  # what else turns her is in no column
-        said.append((level, code, _sentence(code, meaning, found)))
-        keys = {} if alone else found.reading.keys()
+        unsure = alone and len(trials) > 2 and found.odds < SURE
+        turned = found.reading.rudder != found.folder.rudder and code == "rudder_sign"  # what else turns her is unknown
+        files = f"against {len(trials) - 1} others" if alone else f"over {len(trials)} files"
+        odds = f" (log odds {found.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {found.odds:.0f})"
+        text = _sentence(code, meaning, found) + odds
+        said.append((DOUBTFUL if turned or unsure else CONTRADICTORY, code, text))
+        advised = found.agreed and not found.rival and not unsure and found.reading.rudder == found.folder.rudder
+        keys = found.reading.keys() if advised else {}
     if found.rival and not still:
+        both = [line(wanted) for each in (found.reading, found.rival) if (wanted := settings(trial, each.keys()))]
         other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"
-        said = [(level, code, f"{text} (or {other}: the data cannot tell)") for level, code, text in said]
-        keys = {}
+        choice = f"; one of these is true of them: {', or '.join(both)}" if len(both) > 1 else ""
+        said = [(level, code, f"{text}, or {other}: the data cannot tell{choice}") for level, code, text in said]
     if not said and found.after > DISAGREE:
         text = (
             f"Velocities and positions disagree (misfit {found.after:.0%}) and no other frame, sign or unit explains it"
@@ -138,19 +226,18 @@ def _contradicted(trial: Trial, still: Mapping[str, str], found: Judged, turning
 def _sentence(code: str, meaning: str, found: Judged) -> str:
     fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
     if code == "rudder_sign":
-        also = "" if found.reading.faults > 1 else ", or y, psi, v and r are all mirrored"
-        also += ", or a wind turns her: in other files she turns to starboard" if found.folder.rudder == 1 else ""
+        also = ", or a wind turns her: in other files she turns to starboard" if found.folder.rudder == 1 else ""
         return f"Going ahead the ship turns to port when delta is positive: {meaning}{also}"
     if code == "r_sign" or meaning.startswith("r "):
         return meaning
     if code == "unit":
         return f"{meaning}: {fits} of velocities and track" if np.isfinite(found.after) else meaning
-    return f"The track says that {meaning}: {fits}"
+    return f"The track says that {meaning}: {fits}" if np.isfinite(found.after) else f"It looks as if {meaning}"
 
 
 def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Value | None]]]:
     """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
-    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) is not None]
+    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) and (s.has_track or s.has_turn)]
     out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
     for track in (True, False):
         some = [(k, s) for k, s in kept if s.has_track == track]
@@ -159,16 +246,18 @@ def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Valu
         own = [trials[k] for k, _ in some]
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
         found = candidates([s for _, s in some], longest)
-        for i, ((k, _), shift) in enumerate(zip(some, shifts(found), strict=True)):
+        said = shifts(found)
+        if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
+            both = scale(own, TRACK[:6])
+            if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
+                said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
+        for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
             out[k] = shift, {name: one.alone[i] for name, one in found.items()}
     return out
 
 
 def _matters(shift: Shift) -> bool:
-    size = abs(shift.value)
-    if shift.name in GAIN:
-        return abs(float(np.real(shift.value)) - 1.0) > GAIN[shift.name]
-    return size >= (LATE if shift.name in LAGS else LEAST_ARM if shift.name == "arm" else TURNED)
+    return abs(shift.value) >= (LATE if shift.name in LAGS else LEAST_ARM)
 
 
 def _shift_said(shift: Shift) -> Said:
@@ -182,26 +271,19 @@ def _shift_said(shift: Shift) -> Said:
         if shift.name == "place" and real < 0:
             text = f"u and v, in the earth frame, are {-real:.3g} s late against the positions"
             keys = {}
-    elif shift.name == "arm":
+    else:
         x, y = float(f"{real:.3g}"), float(f"{np.imag(value):.3g}")
         code, text = "lever_arm", f"The positions are those of a point ({x:g}, {y:g}) m from midship (lever arm)"
         keys = {"reference_point": {"x": x, "y": y, "applies_to": "position"}}
-    elif shift.name == "heading":
-        side = "clockwise" if real > 0 else "counter-clockwise"
-        words = "from heading and velocities: heading offset or axes?"
-        code, text = "heading_offset", f"The track is turned {abs(math.degrees(real)):.1f} deg {side} {words}"
-    else:
-        name = shift.name.removeprefix("gain ")
-        code, text = "gain", f"{name} is {real:.3g} times what {'heading' if name == 'r' else 'track'} says"
     if shift.rivals:
-        other = {**{name: "a lag" for name in LAGS}, "arm": "a lever arm", "heading": "a heading offset"}
-        names = dict.fromkeys(other.get(name, f"a {name}") for name in shift.rivals)
+        names = dict.fromkeys("a lag" if name in LAGS else "a lever arm" for name in shift.rivals)
         text, keys = f"{text} (or {' or '.join(names)}: the data cannot tell)", {}
-    return Said([(DOUBTFUL, code, text)], keys) if _matters(shift) else Said([(INFO, code, text)], {})
+    return Said([(DOUBTFUL if _matters(shift) else INFO, code, text)], keys if shift.shared and _matters(shift) else {})
 
 
 def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
-    """What is ``said`` of the ``trials`` of a folder, with the lines that mend it where they were tried and do."""
+    """What is ``said`` of the ``trials`` of a folder, with the lines that mend it where they were tried on all files
+    that they are for, and make the evidence of each of them better."""
     out = [Said([(level, code, f"{text.rstrip('.')}.") for level, code, text in each.findings], {}) for each in said]
     groups: dict[str, list[int]] = {}
     for k, (trial, each) in enumerate(zip(trials, said, strict=True)):
@@ -209,7 +291,8 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
         if wanted:
             groups.setdefault(line(wanted), []).append(k)
     for text, rows in groups.items():
-        if not all(_ends(trials[k], said[k]) for k in rows[:: max(1, len(rows) // TRIED)]):
+        gained = [_gained(trials[k], said[k]) for k in rows]
+        if min(gained) < 0 or sum(gained) <= 0:
             continue
         for k in rows:
             level, code, sentence = out[k].findings[0]
@@ -228,21 +311,29 @@ def _all_there(trials: Sequence[Trial]) -> bool:
     return inside <= {trial.path.name for trial in trials if trial.path}
 
 
-def _ends(trial: Trial, said: Said) -> bool:
-    """Whether nothing is left of what is ``said`` of ``trial`` once it is read as its keys want it."""
+def _gained(trial: Trial, said: Said) -> float:
+    """Nats by which heading, track, turn rate and rudder of ``trial`` fit one another better once it is read as the
+    keys of what is ``said`` want it; for inputs one where they then go with how quickly she turns; -inf where not."""
     wanted = settings(trial, said.keys)
     after = mended(trial, wanted, said.keys) if wanted else None
-    if after is None or mislabelled(after.columns):
-        return False
-    turning = following(after)["correlation"]
-    if wrong_inputs(after, turning) or judged([_scored(after, standing(after), turning)])[0].reading.faults:
-        return False
-    ((shift, _),) = _shifted([after])
-    return shift is None or not _matters(shift)
+    if after is None or mislabelled(after.columns) or wrong_inputs(after, following(after)["correlation"]):
+        return -math.inf
+    if set(said.keys) == {"units"} and not {"psi", "u", "v", "r", "t"} & set(said.keys["units"]):
+        return 1.0
+    return round(_fit(trial) - _fit(after), 6)
 
 
-def _joined(report: CheckReport, said: Said, found: Scores, alone: Mapping[str, Value | None]) -> CheckReport:
-    """``report`` with what is ``said``; its own sentences on what follows from that are left out.
+def _fit(trial: Trial) -> float:
+    """Nats of the columns of ``trial`` as they are; less is better."""
+    s = signals(trial)
+    return (nats(s) if s else 0.0) + rudder_nats(following(trial)["correlation"])[1]
+
+
+def _joined(
+    report: CheckReport, said: Said, unchecked: Sequence[Found], found: Scores, alone: Mapping[str, Value | None]
+) -> CheckReport:
+    """``report`` with what is ``said`` and what is ``unchecked``; its own sentences on what follows from that are left
+    out.
 
     alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has it.
     """
@@ -250,7 +341,10 @@ def _joined(report: CheckReport, said: Said, found: Scores, alone: Mapping[str, 
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
         kept = [f for f in kept if f.topic != "sampling" or f.code not in ("coarse_sampling", "gaps")]
-    own = [CheckFinding(TOPICS.get(code, "kinematics"), level, code, text) for level, code, text in said.findings]
+    own = [
+        CheckFinding(TOPICS.get(code, "kinematics"), level, code, text)
+        for level, code, text in (*said.findings, *unchecked)
+    ]
     misfit = {name: found.misfit.get((name, 1.0, 1.0)) for name in FRAMES}
     arm, turned = alone.get("arm"), alone.get("heading")
     kinematics = {
@@ -270,7 +364,7 @@ OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body",
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:
     """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
     found = json.loads(trial.meta.get("labels", "{}"))
-    return {name: tuple(found.get(name, (name, si_unit(name)))) for name in trial.columns}
+    return {name: tuple(found.get(name, (name, quantity(name).unit))) for name in trial.columns}
 
 
 def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
@@ -326,7 +420,7 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
         for name, factor in keys.get("units", {}).items():
             columns[name] = columns[name] * factor
         told = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
-        return Trial(trial.name, converted(columns, SidecarEntry(**told), []))
+        return replace(trial, columns=converted(columns, SidecarEntry(**told), []))
     except UserError:
         return None
 

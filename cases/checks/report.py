@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-OK, INFO, DOUBTFUL, CONTRADICTORY = "ok", "info", "doubtful", "contradictory"
+OK, CONSISTENT, INFO, DOUBTFUL, CONTRADICTORY = "ok", "consistent", "info", "doubtful", "contradictory"
 
 Found = tuple[str, str, str]
 """Level, code and sentence of a finding whose topic is known."""
@@ -42,9 +42,11 @@ class CheckReport:
 
     @property
     def verdict(self) -> str:
-        """ "ok", "doubtful" or "contradictory": the worst level among the findings."""
+        """ "ok", "consistent", "doubtful" or "contradictory": the worst level among the findings; consistent is what is
+        so as far as it can be checked, as some of its columns were derived from those they would be compared with."""
         levels = {finding.level for finding in self.findings}
-        return next((level for level in (CONTRADICTORY, DOUBTFUL) if level in levels), OK)
+        unchecked = any(finding.code == "not_checked" for finding in self.findings)
+        return next((level for level in (CONTRADICTORY, DOUBTFUL) if level in levels), CONSISTENT if unchecked else OK)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain types for JSON, keys stable: name, path, verdict, findings, numbers; None for what is not finite."""

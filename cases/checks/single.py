@@ -92,10 +92,6 @@ TURNED = math.radians(1.0)
 """Heading passed in a sample from which on it matters whether a rudder is held over it: half of it is the error of an
 overshoot."""
 
-BLOCK, LONGEST = 32, 30.0
-"""Steps of a low-pass that are taken together, and time constants that they may last: what is left of a block's start
-must be more than rounding."""
-
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong.
@@ -156,31 +152,12 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
 
 
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
-    """First-order low-pass of time constant T [s], starting at the first value; uneven steps allowed.
+    """First-order low-pass of time constant T [s], starting at the first value; uneven steps allowed."""
+    from scipy.linalg import solve_banded  # a tenth of a second that most calls of a short command do without
 
-    In blocks of BLOCK steps: what a block's inputs leave, all blocks side by side, and what is left of its start. (A
-    banded solver would do, but scipy takes longer to read than a folder to check.)
-    """
-    passed = np.diff(t) / T
-    blocks = -(-len(passed) // BLOCK)
-    if not blocks or float(passed.max()) * BLOCK > LONGEST:
-        return _step_by_step(t, values, T)
-    steps, inputs = (np.zeros((blocks, BLOCK)) for _ in range(2))
-    steps.flat[: len(passed)], inputs.flat[: len(passed)] = passed, values[1:]
-    left = np.exp(-np.cumsum(steps, axis=1))
-    own = left * np.cumsum((1 - np.exp(-steps)) * inputs / left, axis=1)
-    starts, now = np.empty(blocks), float(values[0])
-    for k, (kept, added) in enumerate(zip(left[:, -1].tolist(), own[:, -1].tolist(), strict=True)):
-        starts[k], now = now, kept * now + added
-    return np.concatenate([values[:1], (own + left * starts[:, None]).ravel()[: len(passed)]])
-
-
-def _step_by_step(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
-    """The same where steps are as long as T or longer."""
-    keep, out = np.exp(-np.diff(t) / T).tolist(), [float(values[0])]
-    for a, x in zip(keep, values[1:].tolist(), strict=True):
-        out.append(a * out[-1] + (1 - a) * x)
-    return np.array(out)
+    keep = np.exp(-np.diff(t) / T)
+    inputs = np.concatenate([values[:1], (1 - keep) * values[1:]])
+    return np.asarray(solve_banded((1, 0), np.stack([np.ones(len(t)), np.append(-keep, 0.0)]), inputs))
 
 
 def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:

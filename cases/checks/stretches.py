@@ -11,6 +11,7 @@ record over a few seconds. The stretch is where it changes most for its length (
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -34,6 +35,8 @@ from cases.checks.breaks import (
     without_cause,
 )
 from cases.checks.report import DOUBTFUL, INFO, Found
+from cases.evidence.signals import densest
+from cases.inputs import integral
 from cases.trial import Trial
 
 STEP = 10
@@ -117,9 +120,20 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     breaks += list(_drifting(trial, signals, breaks))
     reach = max(JOIN, side * trial.dt)
     return [
-        BrokenStretch(float(trial.t[first]), float(trial.t[last]), what, channels, SWINGING in what)
+        BrokenStretch(
+            float(trial.t[first]), float(trial.t[last]), _sized(what, signals, first, last), channels, SWINGING in what
+        )
         for first, last, what, channels in _joined(trial.t, sorted(breaks), reach)
     ]
+
+
+def _sized(what: str, signals: Mapping[str, np.ndarray], first: int, last: int) -> str:
+    """``what`` is said of the rows, with how far heading and position jump."""
+    for name, signal in signals.items():
+        size = float(np.abs(signal[first : last + 1] - signal[first]).max())
+        shown = f"{size:.3g} m" if name == "position" else f"{math.degrees(size):.3g} deg"
+        what = what.replace(WORDS[name][0], f"{WORDS[name][0]} by {shown}")
+    return what
 
 
 def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[Break]) -> Iterator[Break]:
@@ -129,7 +143,8 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
     explained = list(rows)  # counts no more
     for name, signal in signals.items():
         rounded = resolution(trial, COLUMNS[name][0])
-        found = list(there_and_back(drifts(trial.t, signal, name, way, rows, rounded), trial.t, BACK))
+        moved = integral(trial.t, np.abs(filled(trial["r"]))) if name == "psi" else way * trial.t
+        found = list(there_and_back(drifts(trial.t, signal, name, moved, rows, rounded), trial.t, BACK))
         own = np.zeros(len(trial), bool)
         for first, last in found:
             own[first : last + 1] = True
@@ -181,8 +196,10 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     """
     r, w = filled(trial["r"]), filled(trial["u"]) + 1j * filled(trial["v"])
     errors = mismatches(trial)
-    signals = {"psi": (errors["psi"], side), "u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
-    if trial.has_position:
+    signals = {"u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
+    if "psi" in errors:
+        signals = {"psi": (errors["psi"], side), **signals}
+    if "position" in errors:
         signals |= {"position": (errors["position"], side), "sharp position": (errors["position"], 1)}
     moves = {"psi": (r, side * trial.dt), "u, v": (w, 1.0), "r": (r, 1.0), "position": (w, side * trial.dt)}
     out = {}
@@ -214,6 +231,8 @@ def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterat
                 (first, last, what, channels)
                 for first, last in _there_and_back(trial.t, found[name][0], peaks, side * trial.dt * PAIR)
             )
+    if not set(TOGETHER) <= set(ratio):
+        return
     shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
     agreed = np.minimum(*(_most(share, 4 * side + 1) for share in shares)) >= 1.0
     for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
@@ -334,22 +353,27 @@ Drift = tuple[int, int, complex]
 
 
 def drifts(
-    t: np.ndarray, mismatch: np.ndarray, channel: str, way: float, known: Sequence[tuple[int, int]], rounded: float
+    t: np.ndarray,
+    mismatch: np.ndarray,
+    channel: str,
+    moved: np.ndarray,
+    known: Sequence[tuple[int, int]],
+    rounded: float,
 ) -> list[Drift]:
     """The stretches of a record in which its ``mismatch`` (N,) drifts by more than is usual, in order of time.
 
-    t: (N,) [s]; channel: "psi" or "position"; way: root mean square speed [m/s] of the record; known: first and last
-    rows of stretches that were found before, in which nothing is looked for; rounded: resolution of heading [rad] or
-    position [m], by which they are off in any case.
+    t: (N,) [s]; channel: "psi" or "position"; moved: (N,) what the ship has turned [rad] or run [m] by then; known:
+    first and last rows of stretches that were found before, in which nothing is looked for; rounded: resolution of
+    heading [rad] or position [m], by which they are off in any case.
     """
     steps = np.diff(mismatch)
     for first, last in known:
         steps[max(first - 1, 0) : last + 1] = 0.0
-    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel)
+    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel, moved)
     found: list[Drift] = []
     while len(found) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
-        one = _largest(t, total, usual, channel, way, rounded)
+        one = _largest(t, total, usual, channel, moved, rounded)
         if one is None:
             break
         found.append(one)
@@ -357,18 +381,22 @@ def drifts(
     return sorted(found, key=lambda drift: drift[0])
 
 
-def _usual(t: np.ndarray, total: np.ndarray, channel: str) -> dict[float, tuple[float, complex]]:
-    """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice."""
+def _usual(t: np.ndarray, total: np.ndarray, channel: str, moved: np.ndarray) -> dict[float, tuple[float, complex]]:
+    """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice: that of all
+    rows, or, where it is more, of those in which the ship has ``moved`` most."""
     found: dict[float, tuple[float, complex]] = {}
     dt = float(np.median(np.diff(t)))
     for seconds in SECONDS:
         rows = round(seconds / dt)
         if rows < 2 or len(t) <= 2 * rows:
             continue
-        change = (total[rows:] - total[:-rows])[:: max(1, len(total) // MANY)]
+        some = slice(None, None, max(1, len(total) // MANY))
+        change, way = (values[rows:][some] - values[:-rows][some] for values in (total, moved))
         plane = np.iscomplexobj(change)
-        centre = complex(_dense(change.real), _dense(change.imag) if plane else 0.0)
-        size = AS_MEDIAN[plane] * float(np.quantile(np.abs(change - centre), DENSE))
+        centre = complex(densest(change.real, DENSE), densest(change.imag, DENSE) if plane else 0.0)
+        off = np.abs(change - centre)
+        sizes = [float(np.quantile(each, DENSE)) for each in (off, off[way >= 0.5 * way.max()])]
+        size = AS_MEDIAN[plane] * max(sizes)
         if seconds > SHORT and SHORT in found:
             base, drift = found[SHORT]
             size, centre = min(size, base * (seconds / SHORT) ** GROWTH[channel]), drift * seconds / SHORT
@@ -376,20 +404,12 @@ def _usual(t: np.ndarray, total: np.ndarray, channel: str) -> dict[float, tuple[
     return found
 
 
-def _dense(values: np.ndarray) -> float:
-    """Middle of the shortest interval that holds DENSE of the ``values`` (N,)."""
-    ordered, count = np.sort(values), max(1, int(DENSE * len(values)))
-    widths = ordered[count:] - ordered[:-count]
-    at = int(np.argmin(widths)) if len(widths) else 0
-    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))
-
-
 def _largest(
     t: np.ndarray,
     total: np.ndarray,
     usual: dict[float, tuple[float, complex]],
     channel: str,
-    way: float,
+    moved: np.ndarray,
     rounded: float,
 ) -> Drift | None:
     """What drifts most for its length among what is beyond the limit; None where nothing is."""
@@ -398,10 +418,11 @@ def _largest(
     for seconds, (size, centre) in usual.items():
         rows = round(seconds / dt)
         change = np.abs(total[rows:] - total[:-rows] - centre)
-        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * way * seconds)
+        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * (moved[rows:] - moved[:-rows]))
+        change = np.where(change > least, change, 0.0)
         at = int(np.argmax(change))
         value = float(change[at])
-        if value > max(float(np.interp(seconds, times, limits)) * size, least) and value / np.sqrt(seconds) > most:
+        if value > float(np.interp(seconds, times, limits)) * size and value / np.sqrt(seconds) > most:
             best, most = (at, at + rows), value / np.sqrt(seconds)
     return _cut(total, *best) if best else None
 

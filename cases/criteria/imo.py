@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from cases.checks.trusted import remarks
 from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_runs, simulated_run
 from cases.criteria.trial_correction import WaterVelocity, corrected_runs
 from cases.inputs import assumed
@@ -21,6 +20,7 @@ from cases.maneuvers.definitions import STOPPING_CODES, parse_maneuver
 from cases.maneuvers.orders import Limits
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError
 from mmg.messages import Message, has_code
 from mmg.notebook import html_table
@@ -352,7 +352,7 @@ def imo_figures_of_trials(
     if ship is None and length is None:
         raise Missing("trials need the length of their ship; give ship or length")
     L = length if length is not None else ship.particulars["L"] if ship else 0.0
-    runs, notices = [], [*remarks(trials), *(assumed(trials, ship.inputs) if ship else ())]
+    runs, notices = [], [*TrialSet.of(trials).remarks, *(assumed(trials, ship.inputs) if ship else ())]
     if has_code(notices, CODE):
         words = (
             "what is left out of a measured manoeuvre is bridged by straight lines, where she hardly turns meanwhile"

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.evidence.signals import PIECES, Signals, Stats, evidence, over_windows, relative, signals
-from cases.io.units import si_unit, to_si, unit_by_factor
+from cases.evidence.signals import PIECES, Signals, Stats, evidence, independent, over_windows, relative, signals
+from cases.io.units import to_si, unit_by_factor
+from cases.quantities import quantity
 from cases.trial import Trial
 
 DEG = math.pi / 180.0
@@ -73,6 +74,10 @@ FRAMES: Mapping[str, Frame] = {
     "mirrored": Frame(
         "mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
         {"sign": {"psi": -1, "v": -1, "r": -1}},
+    ),
+    "all_mirrored": Frame(
+        "mirrored_frame", "y, psi, v and r are all mirrored (as in ROS, or east, north, up)", _turned, -1, -1,
+        {"sign": {"y": -1, "psi": -1, "v": -1, "r": -1}},
     ),
     "psi_counter_clockwise": Frame(
         "heading_sign", "psi is positive counter-clockwise", _backwards, -1, 1, {"sign": {"psi": -1}}
@@ -241,6 +246,9 @@ APART = 10.0
 STRANGE = 6.0
 """What a unit costs beside, that no header could have hidden behind the one that is written."""
 
+UNTOLD = 100.0
+"""What a reading costs of columns that were derived from those it would be wrong against."""
+
 ORDERS = 2
 """Rudder orders that a turn rate answers in each piece of a record."""
 
@@ -264,13 +272,19 @@ class Scores:
 @dataclass(frozen=True)
 class Judged:
     """The reading of one trial: itself, relative misfit of its track as labelled and with it, that of its folder, a
-    rival that the folder cannot tell from it."""
+    rival that the folder cannot tell from it.
+
+    odds: nats by which the reading is likelier than the headers over all files, or for a file that differs from its
+    folder than what the folder has; agreed: whether it is no less likely than the headers in every file.
+    """
 
     reading: ColumnReading
     before: float
     after: float
     folder: ColumnReading
     rival: ColumnReading | None = None
+    odds: float = 0.0
+    agreed: bool = True
 
 
 @cache
@@ -313,7 +327,7 @@ def scores(
         s = signals(trial, unit)
         if s is None:
             continue
-        if not blind:
+        if not blind and s.has_turn:
             stats = s.stats(over_windows(s.psi), s.summed(s.r))
             spin |= zip(((unit, rate) for rate in rates), _spun(stats, rates), strict=True)
         if s.has_track and not lost:
@@ -324,9 +338,13 @@ def scores(
                     factors = (1.0,)
         if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
             break
-    rudders = _rudder(turning)
+    rudders = rudder_nats(turning)
     nats = np.array([track.get(way, (0.0, 0.0))[0] + spin.get(spun, 0.0) + rudders[sign] for way, spun, sign in keys])
     nats += STRANGE * np.array([len(strange.intersection(reading.units)) for reading in competitors()[0]])
+    if "r" in trial.ancestors and not independent(trial, "turn"):  # it has the sign and the unit of the heading
+        nats += UNTOLD * np.array([reading.rate != 1.0 for reading in competitors()[0]])
+    if trial.has_position and not independent(trial, "track"):
+        nats += UNTOLD * np.array([reading.frame not in ("body", "all_mirrored") for reading in competitors()[0]])
     return Scores(nats - nats[0], {key: value[1] for key, value in track.items()})
 
 
@@ -353,12 +371,16 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     together = own.sum(axis=0) + COST * faults
     near = [h for h in np.argsort(together)[:20] if h != folder and together[h] - together[folder] < CLOSE]
     rival = hypotheses[int(near[0])] if near and folder else None
+    agreed = bool((own[:, folder] <= own[:, 0] + 1e-6).all())
     out = []
     for s, h in zip(found, each(folder), strict=True):
         chosen = hypotheses[int(h)]
+        odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - own[:, folder].sum()
         before = s.misfit.get(("body", 1.0, 1.0), math.nan)
         after = s.misfit.get((chosen.frame, chosen.heading, chosen.speed * chosen.clock), math.nan)
-        out.append(Judged(chosen, before, after, hypotheses[folder], rival if h == folder else None))
+        out.append(
+            Judged(chosen, before, after, hypotheses[folder], rival if h == folder else None, float(odds), agreed)
+        )
     return out
 
 
@@ -392,12 +414,12 @@ def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
     choices = {"psi": HEADINGS, "u": SPEEDS, "t": CLOCKS, "r": {abs(factor) for factor in RATES}}
     out = set()
     for column, factors in choices.items():
-        own = to_si(column, labels.get(column) or si_unit(column), column)
+        own = to_si(column, labels.get(column) or quantity(column).unit, column)
         out |= {(column, factor) for factor in factors if not unit_by_factor(column, own * factor)}
     return out
 
 
-def _rudder(correlation: float | None) -> dict[int, float]:
+def rudder_nats(correlation: float | None) -> dict[int, float]:
     """Sign of the rudder -> nats, of a turn rate that follows it with this ``correlation``."""
     if correlation is None:
         return {1: 0.0, -1: 0.0}

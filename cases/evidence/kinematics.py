@@ -183,7 +183,7 @@ UNSEEN = (
 
 
 @dataclass(frozen=True)
-class Quantity:
+class SensorFault:
     """A fault of a sensor.
 
     unit as shown; threshold: the least size that matters; prior: standard deviation before the data; power: of the
@@ -217,25 +217,25 @@ COURSE = "the course of the position lies {} of u, v and psi"
 POINT = "the position belongs to a point {} that of u and v"
 DRIFT = "the position drifts {} against u and v (through the water?)"
 TRACK = (
-    Quantity(
+    SensorFault(
         "lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_filter", "tau", True
     ),
-    Quantity("gain_u", "", 0.005, 0.1, 0, "logged u is too {}", SIZE, "log_scale", "share", True),
-    Quantity("gain_v", "", 0.03, 0.1, 0, "logged v is too {}", SIZE),
-    Quantity("heading", "rad", 0.01, 0.1, 0, COURSE, ("clockwise", "counter-clockwise")),
-    Quantity("arm_x", "m", 0.06, 0.3, 1, POINT, ("ahead of", "aft of"), "antenna_offset", "x"),
-    Quantity("arm_y", "m", 0.06, 0.3, 1, POINT, ("to starboard of", "to port of"), "antenna_offset", "y"),
-    Quantity("bias_u", "m/s", 0.005, 0.02, 0.5, "logged u is always too {}", SIZE),
-    Quantity("bias_v", "m/s", 0.005, 0.02, 0.5, "logged v is always too {}", SIZE),
-    Quantity("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
-    Quantity("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
+    SensorFault("gain_u", "", 0.005, 0.1, 0, "logged u is too {}", SIZE, "log_scale", "share", True),
+    SensorFault("gain_v", "", 0.03, 0.1, 0, "logged v is too {}", SIZE),
+    SensorFault("heading", "rad", 0.01, 0.1, 0, COURSE, ("clockwise", "counter-clockwise")),
+    SensorFault("arm_x", "m", 0.06, 0.3, 1, POINT, ("ahead of", "aft of"), "antenna_offset", "x"),
+    SensorFault("arm_y", "m", 0.06, 0.3, 1, POINT, ("to starboard of", "to port of"), "antenna_offset", "y"),
+    SensorFault("bias_u", "m/s", 0.005, 0.02, 0.5, "logged u is always too {}", SIZE),
+    SensorFault("bias_v", "m/s", 0.005, 0.02, 0.5, "logged v is always too {}", SIZE),
+    SensorFault("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
+    SensorFault("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
 )
 LAG = 0
 """Place of the lag in TRACK."""
 TURN = (
-    Quantity("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
-    Quantity("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),
-    Quantity("bias_r", "rad/s", 0.0005, 0.005, -0.5, "logged r is always too {}", SIZE),
+    SensorFault("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
+    SensorFault("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),
+    SensorFault("bias_r", "rad/s", 0.0005, 0.005, -0.5, "logged r is always too {}", SIZE),
 )
 
 
@@ -265,7 +265,7 @@ class Reading:
 
 
 def reading(
-    q: Quantity, value: float, std: float, verdict: str, rivals: Sequence[tuple[Quantity, float]] = ()
+    q: SensorFault, value: float, std: float, verdict: str, rivals: Sequence[tuple[SensorFault, float]] = ()
 ) -> Reading:
     """The reading of the quantity q with its sentence.
 
@@ -607,7 +607,7 @@ def _track(logs: Sequence[_Log], k: float, frame: str, known: Sequence[int]) -> 
 
 
 def _solved(
-    logs: Sequence[_Log], of: Sequence[Quantity], k: float, rows: Sequence[Rows], known: Sequence[int]
+    logs: Sequence[_Log], of: Sequence[SensorFault], k: float, rows: Sequence[Rows], known: Sequence[int]
 ) -> Fit | None:
     """The faults among these quantities behind the rows of the runs; None without runs."""
     prior, least = np.array([[q.prior, q.threshold] * np.array(k ** (2 * q.power)) for q in of]).T
@@ -615,7 +615,7 @@ def _solved(
     return fit(rows, [log.block for log in logs], prior, least, preferred, STRIDE / WINDOW, known) if logs else None
 
 
-def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading]:
+def _judged(found: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
     """Readings of a fit of all runs."""
     if found is None:
         return [reading(q, math.nan, math.nan, "not checked") for q in of]
@@ -632,7 +632,7 @@ def _judged(found: Fit | None, of: Sequence[Quantity], k: float) -> list[Reading
     return out
 
 
-def _shows(found: Fit, i: int, q: Quantity, k: float) -> bool:
+def _shows(found: Fit, i: int, q: SensorFault, k: float) -> bool:
     """Whether the quantity q, number i of a fit, is more than chance and large enough to matter."""
     return abs(q.as_logged(found.values[i])) > max(found.crit * float(found.std[i]), q.threshold * k ** (2 * q.power))
 

@@ -1,23 +1,20 @@
-"""Lags of channels, lever arms, gains and heading offsets: they compete, per folder, once frames and units are right.
+"""Lags of channels and the lever arm of the positions: they compete, per folder, once frames and units are right.
 
-The misfits are those of competition.py. A lag is tried on a grid; the lever arm of the positions, the gains of u, v and
-r and the offset of the heading are those of least squares. A folder has one value, and a trial that differs from it
-pays for that.
+The misfits are those of competition.py. A lag is tried on a grid; the lever arm is that of least squares. A folder has
+one value, and a trial that differs from it pays for that.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from cases.evidence.signals import Signals, Stats, evidence, over_windows, relative
 
 COST = 8.0
-"""Nats by which a lag, an arm, a gain or an offset has to be better than none."""
+"""Nats by which a lag or an arm has to be better than none."""
 
 APART = 10.0
 """What a trial pays that differs from its folder."""
@@ -38,9 +35,6 @@ LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"
 MOST_CENTRES = 4
 """Of so many trials the grid is refined around their own best lag."""
 
-LINEAR = ("arm", "gain r", "gain u", "gain v", "heading")
-"""What follows from least squares."""
-
 ROOM = 400_000
 """So many rows of a record that is moved by several lags are looked at at once."""
 
@@ -54,14 +48,15 @@ Value = complex | float
 class Shift:
     """An explanation of what is left over, of one trial.
 
-    name: a key of LAGS, or "arm", "gain r", "gain u", "gain v", "heading"; value: lag [s], arm x + i y [m], gain, or
-    angle [rad]; gained: nats of its folder; rivals: names of explanations that are as good.
+    name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y [m]; gained: nats of its folder; rivals: names of
+    explanations that are as good; shared: whether the other files of the folder have it, too.
     """
 
     name: str
     value: Value
     gained: float
     rivals: tuple[str, ...] = ()
+    shared: bool = True
 
 
 @dataclass(frozen=True)
@@ -80,8 +75,8 @@ def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanatio
 
     found: their signals; longest: lag [s] up to which is searched.
     """
-    names = (*LAGS, *LINEAR) if all(s.has_track for s in found) else ("r", "gain r")
-    return {name: _lag(found, name, longest) if name in LAGS else _fitted(found, name) for name in names}
+    names = (*LAGS, "arm") if all(s.has_track for s in found) else ("r",)
+    return {name: _lag(found, name, longest) if name in LAGS else _arms(found) for name in names}
 
 
 def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
@@ -91,7 +86,9 @@ def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
     if gains[best] <= 0:
         return [None] * len(found[best].values)
     rivals = tuple(name for name in gains if name != best and gains[best] - gains[name] < CLOSE and gains[name] > 0)
-    return [None if v is None else Shift(best, v, gains[best], rivals) for v in found[best].values]
+    values = found[best].values
+    shared = 2 * sum(v is not None for v in values) > len(values)
+    return [None if v is None else Shift(best, v, gains[best], rivals, shared) for v in values]
 
 
 def _rare(name: str, values: Sequence[Value | None]) -> float:
@@ -104,20 +101,13 @@ def without(s: Signals, shift: Shift) -> Signals:
     """The signals ``s`` without what ``shift`` says of them."""
     if shift.name in LAGS:
         return s.shifted(float(np.real(shift.value)), *LAGS[shift.name])
-    changes = {
-        "arm": lambda: {"place": s.place - shift.value * np.exp(1j * s.psi)},
-        "gain r": lambda: {"r": s.r / np.real(shift.value)},
-        "gain u": lambda: {"w": s.w.real / np.real(shift.value) + 1j * s.w.imag},
-        "gain v": lambda: {"w": s.w.real + 1j * s.w.imag / np.real(shift.value)},
-        "heading": lambda: {"psi": s.psi + np.real(shift.value)},
-    }
-    return replace(s, **changes[shift.name]())
+    return replace(s, place=s.place - shift.value * np.exp(1j * s.psi))
 
 
 def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
     """Nats of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
     changed = without(s, Shift(name, value, 0.0)) if name else s
-    return float(_nats(changed, s.has_track, name != "gain r"))
+    return float(_nats(changed, s.has_track))
 
 
 def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
@@ -127,23 +117,20 @@ def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
     return np.concatenate([np.empty(0), *(_nats(s.shifted(part, *LAGS[name]), s.has_track) for part in parts)])
 
 
-def _nats(s: Signals, has_track: bool, free: bool = True) -> np.ndarray:
-    """Nats (...) of the records ``s``, of turns alone where they have no track, the gyro's gain where it is ``free``.
+def _nats(s: Signals, has_track: bool) -> np.ndarray:
+    """Nats (...) of the records ``s``, of turns alone where they have no track.
 
     A sum over windows that no record of ``s`` has of its own is made once.
     """
-    turn = s.stats(over_windows(s.psi), s.summed(s.r))
-    if not has_track:
-        return _logged(turn, False, free)
-    way = s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi)))
-    return _logged(way, True) + _logged(turn, False, free)
+    turn = _logged(s.stats(over_windows(s.psi), s.summed(s.r)), False) if s.has_turn else np.zeros(())
+    return turn + _logged(s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi))), True) if has_track else turn
 
 
-def _logged(stats: Stats, turns: bool, free: bool = True) -> np.ndarray:
-    """Nats (...) of a misfit, with the gain where it is ``free``, and where it ``turns`` the angle, as are usual."""
+def _logged(stats: Stats, turns: bool) -> np.ndarray:
+    """Nats (...) of a misfit, with the gain, and where it ``turns`` the angle, as are usual."""
     total, both = np.sum(stats.predicted, axis=-1), np.sum(stats.both, axis=-1)
     factor = both / np.where(total > 0, total, 1.0)
-    gain = np.clip(np.abs(factor), 0.9, 1.1) if free else np.ones(np.shape(factor))
+    gain = np.clip(np.abs(factor), 0.9, 1.1)
     angle = np.clip(np.angle(factor), -0.05, 0.05) if turns else np.zeros(np.shape(factor))
     misfit = relative(stats, gain * np.exp(1j * angle) if turns else gain)
     usual = 0.5 * (np.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
@@ -187,57 +174,29 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
     return Explanation([None if i is None else float(grid[i]) for i in chosen], total, alone)
 
 
-def _fitted(some: Sequence[Signals], name: str) -> Explanation:
-    """Values of least squares of each trial, or of all of them."""
-    normal = [_normal(s, name) for s in some]
-    joint = sum(n[0] for n in normal), sum(n[1] for n in normal)
-    values: list[Value] = [_solved(joint, name), *(_solved(n, name) for n in normal)]
+def _arms(some: Sequence[Signals]) -> Explanation:
+    """Lever arms of least squares of each trial, and of all of them."""
+    normal = [_normal(s) for s in some]
+    joint = sum(across for across, _ in normal), sum(power for _, power in normal)
+    values: list[Value] = [across / power if power > 0 else 0.0 for across, power in (joint, *normal)]
     plain = np.array([nats(s) for s in some])
     costs = np.full((len(some), len(values)), np.inf)  # a trial has the value of all, or its own
-    costs[:, 0] = [nats(s, values[0], name) for s in some] - plain
-    costs[np.arange(len(some)), np.arange(1, len(values))] = [
-        nats(s, value, name) - usual for s, value, usual in zip(some, values[1:], plain, strict=True)
-    ]
+    costs[:, 0] = [nats(s, values[0], "arm") for s in some] - plain
+    for k, s in enumerate(some):
+        costs[k, k + 1] = nats(s, values[k + 1], "arm") - plain[k]
     chosen, total = _together(costs)
     return Explanation([None if i is None else values[i] for i in chosen], total, values[1:])
 
 
-def _solved(normal: tuple[complex | float, float], name: str) -> Value:
-    across, power = normal
-    if not power > 0:
-        return 0.0 if name in ("arm", "heading") else 1.0
-    if name == "arm":
-        return complex(across / power)
-    if name == "heading":
-        angle = complex(across)
-        return math.atan2(angle.imag, angle.real)
-    return 1.0 / min(max(float(np.real(across)) / power, 0.2), 5.0)
-
-
-def _normal(s: Signals, name: str) -> tuple[complex | float, float]:
-    """Numerator and denominator of a least-squares value, those of several trials to be added."""
+def _normal(s: Signals) -> tuple[complex, float]:
+    """Numerator and denominator of the arm of least squares, those of several trials to be added; the gain of u and v
+    and the angle of the track are left free."""
     turn = np.exp(1j * s.psi)
-    way, made = s.way(), s.summed(s.w * turn)
-    mean = partial(_sum, s)
-    if name == "heading":
-        return mean(way, made), mean(made, made).real
-    if name == "gain r":
-        turned, rate = over_windows(s.psi), s.summed(s.r)
-        return mean(turned, rate).real, mean(rate, rate).real
-    if name == "arm":
-        swung = over_windows(turn)
-        power = mean(made, made).real
-        free = _less(mean, swung, made, power)
-        return mean(_less(mean, way, made, power), free), mean(free, free).real
-    ahead, across = s.summed(s.w.real * turn), s.summed(1j * s.w.imag * turn)
-    one, other = (ahead, across) if name == "gain u" else (across, ahead)
-    return mean(way - other, one).real, mean(one, one).real
+    made, power = s.summed(s.w * turn), 0.0
 
+    def mean(a: np.ndarray, b: np.ndarray) -> complex:
+        return complex(np.sum(s.stats(a, b)[1]))
 
-def _sum(s: Signals, a: np.ndarray, b: np.ndarray) -> complex:
-    """Sum over windows of a times the conjugate of b, each piece by its own share of the whole."""
-    return complex(np.sum(s.stats(a, b)[1]))
-
-
-def _less(mean: Callable[..., complex], a: np.ndarray, of: np.ndarray, power: float) -> np.ndarray:
-    return a - of * (mean(a, of) / power if power > 0 else 0.0)
+    power = mean(made, made).real
+    way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in (s.way(), over_windows(turn)))
+    return mean(way, free), mean(free, free).real

@@ -56,8 +56,8 @@ class Signals:
     """A record on a uniform clock of ``step`` [s]: arrays (M,), missing samples filled by straight lines; or several
     such records that differ in some of the arrays, which are (..., M).
 
-    place: x + i y [m], NaN where none is logged; psi: unwrapped [rad]; w: u + i v [m/s]; r [rad/s]; good: rows that
-    were measured. window: length of a window [s].
+    place: x + i y [m], NaN where none is logged or a relative of u and v; psi: unwrapped [rad]; w: u + i v [m/s]; r
+    [rad/s]; good: rows that were measured; has_turn: whether heading and turn rate are no relatives.
     """
 
     step: float
@@ -66,6 +66,7 @@ class Signals:
     w: np.ndarray
     r: np.ndarray
     good: np.ndarray
+    has_turn: bool = True
 
     @property
     def has_track(self) -> bool:
@@ -110,6 +111,20 @@ class Signals:
         whole = np.clip(np.floor(at).astype(int), 0, len(rows) - 1), np.clip(np.ceil(at).astype(int), 0, len(rows) - 1)
         moved: dict[str, Any] = {name: _advanced(getattr(self, name), later) for name in names}
         return replace(self, **moved, good=self.good & inside & self.good[whole[0]] & self.good[whole[1]])
+
+
+COMPARED = {"track": (("x", "y"), ("u", "v")), "turn": (("psi",), ("r",))}
+"""Comparison -> the columns of one side, and those whose integral is the other."""
+
+
+def independent(trial: Trial, comparison: str) -> bool:
+    """Whether the two sides of a ``comparison`` of ``trial`` are there and no relatives: neither was derived from the
+    other, from what the other was derived from, or assumed."""
+    sides = COMPARED[comparison]
+    if any(name not in trial for side in sides for name in side):
+        return False
+    one, other = (trial.roots(*side) for side in sides)
+    return all(trial.roots(name) for side in sides for name in side) and not one & other
 
 
 def over_windows(values: np.ndarray) -> np.ndarray:
@@ -157,13 +172,15 @@ def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
     known = np.all([np.isfinite(values) for values in used.values()], axis=0)
     on = {name: _coarse(trial.t, values, clock, step) for name, values in used.items()}
     nothing = np.full(count, np.nan)
-    place = on.get("x", nothing) + 1j * on.get("y", nothing)
+    track = independent(trial, "track")
+    place = on.get("x", nothing) + 1j * on.get("y", nothing) if track else nothing + 0j
     good = np.interp(clock, trial.t, known.astype(float)) > 0.999
     good[[0, -1]] = False  # means of half a step, which lie a quarter of it further in
     gap = np.flatnonzero(np.diff(trial.t) > max(3 * trial.dt, seconds))
     for i in gap:
         good &= ~((clock > trial.t[i]) & (clock < trial.t[i + 1]))
-    return Signals(step, place, on["psi"], on["u"] + 1j * on["v"], on["r"], good)
+    turn = independent(trial, "turn")
+    return Signals(step, place, on["psi"], on["u"] + 1j * on["v"], on["r"], good, turn)
 
 
 def window(trial: Trial) -> float:
@@ -226,6 +243,14 @@ def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -
     inside = high - low > 0.25 * step
     mean = (np.interp(high, t, total) - np.interp(low, t, total)) / np.where(inside, high - low, 1.0)
     return np.where(inside, mean, np.interp(clock, t, values))
+
+
+def densest(values: np.ndarray, share: float = 0.35) -> float:
+    """Middle of the shortest interval that holds this ``share`` of the ``values`` (N,)."""
+    ordered, count = np.sort(values), max(1, int(share * len(values)))
+    widths = ordered[count:] - ordered[:-count]
+    at = int(np.argmin(widths)) if len(widths) else 0
+    return float(0.5 * (ordered[at] + ordered[min(at + count, len(ordered) - 1)]))
 
 
 def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) -> np.ndarray:

@@ -4,28 +4,39 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.importing.clock_match import clock_problems
-from cases.importing.derived_motion import derived_velocities, smoothed
-from cases.importing.import_map import ImportMap
+from cases.importing.clocks import clock_problems
+from cases.importing.derived_motion import derived_velocities, resolution_of, widened
+from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
-from cases.importing.track_direction import positions_problem
-from cases.importing.vocabulary import BEYOND_A_TURN, factor, known_units, turn_of, unit_of
+from cases.importing.raw_table import NOT_READ
+from cases.importing.track_direction import by_evidence, check_direction, check_units
+from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted
 from cases.io.headers import lacking
-from cases.io.sidecar import SidecarEntry
+from cases.io.sidecar import ReferencePoint, SidecarEntry
+from cases.io.through_north import through_north
 from cases.io.trial_table import MOST_ROWS
-from cases.trial import RUDDERS, UNITS, unwrapped, wraps
+from cases.quantities import is_canonical, wraps
+from cases.quantities import quantity as known
+from cases.trial import RUDDERS
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
 
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
+DEGREE = 60 * 1852.0
+"""Metres in a degree of latitude."""
 CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}
 """Keys of the map that a sidecar has as well."""
+REFERENCE_POINT = (
+    'reference_point = { x = 12.0, y = 0.0, applies_to = "both" } (of the antenna from midship, in m forward and to '
+    'starboard), or reference_point = "unknown"'
+)
+"""What the map says of the antenna."""
 GAP = 2.5
 """Gaps of a column beyond so many of its steps stay gaps."""
 LEAST_ROWS = 20
@@ -58,11 +69,12 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
-    t, columns, steps = _on_one_clock(logs, chosen, where, notices)
-    exchanged = positions_problem(columns, logs, chosen, where)
-    problems = [exchanged] if exchanged else clock_problems(logs, chosen)
+    t, columns, steps, resolutions = _on_one_clock(logs, chosen, where, notices)
+    check_direction(columns, logs, chosen)
+    problems = clock_problems(logs, chosen)
     if problems:
         raise BadValue("; ".join(problems))
+    receiver = not {"latitude", "sog"}.isdisjoint(columns)
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
@@ -70,34 +82,42 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
             quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}
         )
         if not unit:
-            units = ", ".join(known_units(quantity))
-            header = log.of[quantity].header
-            line = f'{quantity} = {{ from = "{header}", unit = "..." }}'
-            problems.append(
-                f"column '{header}' ({quantity}) has no unit ({units}); say it in the map: [columns] {line}"
-            )
+            problems.append(str(log.unit_question(quantity)))
             continue
         columns[quantity] = columns[quantity] * (factor(quantity, unit) or 1.0)
         notices.append(Message(f"{quantity} from '{log.of[quantity].header}' is in {unit}: {why}", "unit_found"))
     if problems:
-        raise Missing(f"{where}: " + "; ".join(problems))
+        raise Missing("; ".join(problems))
+    point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     if "psi" in columns:
+        columns["psi"], crossings = through_north(t, columns["psi"], columns.get("r"))
+        if crossings:
+            words = f"heading was interpolated straight through 360 at {crossings} crossings of north; mended"
+            notices.append(Message(words, "heading_mended"))
         if "true_wind_angle" in columns and "wind_direction" not in columns:
             columns["wind_direction"] = columns["psi"] + columns["true_wind_angle"]
             ancestors["wind_direction"] = ("psi", "true_wind_angle")
             notices.append(Message("wind_direction is heading and angle of the true wind from the bow", "wind_angle"))
-        derived = derived_velocities(t, columns, steps)
+        derived = derived_velocities(t, columns, steps, resolutions, (point.x, point.y) if point else None)
         std, ancestors = derived.std, ancestors | derived.ancestors
         columns |= derived.columns
         notices += derived.said
     _require(where, columns, logs)
+    notices += check_units(t, columns, logs, chosen)
+    _ask_for_astern(columns, logs, chosen)
+    computed = {"u", "v"} & set(ancestors)
+    if point is None and (receiver or computed):
+        std, words = widened(std, columns, computed, chosen.length)
+        line = "" if chosen.reference_point else f"; say it in the map: {REFERENCE_POINT}"
+        text = f"positions and speeds are not known to be those of midship: {words}{line}"
+        notices.append(Message(text, "reference_point_unknown"))
     if "inputs" not in chosen.model_fields_set:
         words = 'actuators are taken as sensors measured them at each sample; of orders say inputs = "held" in the map'
         notices.append(Message(words, "inputs"))
-    columns = {q: v for q, v in columns.items() if q in UNITS or q.startswith("n_")}
-    canonical = converted({"t": t, **columns}, SidecarEntry(**chosen.model_dump(include=CONVENTIONS)), notices)
+    columns = {q: v for q, v in columns.items() if is_canonical(q)}
+    canonical = converted({"t": t, **columns}, _conventions(chosen, point, computed), notices)
     for q in filter(wraps, canonical):
         canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
     first = logs[0].t[0] if logs[0].absolute else None
@@ -113,11 +133,20 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     )
 
 
+def _conventions(chosen: ImportMap, point: ReferencePoint | None, computed: Collection[str]) -> SidecarEntry:
+    """What the map says of frames and signs; velocities that were ``computed`` are in body axes and at midship."""
+    settings = chosen.model_dump(include=CONVENTIONS) | ({"velocity_frame": "body"} if computed else {})
+    if point is not None and computed:
+        moved = point.applies_to in ("position", "both")
+        point = point.model_copy(update={"applies_to": "position"}) if moved else None
+    return SidecarEntry(**settings, reference_point=point or ReferencePoint())
+
+
 def _on_one_clock(
     logs: Sequence[Log], chosen: ImportMap, where: str, notices: list[Message]
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float]]:
-    """Even times from zero [s], the columns of all logs at them, for as long as all of them run, and the steps [s] at
-    which the logs hold these."""
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, float], dict[str, float]]:
+    """Even times from zero [s], the columns of all logs at them, for as long as all of them run, the steps [s] at which
+    the logs hold these, and to which the states were rounded."""
     first, last = max(log.t[0] for log in logs), min(log.t[-1] for log in logs)
     if last <= first:
         raise Conflict(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
@@ -149,9 +178,12 @@ def _on_one_clock(
             Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
         )
     steps = {quantity: log.step(quantity) for quantity, log in taken.items()}
-    if "latitude" in columns:
+    grain = {q: resolution_of(taken[q].columns[q]) for q in ("y", "longitude", "cog", *STATES) if q in taken}
+    if {"latitude", "longitude"} <= set(columns):
         steps["x"] = steps["latitude"]
-    return t, columns, steps
+        narrower = float(np.cos(np.radians(np.nanmedian(columns["latitude"]))))
+        grain["x"], grain["y"] = DEGREE * grain["latitude"], DEGREE * narrower * grain["longitude"]
+    return t, columns, steps, grain
 
 
 def _round(step: float) -> float:
@@ -166,8 +198,8 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
     if good.sum() < 2:
         return np.full(len(times), np.nan)
     t, y = log.t[good], values[good]
-    if turn := turn_of(quantity):
-        y = np.unwrap(y, period=turn)
+    if period := known(quantity).period:
+        y = np.unwrap(y, period=period)
     for end in (t[0], t[-1]):  # sums of steps miss the ends by their last digits
         times = np.where(np.abs(times - end) < 1e-6, end, times)
     out = np.interp(times, t, y, left=np.nan, right=np.nan)
@@ -194,8 +226,13 @@ def _place(
             return _count_from_start(columns, where, notices)
         columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
     assert origin is not None
-    columns["x"], columns["y"] = local_positions(columns.pop("latitude"), columns.pop("longitude"), origin, where)
+    place = columns.pop("latitude"), columns.pop("longitude")
+    columns["x"], columns["y"], turn = local_positions(*place, origin, where)
+    for name in [name for name in columns if known(name).compass]:
+        columns[name] = columns[name] - turn
     words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
+    most = float(np.degrees(np.abs(turn).max(initial=0.0)))
+    words += f"; directions from the north of that place, up to {most:.2g} deg off their own" if most > 0.01 else ""
     notices.append(Message(words, "local_frame"))
 
 
@@ -226,13 +263,41 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
         words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
     if unknown:
         words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
-    raise Missing(f'{words}; say it in a map: [columns] {missing[0]} = "HEADER"')
+    left_out = [
+        str(a) for log in logs for a in log.table.accounts if not (a.used_as or a.why == NOT_READ or a.what in unsure)
+    ]
+    if left_out:
+        words += f"; {'; '.join(left_out[:12])}"
+    header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
+    if header != "HEADER" or not left_out:
+        words += f'; say it in a map: [columns] {missing[0]} = "{header}"'
+    raise Missing(words)
 
 
-CLOSE, APART = 0.10, 0.25
-"""Relative difference of a unit that fits, and least one of all others."""
-RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
-"""Units that are read where they are written, but not looked for: other ones lie too near."""
+STOPPED = 0.05
+"""Share of her speed below which a ship is not slowed down by her rudder alone."""
+
+
+def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
+    """Raises OpenQuestion where the ship stops or goes astern on revolutions that are never negative. Blades that turn
+    and pods may do so."""
+    log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
+    if log is None or "n" in chosen.columns_of(log.table.path) or not {"n", "u"} <= set(columns):
+        return
+    if {"pitch", "azimuth"} & set(columns) or np.nanmin(columns["n"]) < 0 or not (columns["n"] > 0).any():
+        return
+    good = np.isfinite(columns["u"]) & np.isfinite(columns["n"])
+    u, n = columns["u"][good], columns["n"][good]
+    first = int(np.argmax(u)) if len(u) else 0
+    stopped = (u[first:] < STOPPED * u[first : first + 1]) & (n[first:] > 0.5 * n[first : first + 1])
+    if stopped.any():
+        header = log.of["n"].header
+        raise OpenQuestion(
+            log.table.path,
+            f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write "
+            "it, or a column with it",
+            {"they are right": {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}},
+        )
 
 
 def with_units_of_size(log: Log) -> Log:
@@ -244,59 +309,34 @@ def with_units_of_size(log: Log) -> Log:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than a turn in radians")
         elif (quantity in RUDDERS or quantity == "pitch") and 1.75 < largest <= 110:
             log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than 100 deg if in radians")
-        elif unit_of(quantity) == "m" and largest > 2e4:
+        elif known(quantity).unit == "m" and largest > 2e4:
             log = log.with_unit(quantity, "m", "of the size of eastings and northings")
-        elif unit_of(quantity) == "rps" and 60 < largest < 5000:
+        elif known(quantity).unit == "rps" and 60 < largest < 5000:
             log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
     return log
 
 
-def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: dict[str, np.ndarray]) -> tuple[str, str]:
-    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
-
-    t: (N,) even times [s]; columns: of the same run, with known units. A speed is compared with that of the positions,
-    a turn rate with the change of the heading.
-    """
-    h = float(np.median(np.diff(t)))
-    if quantity == "r" and "psi" in columns:
-        return _fitting(quantity, values, smoothed(h, unwrapped(columns["psi"])).rate, "the change of the heading")
-    if quantity in ("sog", "u") and {"x", "y"} <= set(columns):
-        speed = np.hypot(*(smoothed(h, columns[name]).rate for name in ("x", "y")))
-        return _fitting(quantity, values, speed, "the speed of the positions")
-    return "", ""
-
-
-def _fitting(quantity: str, values: np.ndarray, truth: np.ndarray, what: str) -> tuple[str, str]:
-    """The unit in which ``values`` agree with the ``truth`` (N,), if only one does."""
-    good = np.isfinite(values) & np.isfinite(truth)
-    square = float(values[good] @ values[good])
-    if good.sum() < 10 or square == 0:
-        return "", ""
-    slope = float(values[good] @ truth[good]) / square
-    error = truth[good] - slope * values[good]
-    if slope <= 0 or error @ error > 0.2 * float(truth[good] @ truth[good]):
-        return "", ""
-    off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
-    ranked = sorted(off, key=lambda unit: off[unit])
-    if off[ranked[0]] > CLOSE or off[ranked[1]] < APART:
-        return "", ""
-    assert factor(quantity, ranked[0]) is not None
-    return ranked[0], f"{what} is {slope / known_units(quantity)[ranked[0]]:.2f} times that"
-
-
+NORTHERNMOST = 89.9
+"""deg; nearer to a pole, meridians converge along the track of a ship."""
 FURTHEST = 200e3
 """Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
 
 
 def local_positions(
     latitude: np.ndarray, longitude: np.ndarray, origin: tuple[float, float], where: str
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x north and y east [m] of positions (N,) [deg] in the transverse Mercator projection about ``origin`` (latitude,
-    longitude) on the WGS 84 ellipsoid.
+    longitude) on the WGS 84 ellipsoid, and the convergence of meridians [rad]: the north of the frame lies so far to
+    the right of that of the place.
 
-    where: for messages. Raises UserError where pyproj is missing and for positions further than FURTHEST away.
+    where: for messages. Raises UserError where pyproj is missing, for positions further than FURTHEST away and beyond
+    NORTHERNMOST.
     """
     pyproj = _pyproj(where)
+    if np.nanmax(np.abs(latitude), initial=0.0) > NORTHERNMOST:
+        raise OutOfRange(
+            f"{where}: positions at a pole, where no direction is north; give x and y in a frame of their own"
+        )
     lat, lon = origin
     frame = pyproj.Proj(proj="tmerc", lat_0=lat, lon_0=lon, k=1.0, ellps="WGS84")
     east, north = frame(
@@ -309,7 +349,9 @@ def local_positions(
         raise OutOfRange(
             f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
         )
-    return x, y
+    good = np.flatnonzero(known)
+    turn = np.radians(frame.get_factors(longitude[good], latitude[good]).meridian_convergence)
+    return x, y, np.interp(np.arange(len(x)), good, turn) if len(good) else np.zeros(len(x))
 
 
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:

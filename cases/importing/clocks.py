@@ -1,25 +1,62 @@
-"""Clocks of raw logs: time stamps of any kind as seconds, absolute (since 1970, UTC) or of the log's own."""
+"""Clocks of raw logs: time stamps of any kind as seconds, absolute (since 1970, UTC) or of the log's own; and clocks of
+the logs of one run against each other.
+
+Course over ground follows heading. Between both lies the drift angle, which makes the course late by a few per cent of
+the period in which the ship swings, and never early. What lies beyond, or changes along the run, is a matter of clocks.
+"""
 
 from __future__ import annotations
 
+import datetime
+import itertools
 import re
-from collections.abc import Iterable
-from dataclasses import replace
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Clock, RawTable
+from cases.importing.vocabulary import plain_words
 from cases.io.units import FACTORS, factor_of
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError
 from mmg.messages import Message
 
-EPOCH = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17, 1e19)}
-"""What counts since 1970 in this unit holds numbers of this size (1973 to 2286)."""
-DAYS_1899 = 25569.0
-"""Days from the epoch of spreadsheets to 1970."""
+if TYPE_CHECKING:
+    from cases.importing.log_columns import Log
 
-
+DAY, WEEK = 86400.0, 604800.0
+"""s."""
+EPOCHS = (
+    ("s", 1e8, 2.6e9, 1.0, 0.0, "s since 1970"),
+    ("s", 3.0e9, 4.7e9, 1.0, -2082844800.0, "s since 1904"),
+    ("ms", 1e11, 2.6e12, 1e-3, 0.0, "ms since 1970"),
+    ("us", 1e14, 2.6e15, 1e-6, 0.0, "us since 1970"),
+    ("ns", 1.2e17, 1.5e17, 1e-7, -11644473600.0, "0.1 us since 1601"),
+    ("ns", 6.2e17, 6.6e17, 1e-7, -62135596800.0, "0.1 us since the year 1"),
+    ("ns", 1e17, 2.6e18, 1e-9, 0.0, "ns since 1970"),
+    ("", 3.2e4, 5.2e4, DAY, -25569.0 * DAY, "days of a spreadsheet"),
+    ("", 5.2e4, 7.0e4, DAY, -40587.0 * DAY, "modified Julian days"),
+    ("", 7.2e5, 7.6e5, DAY, -719529.0 * DAY, "days of MATLAB"),
+    ("", 2.44e6, 2.48e6, DAY, -2440587.5 * DAY, "Julian days"),
+)
+"""Unit, least and largest number, factor to seconds, seconds from 1970 to zero, words. The sizes lie between 1973 and
+2119; the epochs are those of POSIX, LabVIEW, Windows, .NET, Excel, MATLAB and astronomy."""
+SINCE_1904 = 1462.0 * DAY
+"""What days of a workbook that counts from 1904 are later."""
+GPS_ZERO, GPS_AHEAD = 315964800.0, 18.0
+"""s from 1970 to the first week of GPS, and by which its time is ahead of UTC since 2017."""
+OF_WEEK = r"(gps_|gnss_)?(tow|sow|itow|time_of_week|seconds?_of_week|week_seconds?)(_m?s)?"
+"""A header of a clock that begins anew every week."""
+JUMPS = {
+    43200.0: "half a day: a clock of twelve hours without AM and PM",
+    3600.0: "an hour, as between summer and winter time or two zones",
+    DAY: "a day: the date does not follow the time over midnight",
+    WEEK: "a week: seconds of the week begin anew",
+    1024 * WEEK: "1024 weeks: the receiver's count of weeks rolled over",
+}
+"""Jumps of clocks [s] and what makes them."""
 SAMPLED = 0.1
 """Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
@@ -29,38 +66,116 @@ LATEST = 1e21
 
 
 def clock_of(
-    table: RawTable, header: str, unit: str = "", date: str | None = None, zone_hours: float | None = None
+    table: RawTable,
+    header: str,
+    unit: str = "",
+    beside: Mapping[str, str] | None = None,
+    zone_hours: float | None = None,
 ) -> Clock:
     """The clock of ``table`` in the column ``header``.
 
-    unit: of its numbers, if known; date: header of a column with the day, or None; zone_hours: of stamps without a
-    zone, ahead of UTC, None where nobody said it: they are UTC. Raises UserError, which names the first row, for text
-    that is no time, for numbers of which it is not known what they count, and for stamps of which only some have a zone
-    where ``zone_hours`` is None.
+    unit: of its numbers, if known; beside: headers of columns that complete it: "date", "t_week" (of GPS), "t_part"
+    (parts of a second), and "t_year", "t_month", "t_day", "t_hour", "t_minute"; zone_hours: of stamps without a zone,
+    ahead of UTC, None where nobody said it: they are UTC. Raises UserError, which names the first row, for text that is
+    no time, for numbers of which it is not known what they count, and for stamps of which only some have a zone.
     """
     import pandas as pd
 
-    cells, no_times = table.cells(header), np.zeros(0)
+    beside = beside or {}
     where = f"{table.name}: column '{header}'"
-    if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, "datetime"):
+    if "t_minute" in beside:
+        return _of_parts(table, header, beside, zone_hours)
+    cells, no_times, date = table.cells(header), np.zeros(0), beside.get("date")
+    if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, datetime.datetime):
         return _stamps(cells, where, zone_hours, table.before, Clock(no_times, True, header, "dates and times"))
-    if _holds(cells, "time"):
+    if _holds(cells, datetime.time):
         cells = cells.map(lambda value: None if value is None else str(value))
     if table.numeric(header):
-        return _numbers(table.numbers(header), header, unit or _unit_of(table, header), where)
+        return _numbers(table, header, unit or _unit_of(table, header), beside)
     text = cells.astype(object).where(cells.notna(), None)
     sample = next((str(value).strip() for value in text if value is not None), "")
-    if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?", sample):
+    if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?", sample):
+        text = text.map(_full_time)
         if date is not None:
-            joined = table.cells(date).astype(str).str.strip().str.slice(0, 10) + " " + text.astype(str)
+            joined = table.cells(date).map(_day) + " " + text.astype(str)
             words = f"times of the days in '{date}'"
             return _stamps(joined, where, zone_hours, table.before, Clock(no_times, True, header, words))
-        passed = pd.to_timedelta(text.map(_full_time), errors="coerce")
+        passed = pd.to_timedelta(text, errors="coerce")
+        _refuse(passed.isna() & text.notna(), text, where, table.before)
+        t = _padded(text, passed.dt.total_seconds().to_numpy(dtype=float))
+        return _going_on(Clock(t, False, header, "times of a day", period=DAY))
+    if re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample):
+        passed = pd.to_timedelta("00:" + text.astype(str).str.strip().str.replace(",", "."), errors="coerce")
         _refuse(passed.isna() & text.notna(), text, where, table.before)
         t = passed.dt.total_seconds().to_numpy(dtype=float)
-        return Clock(_past_midnight(t), False, header, "times of a day")
+        return _going_on(Clock(t, False, header, "minutes and seconds of an hour", period=3600.0))
     words = "ISO 8601" if sample[:4].isdigit() else "dates and times"
     return _stamps(text, where, zone_hours, table.before, Clock(no_times, True, header, words))
+
+
+def _day(value: Any) -> Any:
+    """The day of a cell of dates, as text: "20260504" and "4.5.2026 00:00" as well."""
+    if isinstance(value, datetime.date):
+        return value.isoformat()[:10]
+    text = str(value).strip().removesuffix(".0").split(" ")[0].split("T")[0]
+    return f"{text[:4]}-{text[4:6]}-{text[6:]}" if re.fullmatch(r"(19|20)\d{6}", text) else text
+
+
+def _of_parts(table: RawTable, header: str, beside: Mapping[str, str], zone_hours: float | None) -> Clock:
+    """The clock of columns of hours, minutes and seconds, and of days where they are there."""
+    import pandas as pd
+
+    second, minute, hour = (table.numbers(h) for h in (header, beside["t_minute"], beside["t_hour"]))
+    t = second + 60.0 * minute + 3600.0 * hour
+    names = ["t_year", "t_month", "t_day"]
+    words = "columns of hours, minutes and seconds"
+    if not set(names) <= set(beside):
+        return _going_on(Clock(t, False, header, words, period=DAY))
+    day = pd.DataFrame({name[2:]: table.numbers(beside[name]) for name in names})
+    day["year"] += np.where(day["year"] < 100, 2000, 0)
+    since = (pd.to_datetime(day, errors="coerce") - pd.Timestamp(0)).dt.total_seconds().to_numpy(dtype=float)
+    return Clock(since + t - 3600.0 * (zone_hours or 0.0), True, header, words)
+
+
+def without_jumps(clock: Clock, columns: Mapping[str, np.ndarray], end: float = -np.inf) -> tuple[Clock, list[Message]]:
+    """The ``clock`` without JUMPS, and what was mended: those that lead back, and those that lead on while all
+    ``columns`` (N,) go on as from row to row. end: the last time before [s]."""
+    good = np.flatnonzero(np.isfinite(clock.t))
+    t = clock.t[good]
+    step = np.diff(t, prepend=end if np.isfinite(end) else t[:1])
+    usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
+    shift, said = np.zeros(len(t)), []
+    for i in np.flatnonzero((step < 0) | (step > 3600.0 - usual)) if usual else ():
+        for size, what in JUMPS.items():
+            rest = step[i] - np.copysign(size, step[i])
+            forward = step[i] > 0
+            if not -1e-6 <= rest <= 3 * usual or (forward and not _goes_on(columns, good, int(i))):
+                continue
+            shift[i:] -= np.copysign(size, step[i])
+            way = "forward" if forward else "back"
+            row = int(good[i]) + 1
+            text = f"the clock '{clock.header}' jumps {way} by {size:.10g} s at row {row}, {what}; it is taken to go on"
+            said.append(Message(text, "clock_jump"))
+    out = clock.t.copy()
+    out[good] += shift
+    return replace(clock, t=out), said
+
+
+def _goes_on(columns: Mapping[str, np.ndarray], rows: np.ndarray, i: int) -> bool:
+    """Whether all ``columns`` that move change no more at the i-th of the ``rows`` than elsewhere."""
+    smooth = []
+    for values in columns.values():
+        change = np.abs(np.diff(values[rows]))
+        if np.isfinite(change).sum() > 10 and 0 < i <= len(change) and np.nanmedian(change) > 0:
+            smooth.append(bool(change[i - 1] <= np.nanmax(np.delete(change, i - 1))))
+    return bool(smooth) and all(smooth)
+
+
+def _going_on(clock: Clock) -> Clock:
+    """A clock that begins anew after its period, going on."""
+    step = np.diff(clock.t, prepend=clock.t[:1])
+    anew = np.cumsum(np.where(np.nan_to_num(step) < -0.5 * clock.period, 1.0, 0.0))
+    return replace(clock, t=clock.t + clock.period * anew)
 
 
 def check_clock(clock: Clock, where: str) -> list[Message]:
@@ -122,23 +237,87 @@ def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.in
         )
 
 
-def _numbers(values: np.ndarray, header: str, unit: str, where: str) -> Clock:
-    """A clock of numbers: by its unit, or since 1970 where the size of the numbers says so."""
+def _numbers(table: RawTable, header: str, unit: str, beside: Mapping[str, str]) -> Clock:
+    """A clock of numbers: by its unit, or by EPOCHS where the size of the numbers says what they count."""
+    where = f"{table.name}: column '{header}'"
+    values = table.numbers(header)
     known = values[np.isfinite(values)]
     if not len(known) or np.abs(known).max() > LATEST:
-        raise BadValue(f"{where}: column '{header}' holds no times, or some that no clock shows")
-    middle = float(np.median(known))
-    for name, (low, high) in EPOCH.items():
-        if low <= middle < high and (not unit or unit.lower() == name or (name == "s" and unit.lower() == "sec")):
-            return Clock(values * FACTORS["s"][name], True, header, f"{name} since 1970")
-    if not unit and 2e4 < middle < 8e4 and np.ptp(values[np.isfinite(values)]) < 1.0:
-        return Clock((values - DAYS_1899) * 86400.0, True, header, "days of a spreadsheet")
+        raise BadValue(f"{where}: column holds no times, or some that no clock shows")
+    part = np.zeros(len(values))
+    if "t_part" in beside:
+        part = table.numbers(beside["t_part"]) * _part_unit(table, beside["t_part"])
+    middle, name = float(np.median(known)), unit.lower().replace("sec", "s")
+    if re.fullmatch(OF_WEEK, plain_words(header)):
+        of_week = 1e-3 if name == "ms" or known.max() > WEEK else 1.0
+        clock = _going_on(Clock(values * of_week + part, False, header, "seconds of the week", period=WEEK))
+        if "t_week" not in beside:
+            return clock
+        weeks = table.numbers(beside["t_week"])
+        first = float(weeks[np.isfinite(weeks)][0]) if np.isfinite(weeks).any() else 0.0
+        zero = GPS_ZERO - GPS_AHEAD + WEEK * (first + (2048.0 if first < 1024 else 0.0))  # third era, since 2019
+        return replace(clock, t=clock.t + zero, absolute=True, words="GPS weeks and seconds, as UTC")
+    for own, low, high, factor, zero, words in EPOCHS:
+        steps = np.abs(np.diff(known))
+        if low <= middle < high and (own == name if own and name else not name):
+            if factor == DAY and (len(steps) < 1 or np.median(steps) * DAY > 3600.0):
+                continue
+            if words.startswith("days of a spread") and table.since_1904:
+                zero += SINCE_1904
+            t = _digits(table, header, values * factor) + zero + part
+            return Clock(t, True, header, words)
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
-    factor = factor_of("s", unit)
-    if factor is None:
+    scale = factor_of("s", unit)
+    if scale is None:
         raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(FACTORS['s'])}")
-    return Clock(values * factor, False, header, f"in {unit}")
+    return Clock(_digits(table, header, values * scale) + part, False, header, f"in {unit}")
+
+
+def _part_unit(table: RawTable, header: str) -> float:
+    """Seconds in one of the parts below ``header``: by its words, else by the size of the numbers."""
+    for letters, scale in (("n", 1e-9), ("u", 1e-6), ("mic", 1e-6), ("m", 1e-3)):
+        if re.search(rf"(^|_){letters}[a-z]*s[a-z]*$", plain_words(header)):
+            return scale
+    most = float(np.nanmax(table.numbers(header), initial=0.0))
+    return next(scale for scale in (1e-3, 1e-6, 1e-9) if most * scale < 1.0 or scale == 1e-9)
+
+
+def _digits(table: RawTable, header: str, t: np.ndarray) -> np.ndarray:
+    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of
+    nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s."""
+    if _unevenness(t) < UNEVEN:
+        return t
+    words = table.words(header)
+    return t if words is None else _padded(words, t)
+
+
+def _padded(words: Any, t: np.ndarray) -> np.ndarray:
+    """As ``_digits``, from the cells as they are written."""
+    uneven = _unevenness(t)
+    if uneven < UNEVEN:
+        return t
+    parts = [str(word).replace(",", ".").rpartition(".") for word in words]
+    longest = max((len(tail) for _, point, tail in parts if point), default=0)
+    places = next((n for n in (3, 6, 9) if longest <= n), 0)
+    if not places:
+        return t
+    count = np.array([float(tail) if point and tail.isdigit() else np.nan for _, point, tail in parts])
+    mended = np.floor(t) + np.nan_to_num(count) * 10.0**-places
+    return mended if _unevenness(mended) < UNEVEN * uneven else t
+
+
+UNEVEN = 0.3
+"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
+
+
+def _unevenness(t: np.ndarray) -> float:
+    """How much usual steps of a clock (N,) differ, in steps."""
+    step = np.diff(t[np.isfinite(t)])
+    if len(step) < 10 or np.median(step) <= 0:
+        return 0.0 if len(step) < 10 or (step >= 0).all() else np.inf
+    low, high = np.quantile(step, (0.05, 0.95))
+    return float(high - low) / float(np.median(step))
 
 
 def _unit_of(table: RawTable, header: str) -> str:
@@ -150,37 +329,30 @@ def _unit_of(table: RawTable, header: str) -> str:
     return ending[1] if ending else ""
 
 
-def _holds(cells: Any, kind: str) -> bool:
-    """Whether the first cell that is not empty is a datetime or a time of a day."""
-    import datetime
-
-    first = next((value for value in cells if value is not None and value == value), None)
-    return isinstance(first, datetime.datetime if kind == "datetime" else datetime.time)
+def _holds(cells: Any, kind: type) -> bool:
+    """Whether the first cell that is not empty is of that ``kind``."""
+    return isinstance(next((value for value in cells if value is not None and value == value), None), kind)
 
 
 def _full_time(text: Any) -> Any:
-    """ "12:05" as "12:05:00"."""
+    """ "12:05" as "12:05:00"; "12:05:07:250" and "12:05:07,25" with a point."""
     if text is None:
         return None
-    text = str(text).strip().replace(",", ".")
-    return text if text.count(":") == 2 else f"{text}:00"
-
-
-def _past_midnight(t: np.ndarray) -> np.ndarray:
-    """Times of a day that go on after midnight."""
-    steps = np.diff(t, prepend=t[:1])
-    return t + 86400.0 * np.cumsum(np.where(np.nan_to_num(steps) < -43200.0, 1.0, 0.0))
+    text = re.sub(r"^(\d{1,2}:\d{2}:\d{2})[:,](\d+)$", r"\1.\2", str(text).strip())
+    return f"{text}:00" if text.count(":") == 1 else text
 
 
 def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock: Clock) -> Clock:
     """The ``clock`` with dates and times as seconds since 1970, UTC. Raises UserError for the first that is none, where
-    day and month could be either, and where only some have a zone and nobody said that of the others."""
+    day and month could be either, and where only some have a zone."""
     import pandas as pd
 
     text = cells if getattr(cells.dtype, "kind", "O") == "M" else cells.map(_normal_stamp)
     given = text[text.notna()]
     dotted = given.astype(str).str.extract(r"^(\d{1,2})([./-])(\d{1,2})[./-]\d{4}")
     order: dict[str, Any] = {"format": "ISO8601"}
+    if len(given) and re.search(r"(?<![a-z])[a-z]{3,9}(?![a-z])", str(given.iloc[0]).lower().replace("am", "")):
+        order = {"format": "mixed", "dayfirst": True}  # names of months leave nothing open
     if dotted[0].notna().any():
         first, second = dotted[0].dropna().astype(int), dotted[2].dropna().astype(int)
         if (first > 12).any() or (dotted[1].dropna() == ".").all():
@@ -196,9 +368,10 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
     except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
         raise BadValue(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
     _refuse(parsed.isna() & text.notna(), text, where, before)
+    since = _padded(text, since)
     zoned = text.astype(str).str.contains(ZONE, regex=True).to_numpy()
     naive = (text.notna() & ~zoned).to_numpy()
-    if zone_hours is None and zoned.any() and naive.any():
+    if zoned.any() and naive.any():
         row = int(np.flatnonzero(naive != naive[0])[0])
         raise mixed_zones(where, before + row + 1)
     return replace(clock, t=since - 3600.0 * (zone_hours or 0.0) * naive, zoned=bool(zoned.any()))
@@ -207,8 +380,7 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
 def mixed_zones(where: str, row: int) -> UserError:
     """What is said of stamps with and without a zone. where: names table and column; row: the first other one."""
     return Conflict(
-        f"{where}: some stamps have a time zone and others none (from row {row} on); write it to all, or say that of "
-        "the others: --zone-hours, or zone_hours in the map"
+        f"{where}: some stamps have a time zone and others none (from row {row} on); write the zone to all of them"
     )
 
 
@@ -224,4 +396,171 @@ def _normal_stamp(value: Any) -> Any:
     """A stamp as pandas reads it: a comma before the part of a second becomes a point."""
     if value is None or value != value:
         return None
-    return re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()) if isinstance(value, str) else value
+    if not isinstance(value, str):
+        return value
+    return re.sub(r"\s*(UTC|GMT)$", "Z", re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()))
+
+
+EARLIEST, LATE, USUAL = 0.0, 0.10, 0.05
+"""Times by which the course of a ship may be late, and usually is, in periods of its swinging."""
+CHANGE = 0.10
+"""Most that this time changes along a run with the speed of the ship, in periods."""
+SIGMAS, SIGMAS_DRIFT = 2.0, 4.0
+"""Standard errors beyond which a difference, and a drift, is no chance."""
+LEAST_SWING = 0.1
+"""rad; heading that swings less tells nothing of clocks."""
+STEPS = 4000
+"""Most steps of a record that is compared."""
+
+
+@dataclass(frozen=True)
+class Late:
+    """By how much one log is late against another: ``offset`` [s] at the begin of the run, ``drift`` [s per s] and its
+    standard error, standard error of the mean offset [s], and the ``period`` [s] of the swinging."""
+
+    offset: float
+    middle_std: float
+    drift: float
+    drift_std: float
+    period: float
+
+
+def clock_problems(logs: Sequence[Log], chosen: ImportMap) -> list[str]:
+    """A line for each pair of ``logs`` of a run whose clocks differ or drift, with what to add to the map ``chosen``.
+
+    None for files of whose clock it says something.
+    """
+    found = []
+    for gyro, other in itertools.permutations(logs, 2):
+        names = gyro.table.path.name, other.table.path.name
+        if any(chosen.clock_said(log.table.path) for log in (gyro, other)) or names[0] == names[1]:
+            continue
+        late = course_late(gyro, other)
+        if late is not None:
+            words = _problem(late, min(gyro.t[-1], other.t[-1]) - max(gyro.t[0], other.t[0]), *names)
+            found += [words] if words else []
+    return found
+
+
+def course_late(gyro: Log, other: Log) -> Late | None:
+    """By how much the course in the log ``other`` is late against the heading in the log ``gyro``.
+
+    None where one of them lacks it, its unit is not known, or the ship swings too little.
+    """
+    if "psi" not in gyro.columns or "psi" in gyro.unitless or "psi" in other.columns:
+        return None
+    first, last = max(gyro.t[0], other.t[0]), min(gyro.t[-1], other.t[-1])
+    h = max(gyro.dt, other.dt, (last - first) / STEPS)
+    t = np.arange(first, last, h)
+    good = np.isfinite(gyro.columns["psi"])
+    if len(t) < 50 or good.sum() < 50:
+        return None
+    psi = np.interp(t, gyro.t[good], np.unwrap(gyro.columns["psi"][good]))
+    rate = np.gradient(psi, h)
+    swing = float(np.std(psi - np.polyval(np.polyfit(t - first, psi, 1), t - first)))
+    bend = float(np.sqrt(np.mean(np.gradient(_smooth(rate, 5), h) ** 2)))
+    if swing < LEAST_SWING or bend == 0.0:
+        return None
+    period = 2 * np.pi * float(np.std(rate)) / bend
+    course = _course(other, t, max(2.0, period / h / 30))
+    if course is None or period < 5 * h:
+        return None
+    return _fitted(t, psi, course, period)
+
+
+def _fitted(t: np.ndarray, psi: np.ndarray, course: np.ndarray, period: float) -> Late | None:
+    """Offset and drift by least squares of course(t) - psi(t - offset - drift (t - t_0)) - constant, from the best of
+    a row of offsets. Errors are taken for independent every quarter of a period."""
+    offset, duration = _lag(t, psi, course, 0.5 * period), float(t[-1] - t[0])
+    if offset is None:
+        return None
+    drift, since, rate = 0.0, t - t[0], np.gradient(psi, t)
+    for _ in range(8):
+        late = offset + drift * since
+        good = np.isfinite(course) & (t - late >= t[0]) & (t - late <= t[-1])
+        slope = -np.interp(t - late, t, rate)
+        A = np.column_stack([np.ones(len(t)), slope, slope * since])[good]
+        error = (course - np.interp(t - late, t, psi))[good]
+        step, *_ = np.linalg.lstsq(A, error, rcond=None)
+        offset, drift = offset + float(step[1]), drift + float(step[2])
+        if good.sum() < 0.5 * len(t) or abs(offset) > period or abs(drift) > 0.5:
+            return None
+    left = error - A @ step
+    independent = duration / (period / 4)
+    scale = float(left @ left) / len(left) * len(left) / max(independent - 3, 1.0)
+    covariance = scale * np.linalg.pinv(A.T @ A)
+    mean = np.array([0.0, 1.0, 0.5 * duration])
+    middle_std = float(np.sqrt(max(mean @ covariance @ mean, 0.0)))
+    return Late(offset, max(middle_std, 0.005 * period), drift, float(np.sqrt(max(covariance[2, 2], 0.0))), period)
+
+
+def _lag(t: np.ndarray, psi: np.ndarray, course: np.ndarray, most: float) -> float | None:
+    """The best of a row of times [s], up to ``most``, by which the course is late; None where it lies at an end."""
+    lags = np.linspace(-most, most, 81)
+    cost = np.full(len(lags), np.nan)
+    for k, lag in enumerate(lags):
+        inside = (t - lag >= t[0]) & (t - lag <= t[-1]) & np.isfinite(course)
+        if inside.sum() > 0.5 * len(t):
+            cost[k] = np.var(course[inside] - np.interp(t[inside] - lag, t, psi))
+    if not np.isfinite(cost).any():
+        return None
+    k = int(np.nanargmin(cost))
+    return None if k in (0, len(lags) - 1) else float(lags[k])
+
+
+def _course(log: Log, t: np.ndarray, width: float) -> np.ndarray | None:
+    """The course over ground in ``log`` at the times ``t`` (N,), unwrapped; None where there is none.
+
+    width: of the smoothing of positions, in steps.
+    """
+    known = {name: values for name, values in log.columns.items() if name not in log.unitless}
+    if "cog" in known:
+        good = np.isfinite(known["cog"])
+        return np.interp(t, log.t[good], np.unwrap(known["cog"][good])) if good.sum() > 20 else None
+    for x, y in (("latitude", "longitude"), ("x", "y")):
+        if {x, y} <= set(known):
+            good = np.isfinite(known[x]) & np.isfinite(known[y])
+            if good.sum() < 20:
+                return None
+            east = np.cos(np.radians(np.median(known[x][good]))) if x == "latitude" else 1.0
+            north, east = (
+                np.interp(t, log.t[good], known[name][good] * scale) for name, scale in ((x, 1.0), (y, east))
+            )
+            velocity = (np.gradient(_smooth(part, width)) for part in (north, east))
+            return np.unwrap(np.arctan2(*reversed(tuple(velocity))))
+    return None
+
+
+def _smooth(values: np.ndarray, width: float) -> np.ndarray:
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
+
+
+def _problem(late: Late, duration: float, gyro: str, other: str) -> str:
+    """The line on clocks that differ or drift, "" where they do not."""
+    grown = late.drift * duration
+    over = abs(grown) > max(CHANGE * late.period, SIGMAS_DRIFT * late.drift_std * duration)
+    middle = late.offset + 0.5 * grown
+    early = EARLIEST * late.period - SIGMAS * late.middle_std
+    shift = 0.0
+    begin = late.offset if over else middle
+    if begin < early or begin > LATE * late.period + SIGMAS * late.middle_std:
+        shift = begin - USUAL * late.period
+    if over:
+        way = "slow" if grown > 0 else "fast"
+        more = f", clock_offset = {shift:.2g}" if shift else ""
+        return (
+            f"{gyro} and {other}: their clocks drift apart by {abs(grown):.2g} s in {duration:.0f} s, as heading and "
+            f'course show: that of {gyro} is {way}; add to the map: [files."{gyro}"] clock_drift = {late.drift:.2g}'
+            f"{more} (or clock_offset = 0.0 to keep them)"
+        )
+    if shift:
+        how = f"{-middle:.2g} s before" if middle < 0 else f"{middle:.2g} s after"
+        if abs(abs(middle) - GPS_AHEAD) < max(0.5, 0.1 * late.period):
+            how += " (GPS time is 18 s ahead of UTC)"
+        return (
+            f"{gyro} and {other}: their clocks differ: the course changes {how} the heading, which no ship does; "
+            f'add to the map: [files."{gyro}"] clock_offset = {shift:.2g} (or 0.0 to keep them)'
+        )
+    return ""

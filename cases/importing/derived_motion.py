@@ -2,29 +2,47 @@
 
 A smoother: the path on even times has third differences that are normal with an unknown size; so has the noise of the
 positions and, where speed and course over ground were logged, of the velocities. The three sizes are those of largest
-marginal likelihood (Rasmussen & Williams 2006, eq. 2.30, with banded matrices); the standard error is the posterior's.
+marginal likelihood (Rasmussen & Williams 2006, eq. 2.30, with banded matrices); the standard error is the posterior's,
+with what rounding, the step and a lever arm that nobody gave add to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import itertools
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.optimize import minimize
+from scipy.optimize import Bounds, minimize
 
-from cases.trial import unwrapped
+from cases.trial import RUDDERS, unwrapped
 from mmg.errors import TooFewData
 from mmg.messages import Message
 
-BAND = 3
-"""Diagonals beside the main one: those of squared third differences."""
-SIZES = [(np.log(1e-13), 2.0), (np.log(1e-17), 2.0), (np.log(1e-13), 4.0)]
-"""Limits of the logarithms of three variances: noise, third differences, noise of the rates; in the range of the values
-and steps of one."""
+BAND = 4
+"""Diagonals beside the main one: those of the squared STENCIL."""
+ITSELF, STENCIL = np.array([0.0, 0.0, 1.0, 0.0, 0.0]), np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
+"""Of a value, and of its central difference of fourth order, at the rows -2 to 2."""
+BLOCKS, WIDTH = 50, 3.0
+"""Least blocks of rows that are averaged before they are smoothed, and rows over which they then must be smoothed:
+blocks are halved until the motion does not need shorter ones."""
+STARTS = np.arange(0.0, 28.0, 4.0)
+"""By how much the logarithms of the variances of noise and third differences may lie below those of the differences of
+the values: the likelihood has narrow valleys, and the search begins in the deepest."""
+AS_LIKELY = 4.0
+"""Fall of twice the logarithm of the likelihood (two standard errors) for which less smoothing is taken as likely: the
+most likely size is often none at all, and no standard error then says what is hidden."""
+RICHARDSON = 2.0
+"""Error at half the step is so many times less than its difference from that of the whole step: orders of a rudder bend
+the path at a point, and leave half an order of Richardson's three."""
+SLENDER = 6.0
+"""Length over breadth of a usual ship."""
+FINEST = 1e-4
+"""m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments."""
 PLACES = 9
 """Places along the record at which the standard error is taken; their median is said."""
 LONGEST_GAP = 5.0
@@ -33,74 +51,162 @@ LONGEST_GAP = 5.0
 
 @dataclass(frozen=True)
 class Smoothed:
-    """value (N,), rate (N,) per second, and the standard error of the rate."""
+    """value and rate per second, of the shape of what was smoothed, and the standard errors of both."""
 
     value: np.ndarray
     rate: np.ndarray
+    value_std: float
     rate_std: float
 
 
-FEWEST = 4
-"""Values from which a path can be smoothed: three differences."""
+FEWEST = 6
+"""Values from which a path can be smoothed: those of the STENCIL and one more."""
 TOO_FEW = (
     "positions or headings are too few, or too far apart in size, to derive velocities from; give u, v and r, or check "
     "the file"
 )
 
 
-def smoothed(h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:
-    """A smooth path through ``value`` (N,) every h [s], NaN where nothing was measured, and its measured ``rate``.
+def smoothed(
+    h: float, value: np.ndarray, rate: np.ndarray | None = None, resolution: float = 0.0, rate_resolution: float = 0.0
+) -> Smoothed:
+    """A smooth path through ``value``, (N,) or (N, C) every h [s], NaN where nothing was measured, and its ``rate``.
 
-    h: step [s]; rate: (N,) per second, or None. Of the sizes of noise and motion the most likely are taken. Raises
-    UserError where no sizes smooth the values.
+    Columns are of one instrument, as north and east of a receiver: whichever way the axes lie, the path is the same.
+    h: step [s]; rate: as ``value`` per second, or None; resolution, rate_resolution: to which both were rounded, or 0
+    where nothing shows it (FINEST). Of the sizes of noise and motion the most likely are taken, the noise not below
+    that of rounding. Raises UserError where no sizes smooth the values.
     """
-    n = len(value)
-    known = np.isfinite(value)
-    if known.sum() < FEWEST:
+    n, shape = len(value), np.shape(value)
+    value = np.reshape(value, (n, -1))
+    rate = np.full(value.shape, np.nan) if rate is None else np.reshape(rate, value.shape)
+    good = np.isfinite(value).all(axis=1)
+    if good.sum() < FEWEST:
         raise TooFewData(TOO_FEW)
-    centre, unit = float(np.nanmean(value)), max(float(np.nanmax(value) - np.nanmin(value)), 1e-9)
-    y = np.where(known, (value - centre) / unit, 0.0)  # steps and ranges of one
-    slope = np.zeros(n) if rate is None else np.where(np.isfinite(rate), rate * h / unit, 0.0)
-    with_rate = np.zeros(n, dtype=bool) if rate is None else np.isfinite(rate)
-    with_rate[[0, -1]] = False
+    resolution, rate_resolution = resolution or FINEST, rate_resolution or FINEST
+    centre = value[good].mean(axis=0)
+    unit = max(4 * float(np.sqrt(np.mean(np.sum((value[good] - centre) ** 2, axis=1)))), resolution)
+    k = 2 ** max(0, int(np.log2(n / BLOCKS)))  # fine rows of a slow ship leave the matrices no digits
+    while True:
+        y, slope = _means((value - centre) / unit, k), _means(rate * k * h / unit, k)
+        rounding = np.array([resolution, 0.0, rate_resolution * k * h]) ** 2 / (12 * k * unit**2)
+        found = _likeliest(y, slope, rounding)
+        if k == 1 or found.width > WIDTH:
+            break
+        k //= 2
+    sharp = found.path.copy()
+    sharp[1:-1] -= np.diff(found.path, 2, axis=0) * (1 - k**-2) / 24  # a mean over a block bends less than the path
+    at = (n % k) // 2 + (np.arange(len(y)) + 0.5) * k - 0.5
+    path, rows = CubicSpline(at, sharp), np.arange(n)
+    rough = CubicSpline(at[::2], sharp[::2])
+    between = float(np.sqrt(np.mean((path(at, 1) - rough(at, 1)) ** 2))) * k / RICHARDSON
+    error = float(np.hypot(found.rate_std, between)) * unit / (k * h)
+    smooth, slopes = (path(rows) * unit + centre).reshape(shape), (path(rows, 1) * unit / h).reshape(shape)
+    return Smoothed(smooth, slopes, found.value_std * unit, error)
+
+
+def _means(values: np.ndarray, k: int) -> np.ndarray:
+    """Means of ``values`` (N, C) over blocks of k rows, (N // k, C), NaN where less than half of a block is known."""
+    known, rows, count = np.isfinite(values).all(axis=1), np.arange(len(values)), len(values) // k
+    if k == 1 or not known.any():
+        return values[:count]
+    inside = slice((len(values) % k) // 2, (len(values) % k) // 2 + count * k)
+    filled = np.transpose([np.interp(rows, rows[known], column[known]) for column in values.T])
+    share = known[inside].reshape(count, k).mean(axis=1)
+    return np.where(share[:, None] >= 0.5, filled[inside].reshape(count, k, -1).mean(axis=1), np.nan)
+
+
+class _Path(NamedTuple):
+    """path: (N, C) the most likely; standard errors of it and of its rate; width: rows over which it smooths."""
+
+    path: np.ndarray
+    value_std: float
+    rate_std: float
+    width: float
+
+
+def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Path:
+    """The path through ``value`` and its ``rate`` per row, (N, C) in a range of one, at the most likely sizes.
+
+    rounding: the least variances of noise, third differences and noise of the rates.
+    """
+    n, C = value.shape
+    known, with_rate = np.isfinite(value).all(axis=1), np.isfinite(rate).all(axis=1)
+    with_rate[:2] = with_rate[-2:] = False
+    y, slope = np.where(known[:, None], value, 0.0), np.where(with_rate[:, None], rate, 0.0)
     third = sparse.diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(n - 3, n), format="csr")
-    central = sparse.diags([-0.5, 0.5], [-1, 1], shape=(n, n), format="csr")[with_rate]
+    central = sparse.diags(STENCIL, [-2, -1, 0, 1, 2], shape=(n, n), format="csr")[with_rate]
     D, R, turned = _band(third.T @ third), _band(central.T @ central), central.T @ slope[with_rate]
+    counts = np.array([known.sum(), n - 3, with_rate.sum()])[: 3 if with_rate.any() else 2]
+    limits = np.array([(np.log(1e-13), 2.0), (np.log(1e-3), np.log(n / 4)), (np.log(1e-13), 4.0)]).T
+    limits[0] = np.log(np.maximum(np.exp(limits[0]), rounding))
+    limits = limits[:, : len(counts)]
 
-    counts = np.array([known.sum(), n - BAND, with_rate.sum()])[: 3 if with_rate.any() else 2]
+    def sizes(logs: np.ndarray) -> np.ndarray:  # logarithms of the three variances
+        return np.array([logs[0], logs[0] - 6 * logs[1], *logs[2:]])
 
-    def parts(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        noise, jerk, rates = np.append(np.exp(-logs), 0.0)[:3]
+    def solved(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        noise, jerk, rates = np.append(np.exp(-sizes(logs)), 0.0)[:3]
         A = D * jerk + R * rates
         A[-1] += known * noise
-        b = known * y * noise + turned * rates
-        total = noise * float(y @ y) + rates * float((with_rate * slope) @ slope)
-        return A, b, total
+        root = cholesky_banded(A)
+        return root, cho_solve_banded((root, False), y * noise + turned * rates)
 
     def cost(logs: np.ndarray) -> float:
-        A, b, total = parts(logs)
         try:
-            root = cholesky_banded(A)
+            root, x = solved(logs)
         except np.linalg.LinAlgError:
             return 1e300
-        x = cho_solve_banded((root, False), b)
-        return float(2 * np.log(root[-1]).sum() + counts @ logs + total - b @ x)
+        residuals = (y - x)[known], third @ x, slope[with_rate] - central @ x
+        squares = np.array([float(np.sum(part**2)) for part in residuals])[: len(counts)]
+        likelihood = 2 * np.log(root[-1]).sum() + counts @ sizes(logs)
+        return float(C * likelihood + np.exp(-sizes(logs)) @ squares)
 
-    rough = float(np.nanvar(np.diff(y[known], 2))) / 6
-    spread = float(np.nanvar(np.diff(slope[with_rate]))) / 2 if with_rate.any() else 1.0
-    start = np.clip(np.log([max(rough, 1e-300), max(rough * 1e-4, 1e-300), max(spread, 1e-300)]), *np.transpose(SIZES))
-    k = len(counts)
+    noise, jerk = (np.log(_variance(np.diff(y[known], order, axis=0))) for order in (2, 3))
+    rates = [np.log(_variance(np.diff(slope[with_rate], axis=0)))] * (len(counts) - 2)
+    starts = [
+        np.clip([noise - less, (noise - less - jerk + slower) / 6, *rates], *limits)
+        for less, slower in itertools.product(STARTS, STARTS)
+    ]
     best = minimize(
-        cost, start[:k], method="Nelder-Mead", bounds=SIZES[:k], options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
+        cost,
+        min(starts, key=cost),
+        method="Nelder-Mead",
+        bounds=Bounds(*limits),
+        options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160},
     )
-    A, b, _ = parts(best.x)
+    logs, less = best.x, np.array([0.0, 0.08, 0.0])[: len(counts)]
+    while logs[1] > limits[0, 1] + 0.08 and cost(logs - less) < best.fun + AS_LIKELY:
+        logs = logs - less
     try:
-        root = cholesky_banded(A)
+        root, path = solved(logs)
     except np.linalg.LinAlgError:
         raise TooFewData(TOO_FEW) from None
-    x = cho_solve_banded((root, False), b)
-    error = _rate_std(root, known)
-    return Smoothed(x * unit + centre, np.gradient(x) * unit / h, error * unit / h)
+    noise, jerk, *rates = sizes(logs)
+    width = min([logs[1], *((size - jerk) / 4 for size in rates)])
+    value_std, rate_std = (_std(root, known, weights) for weights in (ITSELF, STENCIL))
+    return _Path(path, value_std, rate_std, float(np.exp(width)))
+
+
+def _variance(values: np.ndarray) -> float:
+    return max(float(np.sum(values**2)), 1e-300) / max(values.size, 1)
+
+
+def resolution_of(values: np.ndarray) -> float:
+    """The step to whose multiples ``values`` (N,) were rounded before their unit was changed: what divides all their
+    differences."""
+    levels = np.unique(values[np.isfinite(values)])
+    tolerance = 1e-11 * float(np.abs(levels).max(initial=0.0))
+    steps = np.diff(levels)
+    steps = steps[steps > tolerance]
+    while len(steps):
+        least = float(steps.min())
+        rest = np.remainder(steps, least)
+        rest = rest[(rest > tolerance) & (rest < least - tolerance)]
+        if not len(rest):
+            return least
+        steps = np.append(rest, least)
+    return 0.0
 
 
 class Derived(NamedTuple):
@@ -114,65 +220,118 @@ class Derived(NamedTuple):
 
 
 def derived_velocities(
-    t: np.ndarray, columns: dict[str, np.ndarray], steps: Mapping[str, float] | None = None
+    t: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    steps: Mapping[str, float] | None = None,
+    resolutions: Mapping[str, float] | None = None,
+    point: tuple[float, float] | None = None,
 ) -> Derived:
-    """What is missing of u, v and r, from x and y or ``sog`` and ``cog``, and psi.
+    """What is missing of u, v and r at midship, from x and y or ``sog`` and ``cog``, and psi.
 
     t: (N,) even times [s]; columns: quantities (N,) in SI and radians; steps: time between the measurements of those
-    that lie on lines between rarer ones [s].
+    that lie on lines between rarer ones [s]; resolutions: to which they were rounded; point: where positions, speed and
+    course were measured, from midship [m], forward and to starboard.
     """
-    h, steps = float(np.median(np.diff(t))), steps or {}
+    h, steps, grain = float(np.median(np.diff(t))), steps or {}, resolutions or {}
     new: dict[str, np.ndarray] = {}
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
     said: list[Message] = []
-    heading = unwrapped(columns["psi"])
-    good = np.isfinite(heading)
+    good = np.isfinite(columns["psi"])
+    turn = _smoothed_every(steps.get("psi", h), h, unwrapped(columns["psi"]), resolution=grain.get("psi", 0.0))
     if "r" not in columns:
-        found = _smoothed_every(steps.get("psi", h), h, heading)
-        new["r"], std["r"] = _where_near(good, found.rate, h), found.rate_std
-        ancestors["r"] = ("psi",)
-        said.append(Message(f"r derived from the heading, standard error {found.rate_std:.2g} rad/s", "derived"))
-    if "u" in columns and "v" in columns:
+        new["r"], std["r"], ancestors["r"] = _where_near(good, turn.rate, h), turn.rate_std, ("psi",)
+        said.append(Message(f"r derived from the heading, standard error {turn.rate_std:.2g} rad/s", "derived"))
+    used = [pair for pair in (("x", "y"), ("sog", "cog")) if set(pair) <= set(columns)]
+    if {"u", "v"} <= set(columns) or not used:
         return Derived(new, std, ancestors, said)
-    ground, step = None, steps.get("x" if "x" in columns else "sog", h)
-    if "sog" in columns and "cog" in columns:
-        ground = columns["sog"] * np.cos(columns["cog"]), columns["sog"] * np.sin(columns["cog"])
-    if "x" in columns and "y" in columns:
-        rates = ground or (None, None)
-        both = [_smoothed_every(step, h, columns[name], rates[i]) for i, name in enumerate(("x", "y"))]
-        known = np.isfinite(columns["x"]) & np.isfinite(columns["y"])
-        north, east = (_where_near(known, part.rate, h) for part in both)
-        error, how = float(np.mean([part.rate_std for part in both])), "positions"
-        how += "" if ground is None else ", speed and course over ground"
-    elif ground is not None:
-        both = [_smoothed_every(step, h, np.cumsum(np.nan_to_num(part)) * h, part) for part in ground]
-        north, east, how = *ground, "speed and course over ground"
-        error = float(np.mean([np.nanstd(part - s.rate) for part, s in zip(ground, both, strict=True)]))
+    ground, rounding = np.full((len(t), 2), np.nan), 0.0
+    if used[-1] == ("sog", "cog"):
+        sog, cog = columns["sog"], columns["cog"]
+        ground = np.column_stack([sog * np.cos(cog), sog * np.sin(cog)])
+        rounding = float(np.sqrt(np.nanmean(grain.get("sog", 0.0) ** 2 + (sog * grain.get("cog", 0.0)) ** 2) / 2))
+    if used[0] == ("x", "y"):
+        place = np.column_stack([columns["x"], columns["y"]])
+        found = _joined(steps.get("x", h), h, place, ground, max(grain.get("x", 0.0), grain.get("y", 0.0)), rounding)
+        known, velocity, error, how = np.isfinite(place).all(axis=1), found.rate, found.rate_std, "positions"
+        how += ", speed and course over ground" if len(used) > 1 else ""
     else:
-        return Derived(new, std, ancestors, said)
-    u = north * np.cos(heading) + east * np.sin(heading)
-    v = -north * np.sin(heading) + east * np.cos(heading)
-    for name, values in (("u", u), ("v", v)):
+        found = _smoothed_every(steps.get("sog", h), h, ground, resolution=rounding)
+        known, velocity, error = np.isfinite(ground).all(axis=1), found.value, found.value_std
+        how = "speed and course over ground"
+    north, east = (_where_near(known, part, h) for part in velocity.T)
+    psi, (l_x, l_y) = np.where(good, turn.value, np.nan), point or (0.0, 0.0)
+    ahead, aside = north * np.cos(psi) + east * np.sin(psi), east * np.cos(psi) - north * np.sin(psi)
+    for name, values, other, arm in (("u", ahead, aside, -l_y), ("v", aside, ahead, l_x)):
         if name not in columns:
-            new[name], std[name] = values, error
-            ancestors[name] = ("psi", *(q for q in ("x", "y", "sog", "cog") if q in columns and (ground or q in "xy")))
+            across = float(np.sqrt(np.nanmean(other**2))) * turn.value_std  # of the heading by which they are turned
+            new[name] = values - arm * turn.rate
+            std[name] = float(np.linalg.norm([error, across, arm * turn.rate_std]))
+            ancestors[name] = ("psi", *itertools.chain(*used))
+    errors = ", ".join(f"{name} {std[name]:.2g} m/s" for name in "uv" if name in new)
     said.append(
-        Message(
-            f"{' and '.join(n for n in 'uv' if n in new)} derived from {how}, standard error {error:.2g} m/s", "derived"
-        )
+        Message(f"{' and '.join(n for n in 'uv' if n in new)} derived from {how}; standard error {errors}", "derived")
     )
     return Derived(new, std, ancestors, said)
 
 
-def _smoothed_every(step: float, h: float, value: np.ndarray, rate: np.ndarray | None = None) -> Smoothed:
-    """As ``smoothed`` of values (N,) every h [s] that were measured every ``step`` [s] and lie on lines in between:
+def widened(
+    std: Mapping[str, float], columns: Mapping[str, np.ndarray], derived: Collection[str], length: float | None
+) -> tuple[dict[str, float], str]:
+    """The standard errors ``std`` with those of a receiver that may stand anywhere on the ship, and what was assumed.
+
+    columns: of the run (N,), with psi and r; derived: those of u and v that are; length: of the ship [m], or None: that
+    in which she turns by about her rudder angle, r L / U = delta, which holds within a factor of two. Positions are
+    off by what turns with the ship (a constant belongs to the origin), velocities by r L/2 aside and r B/2 ahead.
+    """
+    r, psi = np.nan_to_num(columns["r"]), columns["psi"]
+    turn, how = float(np.sqrt(np.mean(r**2))), "the length given"
+    if length is None:
+        angles = [columns[name] for name in RUDDERS if name in columns] or [np.array([np.radians(20.0)])]
+        delta, how = float(np.sqrt(np.nanmean(np.square(np.concatenate(angles))))), "taken from speed, turns and rudder"
+        speed = float(np.sqrt(np.nanmean(columns["u"] ** 2 + columns["v"] ** 2)))
+        length = float(np.clip(speed * delta / max(turn, 1e-9), 1.0, 400.0))
+    more = {"v": turn * length / 2, "u": turn * length / (2 * SLENDER)}
+    more = {name: value for name, value in more.items() if name in derived}
+    more |= {
+        name: length / 2 * float(np.nanstd(f(psi))) for name, f in (("x", np.cos), ("y", np.sin)) if name in columns
+    }
+    words = f"half a ship of {length:.3g} m ({how}) is added to their standard errors"
+    out = dict(std) | {name: float(np.hypot(std.get(name, 0.0), value)) for name, value in more.items()}
+    return out, words
+
+
+def _joined(
+    step: float, h: float, value: np.ndarray, rate: np.ndarray, resolution: float, rate_resolution: float
+) -> Smoothed:
+    """As ``_smoothed_every``, with a standard error that holds what the ``rate`` and the ``value`` disagree by beyond
+    their own errors (Hausman 1978: an efficient estimate differs from a consistent one by the difference of their
+    variances)."""
+    alone = _smoothed_every(step, h, value, resolution=resolution)
+    if np.isfinite(rate).all(axis=1).sum() < FEWEST:
+        return alone
+    both = _smoothed_every(step, h, value, rate, resolution, rate_resolution)
+    excess = float(np.mean((both.rate - alone.rate) ** 2)) - max(alone.rate_std**2 - both.rate_std**2, 0.0)
+    return replace(both, rate_std=float(np.sqrt(both.rate_std**2 + max(excess, 0.0))))
+
+
+def _smoothed_every(
+    step: float,
+    h: float,
+    value: np.ndarray,
+    rate: np.ndarray | None = None,
+    resolution: float = 0.0,
+    rate_resolution: float = 0.0,
+) -> Smoothed:
+    """As ``smoothed`` of values every h [s] that were measured every ``step`` [s] and lie on lines in between:
     such lines must not count as measurements."""
     k = max(1, round(step / h))
-    found = smoothed(k * h, value[::k], None if rate is None else rate[::k])
+    found = smoothed(k * h, value[::k], None if rate is None else rate[::k], resolution, rate_resolution)
+    if k == 1:
+        return found
     rows = np.arange(len(value))
-    value, rate = (np.interp(rows, rows[::k], part) for part in (found.value, found.rate))
-    return Smoothed(value, rate, found.rate_std)
+    path, slope = (CubicSpline(rows[::k], part)(rows) for part in (found.value, found.rate))
+    return replace(found, value=path, rate=slope)
 
 
 def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
@@ -190,13 +349,12 @@ def _band(squares: sparse.csr_matrix) -> np.ndarray:
     return np.array([np.append(np.zeros(k), squares.diagonal(k)) for k in range(BAND, -1, -1)])
 
 
-def _rate_std(root: np.ndarray, known: np.ndarray) -> float:
-    """Posterior standard deviation of the rate, the median over places where something was measured."""
-    n = root.shape[1]
-    inside = np.flatnonzero(known[1:-1]) + 1
-    found = []
+def _std(root: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
+    """Posterior standard deviation of a sum of five neighbours with ``weights`` (5,), the median over places where
+    something was measured."""
+    n, inside, found = root.shape[1], np.flatnonzero(known[2:-2]) + 2, []
     for i in inside[np.linspace(0, len(inside) - 1, PLACES).astype(int)] if len(inside) else []:
         d = np.zeros(n)
-        d[i + 1], d[i - 1] = 0.5, -0.5
+        d[i - 2 : i + 3] = weights
         found.append(float(d @ cho_solve_banded((root, False), d)))
     return float(np.sqrt(np.median(found))) if found else float("nan")

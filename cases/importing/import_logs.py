@@ -4,54 +4,54 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cases.importing.array_files import is_hdf5, is_matlab, read_arrays
 from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
-from cases.importing.excel_sheet import read_excel_tables
-from cases.importing.import_map import ImportMap, names_apart
+from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
+from cases.importing.json_logs import is_iso19848, is_signal_k, read_iso19848, read_signal_k, with_local_ids
 from cases.importing.log_columns import Log, log_of
+from cases.importing.long_table import pivoted
+from cases.importing.nmea2000_log import is_nmea2000, read_nmea2000
 from cases.importing.nmea_log import is_nmea, read_nmea
-from cases.importing.raw_table import RawTable, raw_table
-from cases.importing.text_log import LARGEST_LOG, read_text_log
-from cases.importing.vocabulary import known_units
-from cases.io.files import LARGEST, check_file
+from cases.importing.raw_table import RawTable
+from cases.importing.robot_bags import MAGIC, bag_of, read_bag
+from cases.importing.table_files import LARGEST_LOG, read_excel_tables, read_parquet, read_text_log
+from cases.io.files import LARGEST, check_file, opened
 from cases.io.sidecar import NAME as SIDECAR
-from mmg.errors import BadValue, Missing, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, Missing, TooFewData, UserError
+from mmg.messages import has_code
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".xlsx", ".xlsm", ".parquet")
-"""Files of a folder that are logs."""
-BINARY = (".xlsx", ".xlsm", ".xls", ".parquet")
-
-
-@dataclass(frozen=True)
-class Question:
-    """What a person may be asked: of a ``file`` and its ``header``, which of the ``choices`` it is, in ``words``.
-
-    quantity: whose unit is asked for, or "" where the choices are quantities.
-    """
-
-    file: str
-    header: str
-    quantity: str
-    choices: tuple[str, ...]
-    words: str
+BEGIN = 65536
+"""Bytes by which the format of a file is known."""
+JSON = (".json", ".jsonl", ".ndjson")
+BAGS = (".bag", ".db3", ".mcap")
+ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
+BINARY = (".xlsx", ".xlsm", ".xls", ".parquet", *BAGS, *ARRAYS)
+SUFFIXES = (
+    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", *JSON,
+    *(suffix for suffix in BINARY if suffix != ".xls"),
+)  # fmt: skip
+"""Files of a folder that are logs; of JSON those whose content is one."""
 
 
 @dataclass(frozen=True)
 class Imported:
     """runs: as they can be written; problems: of files and runs that cannot, one line each; origin: latitude and
-    longitude [deg] of the local frame, or None; questions: that the headers leave open; skipped: files that were not
-    read, by the map."""
+    longitude [deg] of the local frame, or None; questions: that the logs leave open; skipped: files that were not
+    read, by the map; names: of all files, as the map calls them."""
 
     runs: tuple[ImportedRun, ...]
     problems: tuple[str, ...]
     origin: tuple[float, float] | None
     questions: tuple[Question, ...] = ()
     skipped: tuple[Path, ...] = ()
+    names: Mapping[Path, str] = field(default_factory=dict)
 
 
 def import_logs(
@@ -68,15 +68,20 @@ def import_logs(
         raise Missing("no logs given")
     logs: list[Log] = []
     problems: list[str] = []
+    asked: list[Question] = []
     for file in each(list(dict.fromkeys(files))):
         try:
-            logs += [log_of(table, chosen) for table in _tables(file)]
+            logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
             problems.append(str(error))
+            asked += [error.question] if isinstance(error, OpenQuestion) else []
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
     problems += _several_ships(logs)
+    if chosen.zone_hours is not None and logs and all(log.zoned for log in logs):
+        words = f"zone_hours = {chosen.zone_hours:g} is for stamps without a time zone, and these have one"
+        problems.append(f"{logs[0].name}: {words}; leave it out")
     origin = _origin(logs, chosen)
     runs: list[ImportedRun] = []
     for group in grouped(logs, chosen):
@@ -84,66 +89,83 @@ def import_logs(
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             problems.append(str(error))
-    named = names_apart(all_files)
-    asked = tuple(question for log in logs for question in _questions(with_units_of_size(log), named[log.table.path]))
+            asked += [error.question] if isinstance(error, OpenQuestion) else []
+    asked += [question for log in logs for question in _questions(with_units_of_size(log))]
+    if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
+        words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
+        asked.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
     skipped = tuple(file for file in all_files if file not in files)
-    return Imported(tuple(_with_own_names(runs)), tuple(dict.fromkeys(problems)), origin, asked, skipped)
+    return Imported(
+        tuple(_with_own_names(runs)),
+        tuple(dict.fromkeys(problems)),
+        origin,
+        tuple(asked),
+        skipped,
+        names_apart(all_files),
+    )
 
 
-def _questions(log: Log, name: str) -> list[Question]:
-    """What the headers of ``log`` leave open. name: of its file."""
+def _questions(log: Log) -> list[Question]:
+    """What the headers of ``log`` leave open, though a run can be made without it."""
     found = []
     for header, may_be in log.unsure.items():
-        choices = tuple(word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing")
-        found.append(Question(name, header, "", (*choices, "nothing"), f"'{header}' may be {may_be}"))
+        names = [word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing"]
+        choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
+        choices["nothing"] = {"ignore": [header]}
+        found.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
     for quantity in log.unitless:
         if quantity in ("r", "sog", "u"):  # other columns show it
             continue
-        header = log.of[quantity].header
-        units = (*known_units(quantity), "nothing")
-        found.append(Question(name, header, quantity, units, f"'{header}' ({quantity}) has no unit"))
+        found.append(log.unit_question(quantity))
     return found
 
 
 def _files_of(path: Path) -> list[Path]:
     """The logs of a folder, also of those in it; a file itself."""
     if not path.is_dir():
-        return [path]
+        return [bag_of(path)]
     found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
+    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _is_log(p)))
     if not found:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return found
 
 
-def _tables(file: Path) -> list[RawTable]:
-    check_file(file, LARGEST_LOG if file.suffix.lower() not in BINARY else LARGEST)
+def _is_log(path: Path) -> bool:
+    """Whether a file of JSON is a log of one of the formats that are read."""
+    with opened(path) as stream:
+        begin = stream.read(BEGIN)
+    return is_signal_k(begin) or is_iso19848(begin) or is_nmea2000(begin)
+
+
+def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
+    """The tables of a ``file``, whose kind its content tells, or, where none does, its name."""
+    suffix = file.suffix.lower()
+    check_file(file, LARGEST if suffix in BINARY and suffix not in BAGS else LARGEST_LOG)  # of bags topics are read
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
-    suffix = file.suffix.lower()
+    with opened(file) as stream:
+        begin = stream.read(BEGIN)
+    if suffix in BAGS or begin.startswith(MAGIC):
+        return [read_bag(file, chosen)]
+    if suffix in ARRAYS or is_matlab(begin) or is_hdf5(begin):
+        return read_arrays(file, chosen)
+    if is_nmea2000(begin):
+        return [read_nmea2000(file, chosen)]
+    if is_nmea(begin):
+        return [read_nmea(file, chosen)]
+    if is_iso19848(begin):
+        return [read_iso19848(file, chosen)]
+    if is_signal_k(begin) or suffix in JSON:
+        return [read_signal_k(file, chosen)]
     if suffix in (".xlsx", ".xlsm"):
-        return read_excel_tables(file)
-    if suffix == ".xls":
+        tables = read_excel_tables(file)
+    elif suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
-    if suffix == ".parquet":
-        return [_parquet(file)]
-    with file.open("rb") as stream:
-        if is_nmea(stream.read(8192)):
-            return [read_nmea(file)]
-    return [read_text_log(file)]
-
-
-def _parquet(file: Path) -> RawTable:
-    import pandas as pd
-
-    try:
-        frame = pd.read_parquet(file)
-    except Exception as error:  # pyarrow raises many kinds for damaged files
-        why = " ".join(str(error).split())
-        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        raise Unreadable(f"{file}: not a readable Parquet file ({why})") from None
-    cells = [str(c) for c in frame.columns]
-    frame.columns = pd.RangeIndex(len(cells))
-    return raw_table(file, str(file), cells, [""] * len(cells), frame, [])
+    else:
+        decimal = chosen.of(file).decimal or chosen.decimal
+        tables = [read_parquet(file) if suffix == ".parquet" else read_text_log(file, decimal)]
+    return [with_local_ids(pivoted(table, chosen)) for table in tables]
 
 
 def _several_ships(logs: Sequence[Log]) -> list[str]:
@@ -231,7 +253,7 @@ def run_name(run: Sequence[Log], chosen: ImportMap) -> str:
         return named
     stems = [log.table.path.stem for log in run]
     if len(set(stems)) == 1:
-        sheet = re.search(r"sheet '(.*)'$", run[0].name)
+        sheet = re.search(r"(?:sheet|group) '(.*)'$", run[0].name)
         return f"{stems[0]}_{sheet[1]}" if sheet and len(run) == 1 else stems[0]
     least, most = min(stems), max(stems)
     same = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), len(least))

@@ -2,21 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from cases.importing.vocabulary import RAW, known_units
+from cases.importing.raw_table import NUMBERED
+from cases.importing.vocabulary import factor, known_units
+from cases.io.sidecar import ReferencePoint
 from cases.io.toml_file import Name, Section, number, read_toml, validated
-from cases.io.units import is_canonical
+from cases.quantities import QUANTITIES, is_canonical
+from mmg.errors import BadValue, Missing
 
 NAME = "import.toml"
+POINT = "FORWARD STARBOARD"
+"""An answer that stands for two numbers [m]."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the log ``file`` leaves open, in ``words``: answer -> what the map then says of the file, as in FileMap;
+    without a ``file``, of all files, as in ImportMap."""
+
+    file: Path
+    words: str
+    choices: Mapping[str, Mapping[str, Any]]
+
+    def __str__(self) -> str:
+        lines = (f"{answer}: {line_of(change)}" for answer, change in self.choices.items())
+        return f"{self.file}: {self.words}; say in the map {', or '.join(lines)}"
+
+
+class OpenQuestion(BadValue):
+    """A log that may mean one of several things; the text has the line of the map for each."""
+
+    def __init__(self, file: Path, words: str, choices: Mapping[str, Mapping[str, Any]]) -> None:
+        self.question = Question(file, words, choices)
+        super().__init__(self.question)
+
+
+def line_of(change: Mapping[str, Any]) -> str:
+    """The lines of a map, in one, that say a ``change`` of FileMap."""
+    out = []
+    for key, value in change.items():
+        if key == "columns":
+            out += [f"[columns] {name} = {_toml(column)}" for name, column in value.items()]
+        else:
+            out.append(f"{key} = {_toml(value)}")
+    return " and ".join(out)
+
+
+def _toml(value: Any) -> str:
+    import tomlkit
+
+    if isinstance(value, Mapping):
+        table = tomlkit.inline_table()
+        table.update(value)
+        return table.as_string()
+    return tomlkit.item(value).as_string()
 
 
 def _quantity(name: str) -> str:
-    if not is_canonical(name) and name not in RAW:
+    if not is_canonical(name) and name not in QUANTITIES:
         raise ValueError(f"'{name}' is no quantity of a log (t, psi, u, n, delta, latitude, longitude, sog, cog, ...)")
     return name
 
@@ -24,21 +74,33 @@ def _quantity(name: str) -> str:
 Quantity = Annotated[str, AfterValidator(_quantity)]
 
 
-class ColumnMap(Section):
-    """Where a quantity comes from: the header (``from``), its unit and its sign."""
+def _header(value: Any) -> Any:
+    return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
 
-    header: str = Field(alias="from")
+
+Antenna = Annotated[
+    Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
+    Discriminator(lambda value: "[word]" if value == "unknown" else "[point]"),
+]
+
+
+class ColumnMap(Section):
+    """Where a quantity comes from: the header (``from``), or the number of a column without one, its unit and its
+    sign."""
+
+    header: Annotated[str, BeforeValidator(_header)] = Field(alias="from")
     unit: str = ""
     sign: Literal[1, -1] = 1
 
 
 def _column(value: Any) -> Any:
-    return {"from": value} if isinstance(value, str) else value
+    return {"from": value} if isinstance(value, str | int) else value
 
 
 class FileMap(Section):
     """What holds for one file: columns over those for all; clock_offset [s] is added to its clock, and clock_drift
-    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used."""
+    [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used; rows:
+    header -> cells of the rows that are used; decimal: what is written before parts of a whole."""
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
@@ -46,17 +108,22 @@ class FileMap(Section):
     run: Name = ""
     skip: bool = False
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
 
 
 class ImportMap(Section):
     """A whole map; what is left out is found by the words of the headers.
 
     rudder_positive, wind_direction, velocity_frame: as in ``trials.toml``, and inputs, which are those that sensors
-    measured at each sample where it is not said; orders are held. zone_hours: time zone of stamps without one,
-    ahead of UTC, where it is said. sentinels: further numbers that stand for nothing. origin: latitude and longitude
-    [deg] of the local frame. separate: every file is a run of its own. step: of the rows that are written [s]. ignore:
-    headers of columns that are not used in any file. files: by name, or with as much of the path before it as tells
-    them apart.
+    measured at each sample where it is not said; orders are held. axes: of ROS messages whose frames do not say them.
+    reference_point: where positions and velocities were measured, from midship, or "unknown"; length: of the ship [m],
+    for the lever arm of an unknown one. zone_hours: time zone of stamps without one, ahead of UTC, where it is said.
+    sentinels: further numbers that stand for nothing. origin: latitude and longitude [deg] of the local frame.
+    separate: every file is a run of its own. variation: of the compass, positive to the east, by which magnetic
+    headings are true. step: of the rows that are written [s]. ignore: headers of columns, and topics or sources, that
+    are not used in any file. rows, decimal: as of FileMap. files: by name, or with as much of the path before it as
+    tells them apart.
     """
 
     columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
@@ -64,12 +131,18 @@ class ImportMap(Section):
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
     inputs: Literal["held", "sampled"] = "sampled"
+    axes: Literal["enu", "ned"] = "enu"
+    reference_point: Antenna | None = None
+    length: float | None = number("m", None, ge=0.5, le=600.0)
     zone_hours: float | None = number("h", None, ge=-14.0, le=14.0)
+    variation: float | None = number("deg", None, ge=-180.0, le=180.0)
     sentinels: list[float] = Field(default_factory=list)
     origin: list[float] = Field(default_factory=list, max_length=2)
     separate: bool = False
     step: float | None = number("s", None, gt=1e-4, le=60.0)
     ignore: list[str] = Field(default_factory=list)
+    rows: dict[str, list[str]] = Field(default_factory=dict)
+    decimal: Literal["", ".", ","] = ""
     files: dict[str, FileMap] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -77,11 +150,17 @@ class ImportMap(Section):
         for columns in (self.columns, *(file.columns for file in self.files.values())):
             for name, column in columns.items():
                 units = known_units(name)
-                if column.unit and units and column.unit not in units and name != "t":
+                if column.unit and units and factor(name, column.unit) is None and name != "t":
                     raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
         return self
+
+    def true_heading(self, heading: np.ndarray, header: str) -> np.ndarray:
+        """The magnetic ``heading`` (N,) [deg] below a ``header`` as a true one. Raises UserError without variation."""
+        if self.variation is None:
+            raise Missing(magnetic(header))
+        return np.asarray(np.remainder(heading + self.variation, 360.0))
 
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by the end of its path, its name or its stem."""
@@ -97,9 +176,29 @@ class ImportMap(Section):
         """Headers of ``file`` that are not used."""
         return {*self.ignore, *self.of(file).ignore}
 
+    def answered(self, name: str, change: Mapping[str, Any]) -> ImportMap:
+        """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
+        content = self.model_dump(exclude_unset=True, by_alias=True)
+        entry = dict(content.setdefault("files", {}).get(name, {}))
+        for key, value in change.items():
+            old = entry.get(key)
+            together = {**old, **value} if isinstance(old, dict) else [*old, *value] if isinstance(old, list) else value
+            entry[key] = together
+        content["files"][name] = entry
+        return validated(ImportMap, content, "answers")
+
+    def rows_of(self, file: Path) -> dict[str, list[str]]:
+        """Header -> cells of the rows of ``file`` that are used."""
+        return {**self.rows, **self.of(file).rows}
+
     def columns_of(self, file: Path) -> dict[str, ColumnMap]:
         """The columns of ``file``: its own over those for all."""
         return {**self.columns, **self.of(file).columns}
+
+
+def magnetic(header: str) -> str:
+    """What is said of a magnetic heading below a ``header`` without a variation."""
+    return f"the log has a magnetic heading ({header}): give variation = ... in the map [deg, positive to the east]"
 
 
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:

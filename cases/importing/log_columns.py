@@ -1,4 +1,4 @@
-"""A raw table as a log: its clock, and its columns as quantities in SI units."""
+"""A raw table as a log: its clock, and its columns as quantities in SI units, each accounted for."""
 
 from __future__ import annotations
 
@@ -10,21 +10,28 @@ from typing import Any
 
 import numpy as np
 
-from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps
-from cases.importing.import_map import ColumnMap, ImportMap
-from cases.importing.raw_table import Clock, RawTable, split_unit
-from cases.importing.sign_columns import hold_signs, sign_columns, signed
-from cases.importing.vocabulary import SIGNS, factor, known_units, meaning, turn_in, turn_of, unit_of
+from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
+from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
+from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
+from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.block_means import BlockMeans, rows_together
-from cases.io.sentinels import remarks, sentinels_in
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName
+from cases.io.sentinels import remarks, sentinels_in, without_dropouts
+from cases.quantities import QUANTITIES, wraps
+from cases.quantities import quantity as known
+from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
 from mmg.messages import Message
 
 HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
 """A header of a motion of the hull, beside which a column called pitch is another."""
 PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
-TEXT = ("ship", "zone", "date", *SIGNS)
-"""Quantities that are words."""
+TEXT = ("ship", "zone", "date", *(name for name in QUANTITIES if name.endswith("_sign") or name.startswith("t_")))
+"""Quantities that complete others, or are words."""
+PARTS = {"t_year": "years?|yr|yyyy", "t_month": "months?|mon", "t_day": "days?|dd", "t_hour": "hours?|hr|hh|h",
+         "t_minute": "minutes?|mins?|mi", "t": "seconds?|secs?|ss|s"}  # fmt: skip
+"""Words of columns that together are a clock."""
+REFERENCE = r"(deg|°|degrees?)?[\s_]*\(?(m|mag|magn?etic|t|true|r|rel|relative)\)?"
+"""A unit of directions with what they are counted from."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +39,9 @@ class Log:
     """One table of a log whose columns are known.
 
     table: as read, without its cells; t: (N,) seconds, increasing; absolute: since 1970 in UTC; columns: quantity ->
-    (N,) in the units of ``unit_of``; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
-    yet; unknown: headers that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "".
+    (N,) in the units of the registry; of: quantity -> how it is mapped; unitless: quantities whose unit is not known
+    yet; unknown: headers that nobody knows; unsure: header -> what it may be; ship, zone: words that it names, or "";
+    accounts: of every column of the table; zoned: whether its stamps name a time zone.
     """
 
     table: RawTable
@@ -47,6 +55,8 @@ class Log:
     ship: str = ""
     zone: str = ""
     notices: tuple[Message, ...] = ()
+    accounts: tuple[Account, ...] = ()
+    zoned: bool = False
 
     @property
     def name(self) -> str:
@@ -67,6 +77,15 @@ class Log:
         """A copy that only says where its columns came from."""
         return replace(self, t=self.t[:0].copy(), columns={})
 
+    def unit_question(self, quantity: str) -> Question:
+        """In which unit the ``quantity`` is."""
+        header = self.of[quantity].header
+        choices: dict[str, dict[str, Any]] = {
+            unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)
+        }
+        choices["nothing"] = {"ignore": [header]}
+        return Question(self.table.path, f"'{header}' ({quantity}) has no unit", choices)
+
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
         """A copy in which ``quantity``, of unknown unit, has this ``unit``. why: what shows it."""
         scale = factor(quantity, unit)
@@ -81,6 +100,34 @@ class Log:
         )
 
 
+@dataclass
+class Assigned:
+    """What the columns of a table are. mapped: quantity -> its column; unknown: headers that nobody knows; unsure:
+    header -> what it may be; account: header -> the quantities that others get from it, and why it is not used."""
+
+    mapped: dict[str, ColumnMap] = field(default_factory=dict)
+    unknown: list[str] = field(default_factory=list)
+    unsure: dict[str, str] = field(default_factory=dict)
+    account: dict[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
+    masks: Masks = field(default_factory=lambda: Masks({}, {}, {}))
+
+    def accounts(self, table: RawTable) -> tuple[Account, ...]:
+        """A line for each column of the ``table``."""
+        used: dict[str, list[str]] = {}
+        for quantity, column in self.mapped.items():
+            used.setdefault(column.header, []).append(quantity)
+        out = []
+        for header in table.headers:
+            names, why = self.masks.account.get(header, self.account.get(header, ((), "")))
+            if header in self.unsure:
+                why = f"it may be {self.unsure[header]}"
+            own = tuple(used.get(header, names))
+            out.append(
+                Account(header, table.rows or len(table), own, why or ("" if own else "its words are not known"))
+            )
+        return tuple(out)
+
+
 def log_of(table: RawTable, chosen: ImportMap) -> Log:
     """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers; of one that is
     longer than MOST_KEPT rows, means of them.
@@ -88,49 +135,63 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
     clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
     """
-    mapped, unknown, unsure = assigned(table, chosen)
+    of = assigned(table, chosen)
+    mapped = of.mapped
     notices, scales, unitless = list(table.notices), {}, []
     for quantity in [q for q in mapped if q != "t" and q not in TEXT]:
         column = mapped[quantity]
         unit = unit_in(table, quantity, column)
         scale = factor(quantity, unit) if unit else None
-        if unit and scale is None:
+        if unit and scale is None and known(quantity).unit:
             accepted = ", ".join(known_units(quantity))
             raise UnknownName(
                 f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
             )
-        if scale is None and unit_of(quantity):
+        if scale is None and known(quantity).unit:
             unitless.append(quantity)
         if f"{quantity}_sign" in mapped:
             notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
         scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
+    for name in ("latitude", "longitude"):
+        if name in mapped and mapped[name].unit == "ddmm":
+            notices.append(Message(f"{name}: degrees and minutes in one number (ddmm.mm)", "degrees_minutes"))
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
-    means = BlockMeans(count, {q: turn_of(q) for q in scales if turn_of(q)})
+    means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
-    clock, days, end = None, 0.0, -np.inf
-    for piece in table.pieces([column.header for column in mapped.values()]):
+    clock, anew, end, lost = None, 0.0, -np.inf, Counter[str]()
+    for piece in table.pieces([*(column.header for column in mapped.values()), *_of_masks(of.masks)]):
         if not piece.cells(mapped["t"].header).notna().any():
             continue
         own = table.clock or _clock(piece, mapped, chosen)
         clock = clock or own
         if own.absolute != clock.absolute:
             raise BadValue(f"{table.name}: column '{own.header}' changes its kind of time after row {piece.before}")
-        if own.zoned != clock.zoned and chosen.zone_hours is None:
+        if own.zoned != clock.zoned:
             raise mixed_zones(f"{table.name}: column '{own.header}'", piece.before + 1)
-        days += 86400.0 * (own.words == "times of a day" and np.nanmin(own.t) + days < end - 43200.0)
-        own = replace(own, t=own.t + days)
+        columns = {q: _values(piece, q, mapped, chosen, nothing) * scale for q, scale in scales.items()}
+        for q in columns:
+            held = masked_rows(piece, q, of.masks)
+            lost[q] += int((~held & np.isfinite(columns[q])).sum())
+            columns[q] = np.where(held, columns[q], np.nan)
+        newest_first = table.source is None and _newest_first(own.t)
+        if newest_first:
+            own, columns = replace(own, t=own.t[::-1]), {q: values[::-1] for q, values in columns.items()}
+            notices.append(Message("the rows are sorted newest first, and turned round", "newest_first"))
+        if own.period and np.nanmin(own.t) + anew < end - 0.5 * own.period:
+            anew += own.period
+        states = {q: values for q, values in columns.items() if q in STATES}
+        own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
         check_forward(own, table.name, piece.before, end)
         end = float(np.nanmax(own.t))
-        columns = {q: _values(piece, q, mapped, chosen, nothing) * scale for q, scale in scales.items()}
         if count > 1 and {"latitude", "longitude"} <= set(columns):
-            lost = (columns["latitude"] == 0) & (columns["longitude"] == 0)
-            columns |= {name: np.where(lost, np.nan, columns[name]) for name in ("latitude", "longitude")}
+            none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
+            columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
         if not means.rows:  # without units, the first rows tell which turn directions have
-            means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if turn_of(q)}
+            means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).period}
         t, columns, said = _rows(own.t, columns, means.periods)
         means.add({"t": t, **columns})
-        notices += [m for m in (*piece.notices, *said) if m.code not in {n.code for n in notices}]
+        notices += [m for m in (*piece.notices, *jumps, *said) if m.code not in {n.code for n in notices}]
         for name in words.keys() & mapped.keys():
             words[name] |= {str(cell).strip().removesuffix(".0") for cell in piece.cells(mapped[name].header).dropna()}
     columns = means.columns()
@@ -138,28 +199,67 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
     t = columns.pop("t")
     notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
+    for q, number in lost.items():
+        if number:
+            notices.append(Message(f"{q}: {number} rows do not hold, by their status, reference or source", "masked"))
     if count > 1:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
-    _check_globe(table.name, columns, mapped)
+    _check_globe(table, columns, mapped)
+    if "heading_magnetic" in columns:
+        notices += _true_heading(table, columns, mapped, chosen)
+        unitless = [q for q in unitless if q in columns]
     for name, several in words.items():
         if len(several) > 1:
             what = "ships" if name == "ship" else "UTM zones"
             raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
+    columns, zeros = without_dropouts(columns, STATES)
+    notices += remarks(zeros)
     for clean in (lost_satellites, stands_still):
         columns, said = clean(t, columns)
         notices += said
     return Log(
-        table.without_cells(), t, clock.absolute, columns, mapped, tuple(unitless), tuple(unknown), unsure,
+        table.without_cells(), t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
+        table.accounts or of.accounts(table), clock.zoned,
     )  # fmt: skip
 
 
+def _of_masks(masks: Masks) -> list[str]:
+    return [*masks.rows, *(header for own in masks.of.values() for header, _ in own)]
+
+
+def _newest_first(t: np.ndarray) -> bool:
+    step = np.diff(t[np.isfinite(t)])
+    return bool(len(step) > 10 and (step <= 0).all() and (step < 0).any())
+
+
 def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
-    date = mapped["date"].header if "date" in mapped else None
-    return clock_of(piece, mapped["t"].header, mapped["t"].unit, date, chosen.zone_hours)
+    beside = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
+    return clock_of(piece, mapped["t"].header, mapped["t"].unit, beside, chosen.zone_hours)
+
+
+def _true_heading(
+    table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap], chosen: ImportMap
+) -> list[Message]:
+    """The magnetic heading among the ``columns`` becomes a true one, where there is none. Raises UserError without a
+    variation."""
+    heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
+    variation = columns.pop("variation", None)
+    if variation is None and chosen.variation is None:
+        raise Missing(
+            f"{table.name}: the log has a magnetic heading ('{header}'): give variation = ... in the map [deg, "
+            "positive to the east]"
+        )
+    if chosen.variation is not None:
+        variation, words = np.radians(chosen.variation), f"{chosen.variation:g} deg of the map"
+    else:
+        assert variation is not None
+        words = f"those in '{mapped['variation'].header}'"
+    columns["psi"] = heading + variation
+    return [Message(f"psi is the magnetic heading '{header}' and the variation, {words}", "magnetic")]
 
 
 def _values(
@@ -174,10 +274,15 @@ def _values(
     if huge.any():
         nothing[column.header, LARGEST] += int(huge.sum())
         values[huge] = np.nan
-    known = [number for header, number in nothing if header == column.header]
-    for number, rows in sentinels_in(values, [*chosen.sentinels, *known]).items():
+    known_ones = [number for header, number in nothing if header == column.header]
+    for number, rows in sentinels_in(values, [*chosen.sentinels, *known_ones]).items():
         nothing[column.header, number] += int(rows.sum())
         values[rows] = np.nan
+    if column.unit == "ddmm":
+        values = np.sign(values) * (np.abs(values) // 100 + np.abs(values) % 100 / 60)
+    for part, size in (("min", 60.0), ("s", 3600.0)):
+        if f"{quantity}_{part}" in mapped:
+            values = values + np.where(values < 0, -1, 1) * piece.numbers(mapped[f"{quantity}_{part}"].header) / size
     sign = mapped.get(f"{quantity}_sign")
     return signed(values, quantity, piece, sign.header, chosen) if sign else values
 
@@ -186,14 +291,13 @@ def _largest(values: np.ndarray) -> float:
     return float(np.nanmax(np.abs(values), initial=0.0))
 
 
-def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], list[str], dict[str, str]]:
-    """Quantity -> its column in ``table``, by the map ``chosen`` and the words of the headers; headers that nobody
-    knows; headers that may be one of several.
+def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
+    """What the columns of the ``table`` are, by the map ``chosen`` and the words of the headers.
 
     Raises UserError for a header of the map that is absent, two columns of one quantity, and no clock.
     """
-    mapped: dict[str, ColumnMap] = {}
-    own = chosen.of(table.path).columns
+    of = Assigned()
+    mapped, own = of.mapped, chosen.of(table.path).columns
     for quantity, column in chosen.columns_of(table.path).items():
         whole = split_unit(column.header)[0]
         if column.header not in table.headers and whole in table.headers:  # the cell as it is in the file
@@ -205,42 +309,127 @@ def assigned(table: RawTable, chosen: ImportMap) -> tuple[dict[str, ColumnMap], 
                 )
             continue  # of another file
         mapped[quantity] = column
+    of.account |= {split_unit(cell)[0]: ((), "the map says so") for cell in chosen.ignored_in(table.path)}
+    _clock_parts(table, mapped, of.account)
     taken = {column.header for column in mapped.values()}
     of_the_hull = any(re.search(HULL, other.lower()) for other in table.headers)
-    unknown, unsure, ignored = [], {}, {split_unit(cell)[0] for cell in chosen.ignored_in(table.path)}
-    signs = [h for h in table.headers if h not in taken and h not in ignored and hold_signs(table, h)]
-    for header in table.headers:
-        if header in taken or header in ignored or header in signs:
-            continue
-        found = meaning(header)
+    left = [h for h in table.headers if h not in taken and h not in of.account]
+    signs = [h for h in left if hold_signs(table, h)]
+    for header in [h for h in left if h not in signs]:
+        found = table.means.get(header) or meaning(header)
+        unit = table.units[table.headers.index(header)]
+        reference = re.fullmatch(REFERENCE, unit.strip().lower())
+        referred = meaning(f"{header} {reference[2]}") if reference else found
+        reference = reference if referred.quantity and known(referred.quantity).period else None
+        found = referred if reference else found
         if header == "pitch" and of_the_hull:
-            unsure[header] = PITCH
+            of.unsure[header] = PITCH
         elif found.quantity and found.quantity not in mapped:
-            mapped[found.quantity] = ColumnMap.model_validate({"from": header})
+            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": "deg" if reference else ""})
         elif found.quantity and found.quantity not in chosen.columns_of(table.path):
-            other = mapped[found.quantity].header
-            what = "two columns hold a time" if found.quantity == "t" else f"two columns are {found.quantity}"
-            raise Conflict(
-                f"{table.name}: {what}: '{other}' and '{header}'; say which in the map: [columns] "
-                f'{found.quantity} = "{other}"'
-            )
+            _doubled(table, found.quantity, mapped[found.quantity].header, header)
+            of.account[header] = ((), f"it holds the same as '{mapped[found.quantity].header}'")
+        elif found.quantity:
+            of.account[header] = ((), f"the map names '{mapped[found.quantity].header}'")
         elif found.may_be:
-            unsure[header] = found.may_be
-        elif not found.quantity:
-            unknown.append(header)
-    found_signs = sign_columns(table, mapped, signs, chosen)
+            of.unsure[header] = found.may_be
+        elif is_order(header):
+            of.account[header] = ((), "it is what was ordered, not what was measured")
+        elif re.fullmatch(WATER, plain_words(header)):
+            of.account[header] = ((), "it is a speed through the water")
+        else:
+            of.unknown.append(header)
+    if {"psi", "heading_magnetic"} <= set(mapped):
+        for name in {"heading_magnetic", "variation"} & set(mapped):
+            of.account[mapped.pop(name).header] = ((), f"the true heading '{mapped['psi'].header}' is used")
+    if "t" not in mapped and "t_part" in mapped:
+        mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
+    of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
+    found_signs = sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
     mapped |= found_signs
-    unknown += [header for header in signs if header not in [column.header for column in found_signs.values()]]
+    taken = {column.header for column in mapped.values()} | set(of.masks.account) | set(of.account)
+    of.unknown += [header for header in signs if header not in taken]
+    of.unknown[:] = [header for header in of.unknown if header not in taken]
+    of.unsure = {header: what for header, what in of.unsure.items() if header not in taken}
+    if "t" not in mapped and re.fullmatch(rf"{NUMBERED} \d+", table.headers[0]):
+        first = ", ".join(str(cell) for cell in table.frame.iloc[0])
+        raise Missing(
+            f"{table.name}: has no headers; its first row is {first}. Say what its columns are in the map: columns = "
+            '{ t = { from = 1, unit = "s" }, x = { from = 2, unit = "m" } } and so on'
+        )
     if "t" not in mapped:
         headers = ", ".join(table.headers)
         raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
-    return mapped, unknown, unsure
+    return of
+
+
+def _clock_parts(table: RawTable, mapped: dict[str, ColumnMap], account: Mapping[str, object]) -> None:
+    """Columns of hours, minutes and seconds, and of the day, where all of them are there, join the ``mapped`` ones."""
+    found: dict[str, str] = {}
+    for header in table.headers:
+        words = re.sub(r"^(utc|gps|gnss|time)_|_(utc|gps)$", "", plain_words(header))
+        for name, pattern in PARTS.items():
+            if re.fullmatch(pattern, words) and header not in account and table.numeric(header):
+                found.setdefault(name, header)
+    if "t" in mapped or not {"t", "t_hour", "t_minute"} <= set(found):
+        return
+    dated = {"t_year", "t_month", "t_day"} <= set(found)
+    for name, header in found.items():
+        if dated or name in ("t", "t_hour", "t_minute"):
+            mapped.setdefault(name, ColumnMap.model_validate({"from": header}))
+
+
+def _doubled(table: RawTable, quantity: str, header: str, other: str) -> None:
+    """Raises OpenQuestion where two columns of one ``quantity`` hold different values."""
+    if quantity not in ("t", "date") and table.numeric(header) and table.numeric(other):
+        values = []
+        for name in (header, other):
+            column = ColumnMap.model_validate({"from": name})
+            values.append(table.numbers(name) * (factor(quantity, unit_in(table, quantity, column)) or 1.0))
+        off = np.abs(values[1] - values[0])
+        if period := known(quantity).period:
+            off = np.minimum(off % period, period - off % period)
+        steps = [np.diff(np.unique(v[np.isfinite(v)])) for v in values]  # the coarser one is rounded to its least step
+        least = max(float(step.min()) if len(step) else 0.0 for step in steps)
+        size = float(np.nanmax(np.abs(values[0]), initial=0.0))
+        if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= min(least, size) + 1e-5 * size:
+            return
+    what = "two columns hold a time" if quantity == "t" else f"two columns are {quantity}"
+    choices = {f"'{name}'": {"columns": {quantity: {"from": name}}} for name in (header, other)}
+    raise OpenQuestion(table.path, f"{what}: '{header}' and '{other}'", choices)
 
 
 def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
     """The unit of a ``quantity`` in the ``column`` of a ``table`` as it is written, "" where nothing says it."""
     unit = column.unit or table.units[table.headers.index(column.header)] or meaning(column.header).unit
-    return unit or ("deg" if quantity in ("latitude", "longitude") else "")
+    if quantity in ("latitude", "longitude"):
+        if re.fullmatch(r"d{2,3}m{2}(\.m+)?", unit.lower()) or (not column.unit and _degrees_minutes(table, quantity)):
+            return "ddmm"
+        return unit if factor(quantity, unit) else "deg"
+    if re.fullmatch(REFERENCE, unit.strip().lower()) and known(quantity).period:
+        return "deg"
+    return unit
+
+
+def _degrees_minutes(table: RawTable, quantity: str) -> bool:
+    """Whether a column of latitudes or longitudes holds degrees and minutes in one number, as NMEA 0183 does: numbers
+    beyond the globe whose last two digits are minutes, zeros before them, or a partner of which this is so."""
+    sizes = {}
+    for name, header in ((q, h) for h in table.headers if (q := meaning(h).quantity) in ("latitude", "longitude")):
+        if not table.numeric(header):
+            return False
+        values = np.abs(table.numbers(header))
+        values = values[np.isfinite(values) & (values != 0) & ~np.isin(values, (99999.0, 9999.0, 91.0, 181.0))]
+        if not len(values) or (values % 100 >= 60).any() or values.max() > 100 * known(name).limits[1]:
+            return False
+        words = table.words(header)
+        digits = [len(str(w).lstrip("+-").partition(".")[0]) for w in words if w] if words is not None else []
+        zeros = words is not None and any(str(w).lstrip("+-").startswith("0") for w in words if w)
+        least = 4 if name == "latitude" else 5
+        sizes[name] = bool((values > 360).mean() > 0.5) or bool(  # up to 360 both may be exchanged
+            zeros and digits and min(digits) == max(digits) == least
+        )
+    return quantity in sizes and any(sizes.values())
 
 
 def numbers_of(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
@@ -259,23 +448,33 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     if not 1 <= len(parts) <= 3 or not re.fullmatch(r"[-+NSEW\d.,\s°º'′\"″:]+", text):
         raise BadValue(f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude")
     values = [float(p) for p in parts]
-    if len(values) == 1 and values[0] > 180:  # degrees and minutes in one number, as in NMEA
+    if len(values) == 1 and (values[0] > 180 or re.match(r"\d{4,5}(\.|$)", parts[0])):  # in one number, as in NMEA
         values = [float(int(values[0] // 100)), values[0] % 100]
     total = sum(v / 60**i for i, v in enumerate(values))
-    return -total if any(c in text for c in "SW-") else total
+    return -total if text.startswith("-") or text[0] in "SW" or text[-1] in "SW" else total
 
 
-def _check_globe(where: str, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
+def _check_globe(table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
     """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
-    for quantity, most in (("latitude", 90.0), ("longitude", 360.0)):
+    for quantity in ("latitude", "longitude"):
+        most = known(quantity).limits[1]
         values = np.abs(columns.get(quantity, np.zeros(0)))
         beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
-        if beyond.sum() > 0.5 * len(beyond):
-            raise OutOfRange(
-                f"{where}: column '{mapped[quantity].header}' reaches {np.nanmax(values):g}, which is no {quantity} in "
-                "degrees; are latitude and longitude exchanged, or degrees and minutes one number (ddmm.mm)? Say the "
-                "columns in the map, or write degrees"
-            )
+        if beyond.sum() <= 0.5 * len(beyond):
+            continue
+        headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in mapped}
+        choices: dict[str, dict[str, Any]] = {}
+        if len(headers) == 2 and np.nanmax(values) <= 360:
+            swapped = {"latitude": {"from": headers["longitude"]}, "longitude": {"from": headers["latitude"]}}
+            choices["latitude and longitude are exchanged"] = {"columns": swapped}
+        for words, unit in (("degrees and minutes in one number", "ddmm"), ("units of 1e-7 degrees", "1e-7 deg")):
+            if (np.nanmax(values) > 1e6) == (unit != "ddmm"):
+                choices[words] = {"columns": {name: {"from": h, "unit": unit} for name, h in headers.items()}}
+        raise OpenQuestion(
+            table.path,
+            f"column '{headers[quantity]}' reaches {np.nanmax(values):g}, which is no {quantity} in degrees",
+            choices,
+        )
 
 
 def _rows(
@@ -324,7 +523,7 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     for name, values in states.items():
         at = held[name]
         change = np.abs(np.diff(values))
-        if name in ("psi", "cog"):
+        if wraps(name):
             turn = 360.0 if np.nanmax(np.abs(values)) > 7 else 2 * np.pi
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0

@@ -1,45 +1,48 @@
-"""NMEA 0183 logs (also with a logger's own time before each sentence), by pynmea2, as a table with a row per time."""
+"""NMEA 0183 logs as a table: each talker and sentence is a time series, one of each quantity is used, all are named."""
 
 from __future__ import annotations
 
-import datetime
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from cases.importing.clocks import check_clock
-from cases.importing.raw_table import Clock, RawTable, raw_table
+from cases.importing.import_map import ImportMap, magnetic
+from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
+from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
+from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
+from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
 from cases.io.files import read_bytes
-from mmg.errors import Missing, NotInstalled
+from mmg.errors import Missing
 from mmg.messages import Message
 
-SENTENCE = re.compile(r"[$!][A-Z]{2}[A-Z]{3},[^*\r\n]*(?:\*[0-9A-Fa-f]{2})?")
+CHECKSUM = "checksum wrong"
+"""Why a sentence is rejected out."""
+SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\*([0-9A-Fa-f]{2}))?")
+TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")
+"""The source of a tag block of NMEA 4."""
 UNITS = {
     "time": "s", "latitude": "deg", "longitude": "deg", "sog": "kn", "cog": "deg", "heading": "deg", "rot": "deg/min",
-    "rudder": "deg", "rudder_starboard": "deg", "rudder_port": "deg", "rpm": "rpm", "rpm_starboard": "rpm",
-    "rpm_port": "rpm", "apparent_wind_speed": "m/s", "apparent_wind_direction": "deg", "true_wind_speed": "m/s",
-    "twa": "deg", "HDG-magnetic": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm", "RPM-E_port": "rpm",
+    "u": "kn", "v": "kn", "rudder": "deg", "rudder_starboard": "deg", "rudder_port": "deg", "rpm": "rpm",
+    "rpm_starboard": "rpm", "rpm_port": "rpm", "apparent_wind_speed": "m/s", "apparent_wind_direction": "deg",
+    "true_wind_speed": "m/s", "twa": "deg", "twd": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm",
+    "RPM-E_port": "rpm",
 }  # fmt: skip
-"""Columns of the table and their units; all that other sentences say is left out."""
-INSTEAD = (
-    ("rudder", ("rudder_starboard", "rudder_port"), ()),
-    ("rpm", ("rpm_starboard", "rpm_port"), ("RPM-E", "RPM-E_starboard", "RPM-E_port")),
-    ("heading", ("HDG-true",), ("HDG-magnetic",)),
-)
-"""A column, those of which one alone is it, and those that are left out where it is known."""
-WIND = {"K": 1 / 3.6, "M": 1.0, "N": 1852.0 / 3600.0, "S": 1609.344 / 3600.0}
-"""Factor to m/s of the units of MWV."""
-KINDS = ("RMC", "GGA", "GLL", "ZDA", "VTG", "HDT", "THS", "HDG", "HDM", "ROT", "RSA", "RPM", "MWV")
-"""Sentences that are read."""
-RECEIVER = ("latitude", "longitude", "sog", "cog")
-"""Columns that a receiver says in sentences of several types."""
-NO_FIX = ("0", "None", "")
-"""Qualities of GGA."""
+"""Columns of the table and their units."""
+TOGETHER = (
+    ("rot",), ("u", "v"), ("rudder",), ("rudder_starboard",), ("rudder_port",), ("rpm",), ("rpm_starboard",),
+    ("rpm_port",), ("RPM-E",), ("RPM-E_starboard",), ("RPM-E_port",),
+    ("apparent_wind_speed", "apparent_wind_direction"), ("true_wind_speed", "twa", "twd"),
+)  # fmt: skip
+"""Columns that are taken from one source: that which says one of them most often."""
+SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+MOVES = 1.0
+"""Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
+Samples = tuple[np.ndarray, np.ndarray]
+"""Times [s] and values (M,)."""
 
 
 def is_nmea(content: bytes) -> bool:
@@ -48,270 +51,256 @@ def is_nmea(content: bytes) -> bool:
     return len(lines) > 2 and sum(bool(SENTENCE.search(line)) for line in lines) > 0.5 * len(lines)
 
 
-def read_nmea(path: Path) -> RawTable:
-    """The table of the log ``path``: a row for each moment between its first and last time at which something was said.
+def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
+    """The table of the log ``path``: a row for each moment at which something that is used was said.
 
-    Sentences whose checksum is wrong are left out and counted, and so are those that say of themselves that they are
-    not valid. Raises UserError where pynmea2 is missing, where no sentence holds a date and a time, and where the times
-    run backwards.
+    chosen: the map, of which ``variation``, ``zone_hours`` and ``ignore`` are used. What became of each talker and
+    sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
+    nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
-    import numpy as np
-    import pandas as pd
-
-    said, notices = _said(path)
-    t = np.round(moments(said, str(path)), 3)
-    timed = t[[sentence.valid and sentence.time is not None for sentence in said]]
-    first, last = float(timed.min()), float(timed.max())
-    chosen, doubled = _one_source(said)
-    rows: dict[float, dict[str, float]] = {}
-    for when, sentence in zip(t.tolist(), said, strict=True):
-        values = {
-            name: v for name, v in sentence.values.items() if chosen.get(name, sentence.source) == sentence.source
-        }
-        if values and first <= when <= last:
-            rows.setdefault(when, {"time": when}).update(values)
-    frame = pd.DataFrame([rows[when] for when in sorted(rows)])
-    for name, sensors, unsure in INSTEAD:
-        only = [sensor for sensor in sensors if sensor in frame]
-        if name not in frame and len(only) == 1:
-            frame = frame.rename(columns={only[0]: name})
-        if len(only) > 1 or name in frame:
-            frame = frame.drop(columns=[c for c in frame if c in unsure])
-    names = [name for name in UNITS if name in frame]
-    units = [UNITS[name] for name in names]
-    table = raw_table(path, str(path), names, units, frame[names].astype(object), [*notices, *doubled])
-    return replace(table, clock=Clock(np.array(sorted(rows)), True, "time", "UTC of the receiver"))
-
-
-def _one_source(said: Sequence[Sentence]) -> tuple[dict[str, str], list[Message]]:
-    """The source that says a column most often, of those that several say but no receiver, and what is not used."""
-    counts: dict[str, Counter[str]] = {}
-    for sentence in said:
-        for name in sentence.values:
-            if name not in RECEIVER:
-                counts.setdefault(name, Counter())[sentence.source] += 1
-    chosen = {name: own.most_common(1)[0][0] for name, own in counts.items()}
-    others = [(name, source) for name, own in counts.items() for source in own if source != chosen[name]]
-    words = (
-        f"{name} is taken from {chosen[name]}, not from {source}, which says it less often" for name, source in others
-    )
-    return chosen, [Message(word, "doubled") for word in words]
-
-
-def _said(path: Path) -> tuple[list[Sentence], list[Message]]:
-    """What the sentences of the log ``path`` say, in its order, and how many of them."""
+    chosen = chosen or ImportMap()
+    series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
-        import pynmea2
-    except ImportError:
-        raise NotInstalled(f"{path}: NMEA logs need pynmea2; pip install 'mmg-ident[import]'") from None
+        moments = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
+    except Missing as error:
+        why = (f"{name} {count}: {why}" for (name, why), count in rejected.most_common(12))
+        raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
+    log = _Selection(series, moments.t, rejected)
+    log.select_positions()
+    log.select_heading(chosen.variation)
+    log.select_others()
+    return log.table(path, moments)
 
-    class THS(pynmea2.TalkerSentence):  # type: ignore[misc]  # pynmea2 has none, and finds this one by its name
-        fields = (("True heading", "heading"), ("Mode", "mode"))
 
-    said: list[Sentence] = []
-    kinds, silent, damaged = Counter[str](), Counter[str](), 0
+def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str], Counter[tuple[str, str]]]:
+    """The series of the log ``path`` by talker, sentence and instrument, what stands before (or behind) each of their
+    sentences, and counts of what is rejected, by sentence and why. ignored: sentences that the map does not want."""
+    field_names()
+    by_name: dict[str, Series] = {}
+    rejected: Counter[tuple[str, str]] = Counter()
+    prefixes: list[str] = []
     for line in read_bytes(path).decode("latin-1").splitlines():
-        match = SENTENCE.search(line)
-        if match is None:
-            damaged += bool(line.strip())
-            continue
-        try:
-            sentence = pynmea2.parse(match[0], check=False) if "*" not in match[0] else pynmea2.parse(match[0])
-            kind = str(getattr(sentence, "sentence_type", ""))
-            found = _of(sentence, kind)
-        except (pynmea2.ParseError, ValueError, TypeError, AttributeError):
-            damaged += 1
-            continue
-        if found is not None:
-            said.append(replace(found, logged=logged_time(line[: match.start()])))
-            (kinds if found.values or kind == "ZDA" else silent)[kind] += 1
-    notices = [Message(f"NMEA 0183: {', '.join(f'{c} {k}' for k, c in kinds.items())}", "nmea")]
-    if silent:
-        words = ", ".join(f"{count} {kind}" for kind, count in silent.items())
-        notices.append(
-            Message(f"sentences that are empty or not valid by their status, left out: {words}", "nmea_void")
-        )
-    if damaged:
-        notices.append(Message(f"lines that are damaged or no sentences, left out: {damaged}", "nmea_damaged"))
-    return said, notices
+        end = 0
+        for match in SENTENCE.finditer(line):
+            prefix, head, kind = line[end : match.start()], match[1], match[1][2:]
+            prefix = prefix if prefix.strip() or end else line[match.end() :]
+            end = match.end()
+            right = match[3] is None or checksum(match[0][1:-3]) == int(match[3], 16)
+            if match[0][0] == "!" or head[0] == "P" or kind not in DECODERS:
+                rejected[head, NOT_READ if right else CHECKSUM] += 1
+                continue
+            if head in ignored:
+                rejected[head, "ignored by the map"] += 1
+                continue
+            tag = TAG.search(prefix)
+            source = f"{head} of {tag[1]}" if tag else head
+            try:
+                sentence = decoded(kind, match[2]) if right else Decoded({}, CHECKSUM)
+            except (ValueError, OverflowError):
+                sentence = Decoded({}, "damaged")
+            name = f"{source} {sentence.instrument}" if sentence.instrument else source
+            series = by_name.setdefault(name, Series(head[:2], kind))  # what is not valid keeps its place in the order
+            series.at.append(len(prefixes))
+            series.time.append(sentence.time)
+            series.values.append({} if sentence.why else sentence.values)
+            prefixes.append(prefix)
+            if sentence.why:
+                rejected[name, sentence.why] += 1
+            for part, why in sentence.aside:
+                rejected[f"{name} {part}", why] += 1
+        if not end and line.strip():
+            rejected["lines", "damaged or no sentence"] += 1
+    return by_name, prefixes, rejected
 
 
-def _of(sentence: Any, kind: str) -> Sentence | None:
-    """What a sentence of a ``kind`` says, nothing where it is not valid; None of a kind that says nothing of use."""
-    if kind not in KINDS:
-        return None
-    source = f"{sentence.talker}{kind}"
-    if kind == "RPM":
-        source += f"{sentence.source}{sentence.engine_no}"
-    elif kind == "MWV":
-        source += str(sentence.reference)
-    time, stamp = None, getattr(sentence, "timestamp", None)
-    if stamp is not None:
-        time = 3600.0 * stamp.hour + 60.0 * stamp.minute + stamp.second + 1e-6 * stamp.microsecond
-    if not _valid(sentence, kind):
-        return Sentence(source, time=time, valid=False)
-    values = _values(sentence, kind).items()
-    said = {name: float(value) for name, value in values if value is not None and str(value) != ""}
-    date = getattr(sentence, "datestamp", None)
-    if kind == "ZDA" and sentence.year:
-        date = datetime.date(int(sentence.year), int(sentence.month), int(sentence.day))
-    return Sentence(source, said, time, date and date.toordinal() - datetime.date(1970, 1, 1).toordinal())
+class _Selection:
+    """The choice of a source for each column of a log.
 
-
-def _valid(sentence: Any, kind: str) -> bool:
-    """Whether a sentence is valid by what it says of itself: a fix, a status A, no mode N (no fix) or V."""
-    if kind == "GGA":
-        return str(sentence.gps_qual) not in NO_FIX
-    modes = {str(getattr(sentence, name, None)) for name in ("faa_mode", "mode_indicator", "mode")}
-    return str(getattr(sentence, "status", None)) in ("A", "None") and not modes & {"N", "V"}
-
-
-def _values(sentence: Any, kind: str) -> dict[str, Any]:
-    """What a valid sentence of a ``kind`` says, by column; None or "" where a field is empty."""
-    out: dict[str, Any] = {}
-    if kind in ("RMC", "GGA", "GLL") and sentence.lat:
-        out = {"latitude": sentence.latitude, "longitude": sentence.longitude}
-    if kind == "RMC":
-        out |= {"sog": sentence.spd_over_grnd, "cog": sentence.true_course}
-    elif kind == "VTG":
-        out = {"sog": sentence.spd_over_grnd_kts, "cog": sentence.true_track}
-    elif kind in ("HDT", "THS"):
-        out = {"heading": sentence.heading}
-    elif kind in ("HDG", "HDM"):
-        out = _compass(sentence)
-    elif kind == "ROT":
-        out = {"rot": sentence.rate_of_turn}
-    elif kind == "RSA":
-        status = str(sentence.rsa_starboard_status or ""), str(sentence.rsa_port_status or "")
-        if status[0] == "A" or not any(status):
-            out = {"rudder_starboard": sentence.rsa_starboard}
-        if status[1] == "A":
-            out["rudder_port"] = sentence.rsa_port
-    elif kind == "RPM":
-        side = ("_port", "_starboard")[int(sentence.engine_no) % 2] if int(sentence.engine_no or 0) else ""
-        out = {f"{'rpm' if sentence.source == 'S' else 'RPM-E'}{side}": sentence.speed}  # odd numbers are starboard
-    elif kind == "MWV" and sentence.wind_speed_units in WIND:
-        speed = float(sentence.wind_speed) * WIND[sentence.wind_speed_units]
-        frame = ("apparent_wind_speed", "apparent_wind_direction")
-        frame = frame if sentence.reference == "R" else ("true_wind_speed", "twa")  # both from the bow
-        out = dict(zip(frame, (speed, sentence.wind_angle), strict=True))
-    return out
-
-
-def _compass(sentence: Any) -> dict[str, Any]:
-    """The heading of HDG, true where it has a variation: that and the deviation are added, easterly ones positive."""
-    if sentence.heading is None or getattr(sentence, "variation", None) is None:
-        return {"HDG-magnetic": sentence.heading}
-    parts = ((sentence.deviation or 0, sentence.dev_dir), (sentence.variation, sentence.var_dir))
-    return {"HDG-true": (sentence.heading + sum(-part if way == "W" else part for part, way in parts)) % 360}
-
-
-DAY = 86400.0
-"""Seconds."""
-OF_DAY = re.compile(r"(\d{1,2}):(\d{2}):(\d{2})[.,](\d+)")
-SINCE_1970 = re.compile(r"(?<!\d)(\d{10})(?:[.,](\d+)|(\d{3}))(?!\d)")
-"""Times that a logger writes before a sentence, with parts of a second: whole ones tell less than the order does."""
-
-
-@dataclass(frozen=True)
-class Sentence:
-    """What a sentence says: ``values`` by column, none where it is not valid; source: its talker, type and instrument;
-    time: of the day [s], and day: since 1970, where it has them; valid: by its own status; logged: by the logger's own
-    clock, of the day [s]."""
-
-    source: str
-    values: dict[str, float] = field(default_factory=dict)
-    time: float | None = None
-    day: int | None = None
-    valid: bool = True
-    logged: float | None = None
-
-
-def logged_time(text: str) -> float | None:
-    """The time of the day [s] in the ``text`` before a sentence, or None."""
-    if match := OF_DAY.search(text):
-        return 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(f"{match[3]}.{match[4]}")
-    if match := SINCE_1970.search(text):
-        return int(match[1]) % DAY + float(f"0.{match[2] or match[3]}")
-    return None
-
-
-def moments(said: Sequence[Sentence], where: str) -> np.ndarray:
-    """Seconds since 1970 in UTC (N,) at which the N sentences of a log were ``said``, in its order.
-
-    A sentence with a time has its own; one that is not valid only where that lies between those of valid ones. Others
-    lie by the logger's clock, or, without one, at even steps from each time to the next, each source by itself: the
-    first of them at the time before it, or, where the log begins with this source and does not end with it, the last of
-    them at the time behind it. where: for messages. Raises UserError where no sentence has a date, for a source whose
-    times run backwards, and where all stand still.
+    series, t: by name, and their times; rejected: counts by (sentence, why); columns: samples of those that are chosen;
+    used: columns by series; why: what else is to be said of a series.
     """
-    sources = np.array([sentence.source for sentence in said])
-    timed = np.array([i for i, sentence in enumerate(said) if sentence.time is not None], dtype=int)
-    stamps = _stamps([said[i] for i in timed], where)
-    good = np.array([said[i].valid for i in timed], dtype=bool)
-    for source in np.unique(sources[timed]):
-        if (np.diff(own := stamps[good & (sources[timed] == source)]) < 0).any():
-            check_clock(Clock(own, True, "time", ""), where)
-    before = np.maximum.accumulate(np.where(good, stamps, -np.inf))
-    behind = np.minimum.accumulate(np.where(good, stamps, np.inf)[::-1])[::-1]
-    good |= (before <= stamps) & (stamps <= behind) & np.isfinite(before) & np.isfinite(behind)
-    timed, stamps = timed[good], stamps[good]
-    latest = np.maximum.accumulate(stamps)  # sources may be late against each other
-    check_clock(Clock(latest, True, "time", ""), where)
-    new = np.diff(latest, prepend=-np.inf) > 0
-    step = float(np.median(np.diff(stamps[new])))
-    edges = np.concatenate([[stamps[0] - step], stamps[new], [latest[-1] + step]])
-    out = np.empty(len(said))
-    for source in np.unique(sources):
-        rows = np.flatnonzero(sources == source)
-        out[rows] = _between(edges, np.searchsorted(timed[new], rows, "right"))
-    logged = np.array([np.nan if sentence.logged is None else sentence.logged for sentence in said])
-    out = _by_logger(out, logged, timed, stamps, 0.5 * step)
-    out[timed] = stamps
-    return out
+
+    def __init__(self, series: dict[str, Series], t: dict[str, np.ndarray], rejected: Counter[tuple[str, str]]) -> None:
+        self.series, self.t, self.rejected = series, t, rejected
+        self.columns: dict[str, Samples] = {}
+        self.used: dict[str, list[str]] = {name: [] for name in series}
+        self.why: dict[str, str] = {}
+        self.warnings: list[Message] = []
+
+    def rows(self, name: str, column: str) -> np.ndarray:
+        """Rows (M,) of a series that hold a column, in the order of their times."""
+        good = np.flatnonzero(np.isfinite(self.series[name].column(column)) & np.isfinite(self.t[name]))
+        return good[np.argsort(self.t[name][good], kind="stable")]
+
+    def samples(self, name: str, column: str, rows: np.ndarray | None = None) -> Samples:
+        """Of a column of a series; rows: of it alone."""
+        own = self.rows(name, column)
+        own = own if rows is None else own[np.isin(own, rows)]
+        return self.t[name][own], self.series[name].column(column)[own]
+
+    def sources(self, *columns: str) -> list[str]:
+        """The series that hold one of the ``columns``, that with most samples first."""
+        counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.series}
+        return sorted((name for name in counts if counts[name]), key=lambda name: -counts[name])
+
+    def select(self, column: str, samples: dict[str, Samples]) -> None:
+        """Use ``samples`` of the first series as a column, and of others where it is silent."""
+        self.columns[column] = merged(list(samples.values()))
+        for name in samples:
+            self.used[name].append(column)
+
+    def reject(self, names: Sequence[str], why: str) -> None:
+        """Say ``why`` series are not used, of which nothing is said yet."""
+        for name in names:
+            self.why.setdefault(name, why)
+
+    def select_positions(self) -> None:
+        """Latitude and longitude of one receiver, and its speed and course over ground."""
+        fixes = []
+        for name in self.sources("latitude"):
+            rows, series = self.rows(name, "latitude"), self.series[name]
+            parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
+            fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
+        receivers = receivers_of(sorted(fixes, key=lambda f: self.series[f.name].at[0]))
+        for used in receivers[:1]:
+            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.same_fix})
+            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.same_fix})
+            others = [f.name for f in used.fixes if f not in used.same_fix]
+            self.reject(others, f"of the same receiver as {used.same_fix[0].name}, whose fix is used")
+        for other in receivers[1:]:
+            off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
+            for f in other.fixes:
+                why = f"second receiver{off or ', not heard at the same time'}"
+                if self.used[f.name]:  # two receivers behind one talker
+                    self.rejected[f.name, why] += len(f)
+                else:
+                    self.why[f.name] = why
+        self._select_speeds(receivers)
+
+    def _select_speeds(self, receivers: Sequence[Receiver]) -> None:
+        """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
+        own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
+        talkers = {self.series[name].talker for name in own}
+        foreign = {f.talker for other in receivers[1:] for f in other.fixes}
+        rows: dict[str, np.ndarray] = {}
+        for name in self.sources("sog"):
+            series = self.series[name]
+            if name in own or not receivers:
+                rows[name] = own.get(name, np.arange(len(series.at)))
+            elif series.talker in foreign:
+                self.reject([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
+            elif series.kind == "VTG":
+                rows[name] = np.arange(len(series.at))
+        most = max(map(len, rows.values()), default=0)
+        names = sorted(rows, key=lambda name: (len(rows[name]) < ALIKE * most, self.series[name].kind != "RMC"))
+        for column in ("sog", "cog"):
+            samples = {name: self.samples(name, column, rows[name]) for name in names}
+            if samples := {name: both for name, both in samples.items() if len(both[0])}:
+                self.select(column, samples)
+
+    def select_heading(self, variation: float | None) -> None:
+        """The true heading with most samples, that of a water log (VHW) last, or a magnetic one with a ``variation``:
+        that of the map, its own at other times, or that of a receiver. Zeros alone are no variation: receivers without
+        a model of the earth's field write them."""
+        names = sorted(self.sources("heading"), key=lambda name: self.series[name].kind == "VHW")
+        compasses = self.sources("magnetic")
+        if names:
+            self.select("heading", {names[0]: self.samples(names[0], "heading")})
+            self.reject([*names[1:], *compasses], f"heading is taken from {names[0]}")
+        for name in compasses if not names else ():
+            known = {n: self.samples(n, "variation") for n in (name, *self.sources("variation"))}
+            known = {n: samples for n, samples in known.items() if samples[1].any()}
+            if variation is not None:
+                known = {"the map": (np.zeros(1), np.full(1, variation))}
+            if "heading" in self.columns or not known:
+                self.reject([name], "heading is taken from another compass" if known else magnetic(name[2:5]))
+                continue
+            of, (at, east) = next(iter(known.items()))
+            t, values = self.samples(name, "magnetic")
+            self.select("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
+            self.why[name] = f"with the variation {np.median(east):.3g} deg of {of}"
+
+    def select_others(self) -> None:
+        """Of what several sources hold, that with most samples."""
+        self._reject_zeros()
+        for group in TOGETHER:
+            names = self.sources(*group)
+            if group[0].startswith("RPM-E") and any(shaft in self.columns for shaft in SHAFTS):
+                self.reject(names, "of an engine; the shaft is used")
+                continue
+            for name in names[:1]:
+                for column in group:
+                    if len(self.rows(name, column)):
+                        self.select(column, {name: self.samples(name, column)})
+                self.reject([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {name}")
+        for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
+            only = [side for side in sides if side in self.columns]
+            if alone not in self.columns and len(only) == 1:
+                self.columns[alone] = self.columns.pop(only[0])
+                self.used = {n: [alone if c == only[0] else c for c in used] for n, used in self.used.items()}
+        for name in self.series:
+            for shaft in SHAFTS:
+                self._warn_of_pitch(name, self.samples(name, f"blades {shaft}")[1])
+
+    def _reject_zeros(self) -> None:
+        """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""
+        for name in self.sources(*RUDDERS):
+            values = {side: self.samples(name, side)[1] for side in RUDDERS}
+            still = [side for side in RUDDERS if len(values[side]) and not values[side].any()]
+            if len(still) == 1 and all(map(len, values.values())):
+                self.rejected[f"{name} {still[0]}", "always zero, where the other one moves"] += len(values[still[0]])
+                self.series[name].column(still[0])[:] = np.nan
+
+    def _warn_of_pitch(self, name: str, pitch: np.ndarray) -> None:
+        """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
+        if len(pitch) and np.ptp(pitch) > MOVES:
+            words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+            self.rejected[f"{name} pitch", words] += len(pitch)
+            warning = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
+            self.warnings.append(Message(warning, "pitch_moves"))
+
+    def accounts(self) -> tuple[Account, ...]:
+        """What became of every talker and sentence."""
+        rows = []
+        for name, series in self.series.items():
+            valid, why = sum(map(bool, series.values)), self.why.get(name, "")
+            valid -= sum(count for (one, other), count in self.rejected.items() if one == name and "receiver" in other)
+            used = tuple(self.used[name]) or (("time",) if series.kind == "ZDA" else ())
+            if valid:
+                rows.append(Account(name, valid, used, why or ("" if used else NOT_READ)))
+        return (*rows, *(Account(name, count, (), why) for (name, why), count in self.rejected.items()))
+
+    def table(self, path: Path, moments: Moments) -> RawTable:
+        """The columns at the times of all of them, with the accounts."""
+        import pandas as pd
+
+        accounts = self.accounts()
+        names = [name for name in UNITS if name in self.columns]
+        if not names:
+            raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
+        t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))
+        columns = {"time": t} | {name: np.full(len(t), np.nan) for name in names}
+        for name in names:
+            columns[name][np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
+        notices = [*_messages(accounts), *moments.notices, *self.warnings]
+        units, frame = [UNITS[name] for name in columns], pd.DataFrame(columns).astype(object)
+        table = raw_table(path, str(path), list(columns), units, frame, notices)
+        return replace(table, clock=Clock(t, moments.absolute, "time", moments.words), accounts=accounts)
 
 
-def _stamps(timed: Sequence[Sentence], where: str) -> np.ndarray:
-    """Seconds since 1970 of sentences with a time (F,): one without a date is of the day that brings it nearest to the
-    one before."""
-    last = next((DAY * s.day + s.time for s in timed if s.day is not None and s.time is not None), None)
-    if last is None:
-        raise Missing(f"{where}: no NMEA sentence holds a date and a time (RMC or ZDA), so its rows have no clock")
-    out = np.empty(len(timed))
-    for i, sentence in enumerate(timed):
-        time = sentence.time or 0.0
-        day = sentence.day if sentence.day is not None else round((last - time) / DAY)
-        out[i] = DAY * day + time
-        last = float(out[i]) if sentence.valid else last
-    return out
-
-
-def _between(edges: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Times (N,) of the sentences of one source, each behind that of the ``edges`` (E,) [s] at its ``after`` (N,).
-
-    Where a span between edges holds fewer of them than others, for its length, the log has a gap behind them.
-    """
-    spans = np.diff(edges)
-    counts = np.bincount(after, minlength=len(spans))
-    steps = spans / np.maximum(counts, 1)
-    inner = np.flatnonzero(counts[1:-1]) + 1
-    usual = float(np.median(steps[inner])) if len(inner) else float(spans[0])
-    nth = np.arange(len(after)) - (np.cumsum(counts) - counts)[after]
-    leads = bool(counts[0] and not counts[-1])
-    out = edges[after] + (nth + leads) * np.minimum(steps, usual)[after]
-    return np.where(leads & (nth == counts[after] - 1), edges[after + 1], out)
-
-
-def _by_logger(out: np.ndarray, logged: np.ndarray, timed: np.ndarray, stamps: np.ndarray, most: float) -> np.ndarray:
-    """Times (N,) by the logger's clock ``logged`` (N,) [s of the day], of days as ``out`` (N,) has them.
-
-    Against the ``stamps`` (F,) of the sentences ``timed`` (F,) it may be late, but must not change by over ``most`` [s]
-    from one to the next: then it is no clock, and ``out`` stays.
-    """
-    known = np.isfinite(logged[timed])
-    late = np.unwrap((logged[timed] - stamps)[known], period=DAY)
-    if len(late) < 2 or np.median(np.abs(np.diff(late))) > most:
-        return out
-    t = logged - np.interp(np.arange(len(logged)), timed[known], late)
-    t += DAY * np.round((out - t) / DAY)
-    return np.where(np.isfinite(t), t, out)
+def _messages(accounts: Sequence[Account]) -> list[Message]:
+    """The accounts as notices: of what is used, what is not valid, damaged, doubled, and not read."""
+    groups: dict[str, list[str]] = {}
+    for account in accounts:
+        if account.used_as:
+            code = "nmea"
+        elif account.why in (CHECKSUM, "damaged", "damaged or no sentence"):
+            code = "nmea_damaged"
+        elif account.why == NOT_READ:
+            code = "nmea_not_read"
+        elif account.why.startswith(("status", "mode", "quality", "empty", "no hemisphere")):
+            code = "nmea_void"
+        else:
+            code = "doubled"
+        groups.setdefault(code, []).append(str(account))
+    return [Message("; ".join(lines), code) for code, lines in groups.items()]

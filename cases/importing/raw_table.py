@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,11 @@ from mmg.messages import Message
 
 MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 """Most columns and cells of a raw table."""
+NUMBERED = "column"
+"""Word before the number of a column without a header, from 1."""
+
+NOT_READ = "says nothing that is used"
+"""Of a column or sentence of which nothing is known or wanted."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +28,7 @@ class Clock:
     """Times of the rows of a table.
 
     t: (N,) seconds; absolute: since 1970 in UTC, else since the log's own zero; header: of the column; words: how it
-    was read; zoned: whether its stamps name a time zone.
+    was read; zoned: whether its stamps name a time zone; period: after which it begins anew [s], 0 of one that goes on.
     """
 
     t: np.ndarray
@@ -31,6 +36,25 @@ class Clock:
     header: str
     words: str
     zoned: bool = False
+    period: float = 0.0
+
+
+@dataclass(frozen=True)
+class Account:
+    """What became of one column or sentence of a log.
+
+    what: its header or sentence ("GPVTG"); rows: that it has; used_as: quantities that came of it, () where it is left
+    out; why: it is left out, or how it was used, or "".
+    """
+
+    what: str
+    rows: int
+    used_as: tuple[str, ...] = ()
+    why: str = ""
+
+    def __str__(self) -> str:
+        used = f" used as {', '.join(self.used_as)}" if self.used_as else " not used"
+        return f"{self.what} {self.rows}{used}{': ' + self.why if self.why else ''}"
 
 
 @dataclass(frozen=True)
@@ -41,7 +65,9 @@ class RawTable:
     written, or ""; frame: pandas DataFrame (N, C) of cells, text as it is (decimal points, not commas) or numbers and
     times, labelled by the numbers of the columns in the file; notices: what was found on reading; clock: where it is
     known already; before: rows of the log before those of the table; ship: that lines above it name; rows: of the log;
-    source: of the rows of a table that holds only a sample of them.
+    source: of the rows of a table that holds only a sample of them; accounts: of all its columns or sentences, where
+    the reader of the format gives one; means: header -> what the format itself says of it (``vocabulary.Meaning``);
+    text: reads its columns again, as text; since_1904: whether its numbers of days are counted from 1904.
     """
 
     path: Path
@@ -55,13 +81,17 @@ class RawTable:
     ship: str = ""
     rows: int = 0
     source: TextTable | None = None
+    accounts: tuple[Account, ...] = ()
+    means: dict[str, Any] = field(default_factory=dict)
+    text: TextTable | None = None
+    since_1904: bool = False
 
     def __len__(self) -> int:
         return len(self.frame)
 
     def without_cells(self) -> RawTable:
         """The same table without its rows."""
-        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None, source=None)
+        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None, source=None, text=None)
 
     def pieces(self, headers: Collection[str]) -> Iterator[RawTable]:
         """All rows of the log in tables that hold the columns below ``headers`` at least."""
@@ -80,6 +110,13 @@ class RawTable:
     def cells(self, header: str) -> Any:
         """The pandas series (N,) of cells below ``header``."""
         return self.frame.iloc[:, self.headers.index(header)]
+
+    def words(self, header: str) -> Any:
+        """The cells (N,) below ``header`` as they are written, None where the table does not know them any more."""
+        if self.text is None:
+            return None
+        i = int(self.frame.columns[self.headers.index(header)])
+        return np.concatenate([piece[i] for piece in replace(self.text, words=(i,)).pieces([i])])
 
     def numbers(self, header: str) -> np.ndarray:
         """The column below ``header`` as floats (N,), NaN where cells are empty. Raises UserError on text."""
@@ -116,10 +153,15 @@ def raw_table(
     parts = [split_unit(cell) for cell in cells]
     kept = [i for i, (header, _) in enumerate(parts) if header and not frame.iloc[:, i].isna().all()]
     headers = [parts[i][0] for i in kept]
+    own_units = [units[i] or parts[i][1] for i in kept]
+    for h in {h for h in headers if headers.count(h) > 1}:  # "Lat (deg)" beside "Lat (min)": other units, other columns
+        same = [k for k, header in enumerate(headers) if header == h]
+        if len({own_units[k] for k in same}) == len(same):
+            for k in same:
+                headers[k] = f"{h} {own_units[k]}".strip()
     doubled = sorted({h for h in headers if headers.count(h) > 1})
     if doubled:
         raise Conflict(f"{name}: two columns are called '{doubled[0]}'; rename or remove one of them")
     if not kept or not len(frame):
         raise TooFewData(f"{name}: holds no rows of data below a header")
-    found = tuple(units[i] or parts[i][1] for i in kept)
-    return RawTable(path, name, tuple(headers), found, frame.iloc[:, kept], tuple(notices))
+    return RawTable(path, name, tuple(headers), tuple(own_units), frame.iloc[:, kept], tuple(notices))

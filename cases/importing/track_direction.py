@@ -1,4 +1,5 @@
-"""Which way the positions go, against course and heading: exchanged axes and a lost hemisphere are told by it.
+"""Which way the positions go and how fast, against course, heading and speed: exchanged axes, a lost hemisphere and
+wrong units are told by it.
 
 Velocities that are derived from such positions agree with them, so no later check can tell.
 """
@@ -6,11 +7,15 @@ Velocities that are derived from such positions agree with them, so no later che
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from cases.importing.import_map import ImportMap
+from cases.importing.import_map import ImportMap, OpenQuestion
 from cases.importing.log_columns import Log
+from cases.importing.vocabulary import factor, known_units
+from cases.trial import unwrapped
+from mmg.messages import Message
 
 PAIRS = (("latitude", "longitude"), ("x", "y"))
 SPANS = (100, 30, 12)
@@ -23,11 +28,11 @@ READINGS = {"": "", "exchanged": "", "with another sign of {a}": "a", "with anot
 """How positions may be meant, and which of both then needs a sign."""
 
 
-def positions_problem(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap, where: str) -> str:
-    """A line where positions go along course and heading only once they are read in another way, else "".
+def check_direction(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
+    """Raises OpenQuestion where positions go along course and heading only once they are read in another way.
 
     columns: quantities (N,) of the run at even times; logs: it came from; chosen: the map, which is believed where it
-    names a column of positions; where: the run, for the line.
+    names a column of positions.
     """
     unitless = {quantity for log in logs for quantity in log.unitless}
     directions = {name: columns[name] for name in ("cog", "psi") if name in columns and name not in unitless}
@@ -39,20 +44,18 @@ def positions_problem(columns: Mapping[str, np.ndarray], logs: Sequence[Log], ch
         meant = _meant(columns[a], columns[b], directions, globe=a == "latitude")
         if not meant:
             continue
-        first, second = log.of[a].header, log.of[b].header
-        line = " and ".join(
-            f'{name} = {{ from = "{log.of[name].header}", sign = -1 }}'
-            for name, short in ((a, "a"), (b, "b"))
-            if short in READINGS[meant]
-        )
+        own: dict[str, dict[str, Any]] = {
+            name: {"from": log.of[name].header, "unit": log.of[name].unit} for name in (a, b)
+        }
+        signs = {a: "a" in READINGS[meant], b: "b" in READINGS[meant]}
+        other = {name: {**column, "sign": -1} for name, column in own.items() if signs[name]} or {a: own[b], b: own[a]}
+        way, first, second = meant.format(a=a, b=b), log.of[a].header, log.of[b].header
         ways = " and ".join({"cog": "course", "psi": "heading"}[name] for name in directions)
-        return (
-            f"{where}: the ship goes along her {ways} where '{first}' and '{second}' are read "
-            f"{meant.format(a=a, b=b)}; correct the file, or say in the map: [columns] "
-            + (line or f'{a} = "{second}" and {b} = "{first}"')
-            + f' (or {a} = "{first}" where they are right, and the {ways} not)'
+        raise OpenQuestion(
+            log.table.path,
+            f"the ship goes along her {ways} where '{first}' and '{second}' are read {way}; correct the file",
+            {way: {"columns": other}, f"as they are, with a wrong {ways}": {"columns": own}},
         )
-    return ""
 
 
 def _meant(a: np.ndarray, b: np.ndarray, directions: Mapping[str, np.ndarray], globe: bool) -> str:
@@ -88,3 +91,86 @@ def _along(a: np.ndarray, b: np.ndarray, direction: np.ndarray, span: int, globe
     good = np.isfinite(moved) & np.isfinite(ahead)
     size = float(np.abs(moved[good]) @ np.abs(ahead[good]))
     return complex(np.conj(ahead[good]) @ moved[good]) / size if size > 0 else 0j
+
+
+CLOSE, APART = 0.10, 0.25
+"""Relative difference of a unit that fits, and least one of all others."""
+PARTS = 30
+"""Of a run, over which distances and turns are compared."""
+RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
+"""Units that are read where they are written, but not looked for: other ones lie too near."""
+TRUTH = {"r": "the heading changes", "psi": "the course changes"}
+
+
+def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
+    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
+
+    t: (N,) even times [s]; columns: of the same run, with known units.
+    """
+    slope = times_as_much(quantity, values, t, columns)
+    off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
+    ranked = sorted(off, key=lambda unit: off[unit])
+    if not ranked or not off[ranked[0]] < CLOSE or off[ranked[1]] < APART:
+        return "", ""
+    what = TRUTH.get(quantity, "the positions move")
+    return ranked[0], f"{what} {slope / known_units(quantity)[ranked[0]]:.2f} times as fast"
+
+
+def check_units(
+    t: np.ndarray, columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap
+) -> list[Message]:
+    """What is said where a speed, turn rate or heading does not fit the positions, the heading or the course. Raises
+    OpenQuestion where it would in other units than those that are written."""
+    said = []
+    for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r", "psi") if q in log.of and q in columns):
+        given = chosen.columns_of(log.table.path)
+        slope = times_as_much(quantity, columns[quantity], t, columns)
+        if quantity in {*log.unitless, *given} or not abs(np.log(slope)) > APART:
+            continue
+        header, unit = log.of[quantity].header, log.of[quantity].unit
+        places = next((one for one in logs if {"x", "latitude"} & set(one.of)), log)
+        pair = next((pair for pair in PAIRS if set(pair) <= set(places.of)), ())
+        readings: list[tuple[tuple[str, ...], Log, float]] = [((quantity,), log, slope)]
+        if quantity in ("sog", "u") and pair and not set(pair) & set(given):
+            readings.append((pair, places, 1 / slope))
+        choices = {}
+        for names, source, times in readings:
+            now = factor(names[0], source.of[names[0]].unit) or 1.0
+            for other, scale in known_units(names[0]).items():
+                if abs(np.log(times * now / (scale if other != "ddmm" else 1 / 60))) < APART:
+                    change = {name: {"from": source.of[name].header, "unit": other} for name in names}
+                    choices[f"{', '.join(names)} in {other}"] = {"columns": change}
+        words = f"{TRUTH.get(quantity, 'the positions move')} {slope:.4g} times as fast as '{header}' [{unit}] says"
+        if choices:
+            choices[f"as it is, in {unit}"] = {"columns": {quantity: {"from": header, "unit": unit}}}
+            raise OpenQuestion(log.table.path, f"{words}; one of the units is wrong", choices)
+        said.append(Message(words, "scale_doubtful"))
+    return said
+
+
+def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> float:
+    """How many times as far the ship goes or turns over parts of a run, by positions, heading or course, as a speed,
+    turn rate or heading ``values`` (N,) of it says; NaN where both have little in common.
+
+    columns: (N,) at the even times ``t`` [s].
+    """
+    if quantity == "r" and "psi" in columns:
+        moved, rate = unwrapped(columns["psi"]), values
+    elif quantity == "psi" and "cog" in columns:
+        moved, rate = unwrapped(columns["cog"]), np.gradient(unwrapped(values), t)
+    elif quantity in ("sog", "u") and {"x", "y"} <= set(columns):
+        way = next(
+            (columns[name] for name in ("cog", "psi") if np.isfinite(columns.get(name, np.nan)).mean() > 0.5), 0.0
+        )
+        moved, rate = columns["x"] + 1j * columns["y"], values * np.exp(1j * way)
+    else:
+        return np.nan
+    good = np.isfinite(moved) & np.isfinite(rate)
+    if good.sum() < PARTS:
+        return np.nan
+    time, moved, rate = t[good], moved[good], rate[good]
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
+    k = len(time) // PARTS
+    far, said = np.abs(moved[k:] - moved[:-k]), np.abs(total[k:] - total[:-k])
+    both, size = float(far @ said), float(far @ far) * float(said @ said)
+    return both / float(said @ said) if size > 0 and both**2 > 0.8 * size else np.nan

@@ -1,77 +1,81 @@
-"""Headers of ship logs and the quantities they mean, and the units that raw logs use."""
+"""Words of ship logs: the quantities that headers mean, and the units, in several languages."""
 
 from __future__ import annotations
 
-import math
 import re
+import unicodedata
 from dataclasses import dataclass
 
 from cases.io.headers import FRT_NAMES
-from cases.io.units import FACTORS, SPELLINGS, factor_of, is_canonical, si_unit
-from cases.trial import wraps
-from mmg.motion.flow import INPUTS
+from cases.io.units import FACTORS, SPELLINGS, factor_of
+from cases.quantities import QUANTITIES, is_canonical, quantity
 
-RAW = {
-    "latitude": "deg", "longitude": "deg", "sog": "m/s", "cog": "rad", "true_wind_angle": "rad", "date": "", "ship": "",
-    "zone": "",
-}  # fmt: skip
-SIGNS = tuple(f"{q}_sign" for q in ("latitude", "longitude", *(q for q in INPUTS if q.startswith(("n", "delta")))))
-"""Words that give numbers of another column their sign."""
-RAW |= dict.fromkeys(SIGNS, "")
-"""Quantities of raw logs that no trial file holds, and the unit they are turned into. The angle of the true wind is
-counted from the bow."""
-
-_ENDINGS = "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns"
-ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | {"ms": "m/s"}
+_ENDINGS = (
+    "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns m_sec km_h "
+    "deg_sec deg_per_sec feet ft radians"
+)
+_SHORT = {"ms": "m/s", "m_sec": "m/s", "deg_sec": "deg/s", "deg_per_sec": "deg/s", "feet": "ft"}
+ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | _SHORT
 """Last words of a header that are a unit."""
+_FOREIGN = {
+    "deg": "grad grader graden grados grado gradi degre degres 度 °n °e °n/s °e/w degn dege",
+    "kn": "knoten noeud noeuds knop knob knopen nudo nudos nodi ノット 節",
+    "m": "metro metros metri mètre メートル",
+    "s": "sekunde sekunden sek seconde secondes secondi sekund sekunder segundo segundos seg 秒",
+    "rpm": "umdr/min umdrehungen/min omdr/min o/min t/min tr/min tours/min giri/min omw/min rev/min 回転/分 /min min⁻¹",
+    "deg/s": "grad/s grad/sek grader/s 度/秒 度/s degres/s grados/s",
+    "deg/min": "grad/min grader/min degres/min grados/min 度/分 度/min °/min.",
+    "m/s": "m/sek m/sec. m·s-1 m·s⁻¹ m/秒",
+    "ft": "feet foot fuss fot pieds",
+}
+FOREIGN = {word: unit for unit, words in _FOREIGN.items() for word in words.split()}
+"""Units of other languages, in lower case without accents -> the unit."""
+GIVEN_UNITS = {
+    *(u.lower() for known in FACTORS.values() for u in known), *SPELLINGS, *FOREIGN,
+    *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
+}  # fmt: skip
+"""Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre."""
 
 BEYOND_A_TURN = 6.6
 """No direction in radians is larger."""
 
-SIDES = dict.fromkeys(("port", "ps"), "port") | dict.fromkeys(("stbd", "starboard", "sb", "stb"), "starboard")
-_WORDS: tuple[tuple[str, str], ...] = (
-    (r"(gps|gnss)?_?(lat|latitude)(_decimal)?", "latitude"),
-    (r"(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?", "longitude"),
-    (r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", "x"),
-    (r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", "y"),
-    (r"(utm_)?zone", "zone"),
-    (r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_angle|_gyro)?|gyro|psi", "psi"),
-    (r"(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true)?", "cog"),
-    (r"(gps_|gnss_)?(sog|speed_over_ground|ground_speed|gps_speed|speed_made_good)", "sog"),
-    (r"rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z", "r"),
-    (r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal", "u"),
-    (r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse", "v"),
-    (r"(propeller|prop|shaft|main_engine|engine|me)?_?(rpm|rps|revs|revolutions|n_prop|shaft_speed)", "n"),
-    (r"(propeller|prop|shaft)_(speed|rate)", "n"),
-    (r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder", "delta"),
-    (r"(true_wind_speed|wind_speed_true|tws)", "wind_speed"),
-    (r"(true_wind_(direction|dir)|wind_(direction|dir)_true|twd)", "wind_direction"),
-    (r"(true_wind_angle|wind_angle_true|twa)", "true_wind_angle"),
-    (r"((apparent|relative|rel|app)_wind_speed|wind_speed_(apparent|relative|rel|app)|aws|rws)", "apparent_wind_speed"),
-    (
-        r"((apparent|relative|rel|app)_wind_(direction|dir|angle)|wind_(direction|dir|angle)_(apparent|relative|rel|app)"
-        r"|awa|awd|rwd)",
-        "apparent_wind_direction",
-    ),
-    (r"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_(rpm|rps|revs|revolutions|speed)", "n_azimuth"),
-    (r"(azimuth|pod)(_thruster)?(_angle|_direction)?", "azimuth"),
-    (r"bow_thruster(_rpm|_speed)?", "n_bow"),
-    (r"stern_thruster(_rpm|_speed)?", "n_stern"),
-    (r"(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)", "pitch"),
-    (r"time|time_?stamp|date_?time|utc|utc_time|time_utc|gps_time|clock|epoch|unix_?time|elapsed(_time)?|zeit", "t"),
-    (r"date|day|datum|utc_date", "date"),
-    (r"mmsi|imo(_number)?|vessel(_name)?|ship(_name)?|call_?sign", "ship"),
-)  # fmt: skip
+SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
+SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
 UNSURE = {
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
     r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
-    r"hdg_magnetic": "psi (magnetic, where the variation is zero) or nothing",
 }
 """Headers that may mean one of several quantities."""
-NOT_USED = r".*(order|command|cmd|setpoint|demand|ordered|desired).*|stw|.*through_water|log_speed|water_speed"
-"""Headers of orders and of speeds through the water: no states and no actual inputs."""
+ORDERS = (
+    r"order|orders|ordered|command|commanded|cmd|setpoint|set_point|sp|demand|demanded|desired|reference|ref|target|"
+    r"telegraph|eot|lever|requested|request|soll|consigne|ordre|settpunkt|preset"
+)
+"""Words of what was ordered: the ship follows later."""
+WATER = r"stw|.*through_(the_)?water|.*log_speed|.*water_speed|spd_over_water|speed_water"
+"""Headers of speeds through the water: no states."""
+FILLERS = {"actual", "act", "measured", "meas", "feedback", "fbk", "fb", "response", "value", "filtered", "raw", "ist"}
+"""Words beside which the others say what a column is."""
+_TRANSLATIONS = {
+    "time": "zeit uhrzeit heure tid tidspunkt hora tijd temps tiempo ora klokkeslett",
+    "timestamp": "zeitstempel horodatage tidsstempel",
+    "date": "dato fecha jour datum",
+    "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedte",
+    "longitude": "laenge lange langengrad laengengrad lengde lengdegrad longitud longitudine lengte laengde",
+    "course": "kurs rumbo koers kurs_uber_grund route_fond kurs_over_grunn",
+    "heading": "cap steuerkurs kompasskurs styrekurs",
+    "sog": "fahrt_uber_grund geschwindigkeit_uber_grund vitesse_fond fart_over_grunn",
+    "speed": "fart fahrt geschwindigkeit vitesse velocidad",
+    "rpm": "drehzahl turtall omdreininger omdrejninger regime toerental varvtal giri",
+    "shaft": "welle arbre aksel eje", "shaft_rpm": "wellendrehzahl akselturtall",
+    "propeller_rpm": "propellerdrehzahl propellturtall",
+    "rudder": "ruder ror barre safran timon roer timone", "rudder_angle": "ruderwinkel ruderlage rorvinkel angle_barre "
+    "angle_de_barre roerhoek",
+    "rate_of_turn": "wendegeschwindigkeit drehrate drehgeschwindigkeit taux_de_giration svinghastighet",
+}  # fmt: skip
+TRANSLATIONS = {word: english for english, words in _TRANSLATIONS.items() for word in words.split()}
+"""Headers in German, French, Norwegian, Danish, Spanish, Dutch and Italian, without accents -> English words."""
 
 
 @dataclass(frozen=True)
@@ -84,31 +88,45 @@ class Meaning:
 
 
 def plain_words(header: str) -> str:
-    """The words of a ``header`` in lower case with "_" between them."""
-    return re.sub(r"[^a-z0-9]+", "_", header.lower()).strip("_")
+    """The words of a ``header`` in lower case, without accents, with "_" between them; "shaftRPM" is "shaft_rpm"."""
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", header)
+    letters = unicodedata.normalize("NFKD", parted.replace("ø", "o").replace("ß", "ss").replace("Ø", "O"))
+    return re.sub(r"[^a-z0-9]+", "_", "".join(c for c in letters if not unicodedata.combining(c)).lower()).strip("_")
 
 
 def meaning(header: str) -> Meaning:
     """What the words of a ``header`` mean."""
     header = FRT_NAMES.get(header, header)
-    if is_canonical(header) or header in RAW:
+    if is_canonical(header) or header in QUANTITIES:
         return Meaning(header)
-    words, unit = _without_unit(plain_words(header))
-    side = ""
+    full = plain_words(header)
+    for name, known in QUANTITIES.items():  # such as "lat_sec", which is no latitude in seconds
+        if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
+            return Meaning(name)
+    words, unit = _without_unit(full)
+    words = TRANSLATIONS.get(words, "_".join(TRANSLATIONS.get(word, word) for word in words.split("_")))
+    if is_order(words) or re.fullmatch(WATER, words):
+        return Meaning("", unit)
+    side, kept = "", []
     for word in words.split("_"):
         if word in SIDES and words != word:
             side = SIDES[word]
-            words = "_".join(w for w in words.split("_") if w != word)
-    if re.fullmatch(NOT_USED, words):
-        return Meaning("", unit)
-    for pattern, quantity in _WORDS:
-        if re.fullmatch(pattern, words):
-            if words.endswith(("rpm", "rps")):
-                unit = unit or words[-3:]
-            unit = "" if quantity == "t" else unit  # the clock knows more of them
-            return Meaning(_of_side(quantity, side), unit)
-    may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, words)), "")
+        elif word not in FILLERS or words == word:
+            kept.append(word)
+    for tried in dict.fromkeys((words, "_".join(kept))):
+        for name, known in QUANTITIES.items():
+            if known.headers and re.fullmatch(known.headers, tried):
+                if words.endswith(("rpm", "rps")):
+                    unit = unit or words[-3:]
+                unit = "" if name == "t" else unit  # the clock knows more of them
+                return Meaning(_of_side(name, side), unit)
+    may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, "_".join(kept))), "")
     return Meaning("", unit, may_be)
+
+
+def is_order(header: str) -> bool:
+    """Whether a ``header`` is that of what was ordered, not of what the ship did."""
+    return bool(re.search(rf"(?:^|_)(?:{ORDERS})(?:$|_)", plain_words(header)))
 
 
 def _without_unit(words: str) -> tuple[str, str]:
@@ -129,27 +147,20 @@ def _of_side(quantity: str, side: str) -> str:
     return quantity
 
 
-def unit_of(quantity: str) -> str:
-    """The unit that a ``quantity`` is turned into, "" where it has none."""
-    return RAW[quantity] if quantity in RAW else si_unit(quantity)
+def turn_in(name: str, unit: str, largest: float) -> float:
+    """The period of the quantity ``name`` in the ``unit`` of a file; without one ("") the ``largest`` number tells
+    degrees."""
+    scale = factor(name, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
+    return quantity(name).period / (scale or 1.0)
 
 
-def turn_of(quantity: str) -> float:
-    """A turn in ``unit_of`` the ``quantity``, after which its values begin anew; 0 of one that is no direction."""
-    return 360.0 if quantity == "longitude" else 2 * math.pi if wraps(quantity) else 0.0
+def known_units(name: str) -> dict[str, float]:
+    """Unit that a raw log may use for the quantity ``name`` -> factor to its own."""
+    return FACTORS.get(quantity(name).unit, {})
 
 
-def turn_in(quantity: str, unit: str, largest: float) -> float:
-    """``turn_of`` the ``quantity`` in the ``unit`` of a file; without one ("") the ``largest`` number tells degrees."""
-    scale = factor(quantity, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
-    return turn_of(quantity) / (scale or 1.0)
-
-
-def known_units(quantity: str) -> dict[str, float]:
-    """Unit that a raw log may use for a ``quantity`` -> factor to ``unit_of`` it."""
-    return FACTORS.get(unit_of(quantity), {})
-
-
-def factor(quantity: str, unit: str) -> float | None:
-    """Factor from ``unit`` as written to ``unit_of`` the ``quantity``, or None for one that does not belong to it."""
-    return factor_of(unit_of(quantity), unit)
+def factor(name: str, unit: str) -> float | None:
+    """Factor from ``unit`` as written to that of the quantity ``name``, or None for one that does not belong to it."""
+    plain = unicodedata.normalize("NFKD", unit.strip().lower().replace("œ", "oe"))
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    return factor_of(quantity(name).unit, FOREIGN.get(plain, FOREIGN.get(unit.strip().lower(), unit)))

@@ -81,17 +81,6 @@ def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
     return next((tail for tail in tails if tail in names), None)
 
 
-def said_campaign(trials: Sequence[Trial], name: str | None, ship: Ship) -> list[Trial]:
-    """The ``trials`` as of the campaign ``name`` of a ``ship``, as they are for None.
-
-    Raises UserError for a campaign that the ship does not know.
-    """
-    if name is None:
-        return list(trials)
-    ship_of_campaign(ship, name)
-    return [replace(trial, meta={**trial.meta, "campaign": name}) for trial in trials]
-
-
 def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
     """The ``ship`` as the campaign ``name`` has it, as it is for None. Raises UserError for one it does not know."""
     if name is None:

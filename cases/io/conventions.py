@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.io.sidecar import SidecarEntry
-from cases.trial import RUDDERS, unwrapped, wraps
+from cases.quantities import wraps
+from cases.trial import RUDDERS, unwrapped
 from mmg.errors import OutOfRange
 from mmg.messages import Message
 from mmg.motion.frames import true_wind

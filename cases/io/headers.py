@@ -7,7 +7,8 @@ from collections.abc import Collection
 from pathlib import Path
 
 from cases.io.sidecar import NAME, SidecarEntry, line_for
-from cases.io.units import accepted, is_canonical
+from cases.io.units import accepted
+from cases.quantities import is_canonical
 from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS

@@ -19,11 +19,13 @@ from cases.io.conventions import converted
 from cases.io.files import check_file
 from cases.io.headers import FRT_NAMES, match_headers, split_header
 from cases.io.leave_out import left_out
-from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
+from cases.io.sidecar import SidecarEntry, sidecar_entry
+from cases.io.through_north import through_north
 from cases.io.toml_file import validated
 from cases.io.trial_table import check_forward, trial_table
 from cases.io.unit_sanity import implausible
-from cases.io.units import si_unit, to_si
+from cases.io.units import to_si
+from cases.quantities import quantity
 from cases.trial import RUDDERS, Trial
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
@@ -66,12 +68,6 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
-def given_trials(given: str | Path | Trial | Sequence[str | Path | Trial]) -> list[Trial]:
-    """Trials as they are, and those at paths read; given: one or several of both."""
-    several = [given] if isinstance(given, (str, Path, Trial)) else given
-    return [trial for item in several for trial in ([item] if isinstance(item, Trial) else read_trials([item]))]
-
-
 def read_trial(
     path: str | Path,
     settings: SidecarEntry | Mapping[str, Any] | None = None,
@@ -90,20 +86,27 @@ def read_trial(
     if path.suffix.lower() not in SUFFIXES:
         check_file(path)
         raise BadValue(f"{path}: not a trial file; expected .csv or .parquet")
-    entry = sidecar_entry(path) if settings is None else settings
-    entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     notices: list[Message] = []
+    entry = sidecar_entry(path, notices) if settings is None else settings
+    entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
     labels: dict[str, tuple[str, str]] = {}
     raw, digest = _si_columns(path, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)
     _check_time(path, columns["t"], notices)
-    sentence = implausible(columns) if refuse else ""
-    if sentence:
-        raise BadValue(f"{path}: {sentence}")
+    rate = None if "r" in entry.derived else columns["r"]
+    columns["psi"], crossings = through_north(columns["t"], columns["psi"], rate)
+    if crossings:
+        words = (
+            f"psi was interpolated straight through 360 at {crossings} crossings of north; mended along the turn rate"
+        )
+        notices.append(Message(words, "heading_mended"))
     try:
         columns = converted(columns, entry, notices)
     except UserError as error:
         raise type(error)(f"{path}: {error}") from None
+    sentence = implausible(columns) if refuse else ""  # of body axes: earth-fixed ones would look like a wrong psi
+    if sentence:
+        raise BadValue(f"{path}: {sentence}")
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:
@@ -147,11 +150,6 @@ def _files_of(folder: Path) -> list[Path]:
     found = _named(folder.iterdir()) or _named(folder.rglob("*"))
     if not found:
         raise Missing(f"{folder}: no .csv or .parquet files in this folder")
-    if (folder / NAME).exists():
-        names = {p.name for p in found} | {p.stem for p in found}
-        absent = [name for name in read_sidecar(folder / NAME).files if name not in names]
-        if absent:
-            raise Missing(f'{folder / NAME}: [files."{absent[0]}"] names no file of this folder')
     return found
 
 
@@ -167,7 +165,9 @@ def _si_columns(
     and the hash of the file. labels: to which the header and the unit of each column are added."""
     table = trial_table(path)
     named = {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, table.header))}
-    at_rest = [f"{name} [{si_unit(name)}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
+    at_rest = (
+        [f"{name} [{quantity(name).unit}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
+    )
     matched = match_headers(path, table.header + at_rest, entry, notices)
     if at_rest:
         notices.append(Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest"))
@@ -181,7 +181,7 @@ def _si_columns(
         wanted[name] = (index, factor)
         labels[name] = (table.header[index], unit)
         if factor != 1.0:
-            notices.append(Message(f"{name} converted from {unit} to {si_unit(name)}", "unit_converted"))
+            notices.append(Message(f"{name} converted from {unit} to {quantity(name).unit}", "unit_converted"))
     columns = table.columns(wanted, None if entry.sentinels == [] else entry.sentinels or (), notices)
     columns |= {name: np.zeros(len(columns["t"])) for name in STATES[2:] if at_rest}
     absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cases.quantities import quantity
 from mmg.messages import Message
 
 CODE = "sentinel"
@@ -21,6 +22,9 @@ WELL_KNOWN = (
 
 JUMP = 20.0
 """Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
+
+STEP_OF_INPUT = 1.0
+"""The same of a zero of an actuator in a row in which a state jumped to zero."""
 
 LARGER = 0.95
 """The larger changes from row to row: this quantile of them."""
@@ -91,4 +95,39 @@ def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[floa
         off = np.abs(np.where(here[edges], present[edges + 1], present[edges]) - number)
         if len(off) and float(np.median(off)) > JUMP * usual:
             out[float(number)] = rows
+    return out
+
+
+def without_dropouts(
+    channels: Mapping[str, np.ndarray], states: Sequence[str]
+) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
+    """The ``channels``, quantity -> (N,), with NaN for zeros of a logger that had no value, and how many of each.
+
+    states: quantities that cannot jump to zero and back, as a heading or a speed; a rudder and revolutions can, and
+    their zeros count only in rows in which those of a state do.
+    """
+    zeros = {
+        name: _dropouts(name, values, JUMP if name in states else STEP_OF_INPUT) for name, values in channels.items()
+    }
+    none = np.zeros(len(next(iter(channels.values()), ())), dtype=bool)
+    rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)
+    counts = Counter({(name, 0.0): int((own & rows).sum()) for name, own in zeros.items() if (own & rows).any()})
+    return {name: np.where(zeros[name] & rows, np.nan, values) for name, values in channels.items()}, counts
+
+
+def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
+    """Rows (N,) where ``values`` (N,) jump to zero, and back where they do not end there, by ``jump`` of their larger
+    changes from row to row."""
+    out = np.zeros(len(values), dtype=bool)
+    known = np.flatnonzero(np.isfinite(values))
+    zero = values[known] == 0
+    rest = values[known][~zero]
+    if not zero.any() or len(rest) < max(10, 0.5 * len(known)):
+        return out
+    turn = quantity(name).period and (360.0 if np.abs(rest).max() > 7 else quantity(name).period)
+    changes = np.abs(np.remainder(np.diff(rest) + turn / 2, turn) - turn / 2) if turn else np.abs(np.diff(rest))
+    size = np.minimum(np.abs(rest) % turn, -np.abs(rest) % turn) if turn else np.abs(rest)
+    at = np.cumsum(~zero)[zero]  # number of values before each zero
+    sides = np.append(np.inf, size)[at], np.append(size, np.inf)[at]
+    out[known[zero]] = np.minimum(*sides) > jump * max(float(np.quantile(changes, LARGER)), 1e-9)
     return out

@@ -42,8 +42,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from cases.io.toml_file import Name, Section, number, read_toml, validated
-from cases.io.units import is_canonical, to_si
+from cases.io.units import to_si
+from cases.quantities import is_canonical
 from mmg.errors import UserError
+from mmg.messages import Message
 from mmg.states import STATES
 
 NAME = "trials.toml"
@@ -214,10 +216,19 @@ def read_sidecar(path: Path) -> Sidecar:
     return validated(Sidecar, read_toml(path), str(path))
 
 
-def sidecar_entry(trial: Path) -> SidecarEntry:
-    """What ``trials.toml`` beside a ``trial`` file says of it; without one, the defaults.
+def sidecar_entry(trial: Path, notices: list[Message] | None = None) -> SidecarEntry:
+    """What ``trials.toml`` beside a ``trial`` file says of it; without one, the defaults. Entries of files that are not
+    there are added to the ``notices``: a part of a folder is none of its mistakes.
 
     Raises UserError as ``read_sidecar`` does.
     """
     path = trial.parent / NAME
-    return read_sidecar(path).entry(trial) if path.exists() else SidecarEntry()
+    if not path.exists():
+        return SidecarEntry()
+    sidecar, there = read_sidecar(path), {name for file in trial.parent.iterdir() for name in (file.name, file.stem)}
+    absent = [name for name in sidecar.files if name not in there]
+    if absent and notices is not None:
+        more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""
+        text = f"{path} says something of files that are not there: {', '.join(absent[:3])}{more}"
+        notices.append(Message(text, "sidecar_file_absent"))
+    return sidecar.entry(trial)

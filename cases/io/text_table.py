@@ -6,7 +6,7 @@ import codecs
 import csv
 import io
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,10 @@ EMPTY = ("", "nan", "null", "none", "na", "n/a", "<na>", "-", "--", "---", "#n/a
 """Cells that hold nothing, in lower case."""
 WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
 """A number with a decimal comma."""
+GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?:[{decimal}]\d+)?"
+"""A number whose thousands are apart by one of the characters ``mark``, with a ``decimal`` character."""
+BLANKS = " \u00a0\u202f'\u2019"
+"""Characters that some languages write between thousands; they mean nothing else inside a number."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +134,8 @@ class TextTable:
 
     path: of it; width: cells of the header; skipped: lines above the first row that are neither blank nor comments;
     log: a raw one, in which lines may be comments, and a row may lack cells only where the file is cut off; separator,
-    decimal: of its cells; source: blocks of a sample of the file, of which odd rows are left out. While it is read,
+    decimal: of its cells; grouped: column -> the characters between its thousands; words: columns that are kept as
+    text; source: blocks of a sample of the file, of which odd rows are left out. While it is read,
     rows, comments and cut say how many rows and comments there were, and whether the last line was cut off; texts are
     the numbers of columns that hold some.
     """
@@ -141,6 +146,8 @@ class TextTable:
     log: bool = False
     separator: str = ","
     decimal: str = "."
+    grouped: Mapping[int, str] = field(default_factory=dict)
+    words: Collection[int] = ()
     source: Callable[[], Iterator[tuple[bytes, bool]]] | None = None
     rows: int = 0
     comments: int = 0
@@ -163,7 +170,7 @@ class TextTable:
                 table, odd = self._parsed(kept, wanted)
                 if odd and self.source is None:
                     table = self._by_rows(kept, wanted, block, line, last)
-                found = {i: self._column(table.column(str(i))) for i in wanted}
+                found = {i: self._column(table.column(str(i)), i) for i in wanted}
                 self.texts |= {i for i, cells in found.items() if cells.dtype == object}
                 yield found
                 self.rows += table.num_rows
@@ -192,7 +199,8 @@ class TextTable:
 
         def read(numbers: bool) -> Any:
             odd.clear()
-            kinds = {str(i): pa.float64() if numbers and i not in self.texts else pa.string() for i in wanted}
+            words = {*self.texts, *self.grouped, *self.words}
+            kinds = {str(i): pa.float64() if numbers and i not in words else pa.string() for i in wanted}
             return pa.csv.read_csv(
                 pa.BufferReader(block),
                 pa.csv.ReadOptions(use_threads=False, block_size=len(block) + 1, column_names=names),
@@ -231,7 +239,7 @@ class TextTable:
         padded = [(row + [""] * width)[:width] for row in rows]
         return pa.table({str(i): pa.array([row[i] for row in padded], pa.string()) for i in wanted})
 
-    def _column(self, column: Any) -> np.ndarray:
+    def _column(self, column: Any, i: int) -> np.ndarray:
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -239,7 +247,12 @@ class TextTable:
             column = pc.utf8_trim_whitespace(column)
             empty = pc.is_in(pc.utf8_lower(column), value_set=pa.array(EMPTY))
             column = pc.if_else(empty, pa.scalar(None, pa.string()), column)
-            if self.separator != ",":
+            column = pc.replace_substring(column, "\u2212", "-")  # a minus of typesetters
+            if i in self.words:
+                return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
+            if i in self.grouped:
+                column = pc.replace_substring_regex(column, rf"(\d)[{self.grouped[i]}]", r"\1")
+            if self.separator != "," or self.decimal == ",":
                 column = pc.replace_substring_regex(column, WITH_COMMA, r"\1.\2")
             try:
                 column = pc.cast(column, pa.float64())

@@ -13,7 +13,8 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
@@ -122,7 +123,7 @@ def header(*names: str) -> str:
 
 
 def _problem(schema: type[Section], error: Any) -> str:
-    names = [str(name) for name in error["loc"] if name != "[key]"]
+    names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]
     section, tables = schema, 0
     while tables < len(names) and (found := _table(section, names[tables])):
         section, depth = found
@@ -153,11 +154,19 @@ def _problem(schema: type[Section], error: Any) -> str:
 def _table(section: type[Section], name: str) -> tuple[type[Section], int] | None:
     """The section that a key of a section holds, and how many names lead to it; None for a plain value."""
     field = section.model_fields.get(name)
-    for kind in (field.annotation, *get_args(field.annotation)) if field else ():
+    for kind in _kinds(field.annotation) if field else ():
         inner = get_args(kind)[-1] if get_origin(kind) is dict else kind
         if get_origin(inner) is None and isinstance(inner, type) and issubclass(inner, Section):  # list[...] of 3.10
             return inner, 1 + (get_origin(kind) is dict)
     return None
+
+
+def _kinds(annotation: Any) -> list[Any]:
+    """A type, and those of which it is a union."""
+    parts = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
+    if get_origin(annotation) is Annotated:
+        parts = get_args(annotation)[:1]
+    return [annotation, *(kind for part in parts for kind in _kinds(part))]
 
 
 def shown(value: object, most: int = 60) -> str:

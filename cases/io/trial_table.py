@@ -19,7 +19,7 @@ from cases.io.files import check_file, lines_and_hash
 from cases.io.sentinels import masked, remarks
 from cases.io.text_table import LONGEST_LINE, TextTable, blocks, floats_of_cells
 from cases.io.units import as_number
-from cases.trial import wraps
+from cases.quantities import quantity
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message, printable
 
@@ -78,7 +78,7 @@ class TrialTable:
         count = rows_together(self.rows)
         numbers = list(dict.fromkeys(index for index, _ in wanted.values()))
         pieces = self._floats(numbers, wanted["t"][0]) if count > 1 else iter([self.numbers(numbers, wanted["t"][0])])
-        means = BlockMeans(count, {name: 2 * math.pi for name in wanted if wraps(name)})
+        means = BlockMeans(count, {name: period for name in wanted if (period := quantity(name).period)})
         nothing, infinite, last, before, out = Counter[tuple[str, float]](), Counter[str](), -math.inf, 0, Columns()
         for piece in pieces:
             out = {name: piece[index] * factor for name, (index, factor) in wanted.items()}

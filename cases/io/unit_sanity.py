@@ -12,23 +12,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from cases.inputs import integral
+from cases.quantities import REVOLUTIONS_LIMIT, RUDDER_LIMIT, SPIN_LIMIT, UNITS, wraps
 from cases.trial import RUDDERS
 
 DEG = math.pi / 180.0
 
-RUDDER_LIMIT = 2.0
-"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg."""
-
-SPIN_LIMIT = 1.5
-"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
-
-REVOLUTIONS_LIMIT = 60.0
-"""rps; propellers of models of a metre or more, and of ships, turn more slowly."""
-
 STEADIER = 0.2
 """Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another."""
 
-_DIRECTIONS = ("wind_direction", "apparent_wind_direction")
+_DIRECTIONS = tuple(name for name in UNITS if wraps(name) and "wind" in name)
 
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",

@@ -6,9 +6,8 @@ A few spellings ("degrees", "knots", "1/s") are read as the unit they plainly me
 from __future__ import annotations
 
 import math
-import re
 
-from cases.trial import UNITS
+from cases.quantities import quantity
 from mmg.errors import UnknownName
 
 KNOT = 1852.0 / 3600.0
@@ -24,9 +23,10 @@ FACTORS: dict[str, dict[str, float]] = {
     "m/s": {"m/s": 1.0, "kn": KNOT, "km/h": 1.0 / 3.6, "cm/s": 0.01, "mm/s": 0.001, "ft/s": 0.3048},
     "rad/s": {"rad/s": 1.0, "deg/s": DEG, "deg/min": DEG / 60.0, "rad/min": 1.0 / 60.0, "mrad/s": 0.001},
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0, "rad/s": 0.5 / math.pi},
-    "deg": {"deg": 1.0, "rad": 1.0 / DEG},
+    "deg": {"deg": 1.0, "rad": 1.0 / DEG, "1e-7 deg": 1e-7, "ddmm": 1.0},
 }
-"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial."""
+"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial.
+"ddmm" is degrees and minutes in one number, which the reader parts before."""
 
 SPELLINGS = {
     "sec": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "minutes": "min", "µs": "us",
@@ -49,22 +49,9 @@ def factor_of(own: str, unit: str) -> float | None:
     return FACTORS.get(own, {}).get(SPELLINGS.get(key, key))
 
 
-def si_unit(column: str) -> str:
-    """The unit that a canonical ``column`` has in a Trial ("rad" for "psi"; "rps" for "n_3").
-
-    Raises KeyError when it is not canonical.
-    """
-    return "rps" if re.fullmatch(r"n_[2-9]", column) else UNITS[column]
-
-
-def is_canonical(column: str) -> bool:
-    """Whether ``column`` is a canonical name, "n_2" to "n_9" included."""
-    return column in UNITS or re.fullmatch(r"n_[2-9]", column) is not None
-
-
 def accepted(column: str) -> tuple[str, ...]:
     """The units a trial file may use for a canonical ``column``, that of a Trial first."""
-    return tuple(FACTORS[si_unit(column)])
+    return tuple(FACTORS[quantity(column).unit])
 
 
 def to_si(column: str, unit: str, where: str) -> float:
@@ -73,7 +60,7 @@ def to_si(column: str, unit: str, where: str) -> float:
     ``where`` is how the error names the place, such as ``run.csv: column 'psi [grad]'``.
     Raises UserError, naming place, unit and the accepted ones, when the unit does not belong there.
     """
-    factor = factor_of(si_unit(column), unit)
+    factor = factor_of(quantity(column).unit, unit)
     if factor is None:
         known = ", ".join(accepted(column))
         raise UnknownName(f"{where}: unknown unit '{' '.join(unit.split())}' for {column}; accepted: {known}")
@@ -91,4 +78,4 @@ def as_number(text: str) -> float:
 def unit_by_factor(column: str, factor: float) -> str:
     """The unit that values of a canonical ``column`` have when they become those of a Trial by this ``factor``; "" when
     no accepted unit does."""
-    return next((u for u, f in FACTORS[si_unit(column)].items() if math.isclose(f, factor, rel_tol=0.01)), "")
+    return next((u for u, f in FACTORS[quantity(column).unit].items() if math.isclose(f, factor, rel_tol=0.01)), "")

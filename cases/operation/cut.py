@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.trusted import without_broken
 from cases.criteria.measured_maneuvers import Execute, find_maneuvers, length_by_turns, ship_time, steering
 from cases.io.groups import day_of
 from cases.io.leave_out import Span, inside, spans_left_out
@@ -24,6 +23,7 @@ from cases.io.sidecar import SidecarEntry, sidecar_entry
 from cases.operation.log import GAP, WINDOW, cut_log, stretches
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from mmg.errors import Missing, UserError
 
 AT_REST, UNDER_WAY = 0.1, 0.9
@@ -55,7 +55,7 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
     of kind ""; prefix: of their names. What is broken is bridged in looking for manoeuvres; the trials have all rows.
     Raises UserError where there is none.
     """
-    (sound,) = without_broken([replace(record, kind="")])
+    (sound,) = TrialSet((replace(record, kind=""),)).sound
     length = length or length_by_turns(sound)
     unit, found, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
     for first, end in stretches(np.zeros(len(sound)), np.diff(sound.t) > max(unit, GAP * sound.dt)):

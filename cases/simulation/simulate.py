@@ -16,9 +16,10 @@ from cases.inputs import actuator_columns, step_means
 from cases.io.files import replaced
 from cases.maneuvers.definitions import Maneuver, stopping_notices
 from cases.maneuvers.self_propulsion import actuator_positions
+from cases.quantities import UNITS
 from cases.simulation.gusts import Wind
 from cases.simulation.sensors import logged, wrap
-from cases.trial import UNITS, Trial
+from cases.trial import Trial
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import BadValue, Missing, NoSolution, NotWritable, OutOfRange

@@ -34,9 +34,9 @@ RUDDER, RATE = math.radians(35.0), math.radians(20.0)
 """Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
 ``mmg simulate``."""
 SPEEDS = (0.5, 0.75, 1.0)
-"""Approach speeds [-, by the design speed] where no range is known."""
+"""Approach speeds [-, by the design speed] where no range is known. Set by hand."""
 RUNS, SAMPLES, KEPT = 8, 500, 1500
-"""Runs per approach speed, samples of each, and motions kept at most."""
+"""Runs per approach speed, samples of each, and motions kept at most. They bound the time."""
 LIMITED = ("u", "v", "r", "n", "delta", "beta")
 """Quantities of the trials' range by which motions are left out."""
 MARGIN = 0.02

@@ -23,7 +23,8 @@ SALT = 1025.0
 SHORTEST = 0.1
 """m; no model is shorter."""
 STEP = 1e-4
-"""Least step of the derivatives of the scaled coefficients, by the size of each."""
+"""Step of the derivatives of the scaled coefficients, by the size of each: set by hand between rounding and
+curvature."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, Quantity
+from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, SensorFault
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters
@@ -100,7 +100,7 @@ class Measured:
     """A test of an instrument by the kinematics: the fault, its test in units of the least size that matters, its row
     of the result."""
 
-    fault: Quantity
+    fault: SensorFault
     test: GroupTest
     row: GroupDifference
 
@@ -201,7 +201,7 @@ class _Search:
         return cls(replace(problem, steps=steps, data=data), problem.data.run, candidates, groups, kinds)
 
     def run(
-        self, fit: Estimate, faults: Sequence[Quantity]
+        self, fit: Estimate, faults: Sequence[SensorFault]
     ) -> tuple[list[GroupDifference], list[Tested], list[Message]]:
         """Named differences, all tests before any was named, and why what is left has no name.
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from fitting.calibration import Calibration
 
 WIND_SPEED, WIND_FROM = 1.5, 60.0
-"""True wind [m/s of a 3 m model, Froude scaled] and the direction it comes from [deg]."""
+"""True wind [m/s of a 3 m model, Froude scaled] and the direction it comes from [deg]. Set by hand."""
 
 MANEUVERS = (
     "turning:35", "turning:-35", "turning:15", "zigzag:10/10", "zigzag:20/20", "zigzag:35/20", "spiral:15/5",
@@ -112,16 +112,17 @@ def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozense
 
 
 DURATION = 300.0
-"""Time at sea of a trial [s of a 3 m model, Froude scaled]."""
+"""Time at sea of a trial [s of a 3 m model, Froude scaled], the same for all, so that gains compare. Set by hand."""
 
 REGAIN = 5.0
-"""Way between two repetitions, in which she gains the speed of the approach again [ship lengths at that speed]."""
+"""Way between two repetitions, in which she gains the approach speed again [ship lengths at that]. Set by hand."""
 
 HELPS, MANY = 0.1, 10
-"""Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign."""
+"""Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign. Both
+set by hand: they decide what is advised, not what is computed."""
 
 NEARLY = 0.9
-"""Of several trials that gain at least this part of the best one's the first of the library, a simple one, is named."""
+"""Of trials that gain at least this part of the best one's the library's first, a simple one, is named. By hand."""
 
 
 @dataclass(frozen=True)

@@ -32,22 +32,24 @@ from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 
 STRETCH, ENGINES = 12.0, 3
-"""Mean length of a stretch of rudder [s of a 3 m model], and stretches of rudder for one of revolutions."""
+"""Mean length of a stretch of rudder [s of a 3 m model]; stretches of rudder for one of revolutions. Set by hand."""
 FEWEST, MOST = 4, 14
-"""Stretches of rudder in a trial."""
+"""Stretches of rudder in a trial. Set by hand: they bound the unknowns of the search."""
 RUDDER = 35.0
-"""Largest rudder angle ordered [deg] where nothing else is given."""
+"""Largest rudder angle ordered [deg] where nothing else is given. Full rudder of merchant ships (SOLAS II-1, 29)."""
 ASTERN = 0.8
-"""Part of the highest revolutions that is ordered astern."""
+"""Part of the highest revolutions that is ordered astern. Set by hand."""
 COUNT, FIRST, THEN = 16, 30, 240
-"""Sequences of a generation; generations of each start; of the best one after that."""
+"""Sequences of a generation; generations of each start; of the best one after that. Set by hand: 30 s of the processor
+for a plan of 180 s (RESULTS.md of 5f878e7)."""
 STARTS = 3
+"""The best manoeuvre, the best pair and a random sequence: from these the search goes on."""
 RUN_UP = 2.0
-"""Straight way behind the start that must be inside the area too [ship lengths]."""
+"""Straight way behind the start that must be inside the area too [ship lengths]. Set by hand."""
 
 
 TIME_LIMIT = 150.0
-"""Longest search by the clock [s]."""
+"""Longest search by the clock [s]. Set by hand."""
 
 
 @dataclass(frozen=True)

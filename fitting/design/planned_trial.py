@@ -15,10 +15,10 @@ from cases.criteria.standard_runs import figures_of
 from cases.io.files import replaced
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
+from cases.quantities import UNITS
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
 from cases.simulation.simulate_batch import simulate_batch
-from cases.trial import UNITS
 from fitting.design.area import Area
 from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan
 from fitting.design.sequences import table_of
@@ -36,9 +36,10 @@ from mmg.ship import Ship
 from mmg.states import STATES
 
 DRAWS = 8
-"""Draws of the coefficients whose tracks must stay inside the area."""
+"""Draws of the coefficients whose tracks must stay inside the area. Set by hand: of eight all inside says about 75 %
+with 90 % confidence."""
 STEEPEST = 60.0
-"""Largest rudder angle that may be asked for [deg]."""
+"""Largest rudder angle that may be asked for [deg]. Set by hand."""
 
 
 FIGURES = {
@@ -53,7 +54,8 @@ FIGURES = {
 """Figures that may be asked for: the manoeuvre, and its figure there."""
 
 STEP, SAMPLE = 0.1, 0.25
-"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]."""
+"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]. Set
+by hand: the slope bounds no estimate, only what a plan is expected to gain."""
 
 
 def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 from cases.maneuvers.orders import Limits
 
 SHORTEST = 0.2
-"""A stretch has at least about this share of the mean length of stretches."""
+"""A stretch has at least about this share of the mean length of stretches. Set by hand."""
 
 
 @dataclass(frozen=True)

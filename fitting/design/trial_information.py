@@ -105,7 +105,8 @@ class Present:
 
 
 LEAST = 0.02
-"""The choice ends where a further window adds less than this to the mean log information of a coefficient."""
+"""The choice ends where a further window adds less than this to the mean log information of a coefficient. Set by hand:
+0.02 nats are 1 % of a standard deviation."""
 
 
 @dataclass(frozen=True)

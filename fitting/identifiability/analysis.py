@@ -20,10 +20,12 @@ import numpy as np
 from fitting.nlp.problem import Prior
 
 DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set by
+hand: they name a class and change no estimate."""
 
 WORSE = 1.2
-"""Ratio of posterior to prior variance above which the data made the estimate worse, by correlated residuals."""
+"""Ratio of posterior to prior variance above which correlated residuals made the estimate worse. Set by hand: a
+class."""
 
 STRAINED = 2.0
 """Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it.
@@ -31,14 +33,14 @@ STRAINED = 2.0
 A share of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance."""
 
 SILENT = 0.1
-"""Information of the data, in units of the prior's, below which a coefficient counts as not excited at all."""
+"""Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class."""
 
 MOST_PARTNERS = 4
 LEAST_GAIN = 0.1
-"""Partners named at most, and the part of the variance that knowing one more must remove."""
+"""Partners named at most, and the part of the variance that knowing one more must remove. Set by hand."""
 
 CORRELATED = 0.9
-"""Absolute posterior correlation from which two coefficients belong to one cluster."""
+"""Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class."""
 
 KINDS = {
     "determined": "determined by the data",
@@ -54,7 +56,7 @@ KINDS = {
 
 ALONG, PAIR = 0.15, 0.8
 """Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
-from which their combination is named at all."""
+from which their combination is named at all. Set by hand: they word a finding."""
 
 
 @dataclass(frozen=True)

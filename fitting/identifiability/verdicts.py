@@ -44,7 +44,7 @@ Engineering judgement for merchant ships; public fits of the ESSO OSAKA records 
 """
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
-"""Prior standard deviations within which the estimate of an added mass must lie."""
+"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior."""
 HIDDEN = (
     "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
     "(mmg diagnose)"

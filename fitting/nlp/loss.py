@@ -18,7 +18,7 @@ from fitting.settings import LOSSES
 THRESHOLD = 1.5
 """Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise."""
 NU = 4.0
-"""Degrees of freedom of ``student``."""
+"""Degrees of freedom of ``student``. By Lange et al. (1989); see the row ``student`` of benchmarks/ablation.md."""
 
 
 @dataclass(frozen=True)

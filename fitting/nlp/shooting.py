@@ -22,9 +22,6 @@ from mmg.compile.batch import MORE, BatchFunction, differences, finite_at
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
 
-CLOSE = 1e-9
-"""Largest difference of a kernel from the portable path on the few intervals on which a new one is tried, relative."""
-
 
 class Kernels:
     """Right-hand side, Jacobian and Hessian of a ``model`` for its intervals.
@@ -82,7 +79,7 @@ class Kernels:
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
-        wrong = differences(found[0], found[1], CLOSE)
+        wrong = differences(found[0], found[1], 1e-9)  # by rounding
         return f"its numbers differ from those without compiled code {wrong}" if wrong else ""
 
 

@@ -21,7 +21,7 @@ from mmg.progress import LOGGER
 
 PACKAGE = "mmg-ident"
 TIMEOUT = 10.0
-"""Seconds within which a scheduler answers and has a worker."""
+"""Seconds within which a scheduler answers and has a worker. Set by hand."""
 
 _ALONE = threading.Lock()
 

@@ -37,9 +37,9 @@ R = TypeVar("R")
 AHEAD = 2
 """Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory."""
 KEPT = 4
-"""Shared values that a process keeps."""
+"""Shared values that a process keeps. Set by hand: it bounds memory."""
 PROCESS = 300e6
-"""Least memory of a process that fits or trains [bytes]: its libraries and a few trials."""
+"""Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """How many threads numerical libraries start, read by each when it is loaded."""
 MALLOPT = {-1: 256 * 2**20, -2: 32 * 2**20, -3: 32 * 2**20}

@@ -24,9 +24,10 @@ from mmg.ship import Ship
 from mmg.states import STATES
 
 DRAWS, SHRINK = 16, 0.3
-"""Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear."""
+"""Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear. Set by
+hand; a band without them is in benchmarks/ablation.md (bands no coefficients)."""
 COARSE = 0.5
-"""Step of the covariance in seconds of a 3 m model."""
+"""Step of the covariance in seconds of a 3 m model. Set by hand: bands grow over many seconds."""
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,12 @@ from mmg.ship import AIR, Ship
 DRIFT = "beta"
 """Drift angle atan2(-v, u) [rad], beside the features of a ship."""
 SLOW = 0.1
-"""Below this share of the greatest speed ahead or astern a drift angle has no meaning."""
+"""Below this share of the greatest speed ahead or astern a drift angle has no meaning. Set by hand."""
 BEYOND = 0.05
-"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
+"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it. Set by hand: it
+decides what is said to be outside."""
 ANGLE = math.radians(2.0)
-"""Least excess of a rudder or drift angle that is said [rad]."""
+"""Least excess of a rudder or drift angle that is said [rad]. Set by hand: what is less is no news."""
 DEGREES = math.degrees(1.0)
 QUANTITIES = {
     "u": ("surge velocity", "m/s", 1.0),
@@ -49,15 +50,16 @@ TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": 
           "pull-out": "a turn so tight"}  # fmt: skip
 """How a manoeuvre is called that no trial came near."""
 POINTS, ROWS = 150, 4000
-"""Points that are kept, and most rows from which they are taken."""
+"""Points that are kept, and most rows from which they are taken. They bound time and memory."""
 ORDINARY = 0.9
-"""Share of the rows of a trial that is not new among the other trials."""
+"""Share of the rows of a trial that is not new among the other trials. Set by hand; what novelty does is in
+benchmarks/ablation.md (bands no novelty)."""
 MOST_NEW = 4.0
-"""Novelty beyond which a band grows no further: nothing that was measured says how."""
+"""Novelty beyond which a band grows no further: nothing that was measured says how. Set by hand."""
 ALIKE = 0.1
-"""Least spread of a velocity or of revolutions by which a distance is measured, as a share of its rms."""
+"""Least spread of a velocity or of revolutions by which a distance is measured, by its rms. It bounds a division."""
 LEAST_ANGLE = 0.05
-"""The same of a rudder angle [rad]."""
+"""The same of a rudder angle [rad]. Set by hand."""
 
 
 def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[float]]:

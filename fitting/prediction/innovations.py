@@ -35,21 +35,22 @@ CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale
 """Parameters that change with the months: of hull and loading, of instruments, of the steering gear."""
 
 LENGTHS = 5.0
-"""Ship lengths travelled in a stretch at the usual speed."""
+"""Ship lengths travelled in a stretch at the usual speed. Set by hand."""
 
 QUARTERS = 4
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
 FREEDOM, PASSES = 4.0, 20
-"""Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate."""
+"""Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
+first is that of ``student`` (fitting/nlp/loss.py)."""
 
 SIZE = 0.5
-"""Share of its typical size at which the sensitivity to a candidate is taken."""
+"""Share of its typical size at which the sensitivity to a candidate is taken. Set by hand."""
 
 UNEXPLAINED = 8.0
-"""A stretch whose squared distance is so many times the usual one was moved by something that the log does not hold."""
+"""A stretch whose squared distance is so many usual ones was moved by what the log does not hold. Set by hand."""
 
 BATCH = 300
-"""Windows that are predicted at a time."""
+"""Windows that are predicted at a time. It bounds memory."""
 
 
 @dataclass(frozen=True)

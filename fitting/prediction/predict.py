@@ -26,7 +26,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 LONGEST_GAP = 1.0
-"""Seconds, beside two samples, between samples across which a window may run."""
+"""Seconds, beside two samples, between samples across which a window may run. Set by hand."""
 
 
 class Forecaster(Protocol):

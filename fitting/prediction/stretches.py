@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmg.model import columns, settled
+from mmg.model import INVERSIONS, columns, settled
 from mmg.rollout import Simulator
-
-INVERSIONS = 30
-"""Most fixed-point steps from logged columns to the six states behind them, as in mmg.model."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, FileSystemBytecodeCache, PackageLoader, StrictUndefined
 
 from cases.io.files import replace_text, replaced
-from cases.trial import UNITS
+from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report.delivered import Delivered, delivery_sections

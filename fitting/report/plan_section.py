@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 FOLDER, PLAN, MAP = "planned_trial", "plan.json", "map.png"
 """Folder in that of a run which holds its last planned trial, and the files in it."""
-MOST = 5
-"""Manoeuvres of the library beside the plan."""
 
 
 def plan_section(folder: Path) -> dict[str, Any] | None:
@@ -50,7 +48,7 @@ def _words(content: Mapping[str, Any]) -> dict[str, Any]:
     start, area = content["start"], content["area_m"]
     wanted = sorted(content["wanted"].items(), key=lambda item: item[1]["left"])
     rows = [("the designed trial", content["mean_log_variance"], True)]
-    rows += [(row["name"], row["mean_log_variance"], row["stays_inside"]) for row in content["library"][:MOST]]
+    rows += [(row["name"], row["mean_log_variance"], row["stays_inside"]) for row in content["library"][:5]]
     return {
         "lead": (
             f"{content['time_s']:g} s in {area['length']:g} x {area['width']:g} m, by mmg plan. Start at x "

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
 """Of the lines, with DASHES in the same order, so that they can be told apart in grey."""
-TRACKS, ROW = 4.9, 2.9
-"""Heights of a panel of tracks and of a zigzag [inch]."""
 
 
 def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequence[Since]] | None = None) -> Figure:
@@ -38,7 +36,7 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
     single |= {"pull-out": _pull_out}
     top = [(draw, some) for kind, draw in joint.items() if (some := [run for run in runs if run.kind == kind])]
     others = [(single[run.kind], [run]) for run in runs if run.kind in single]
-    heights = [TRACKS] * bool(top) + [ROW] * math.ceil(len(others) / 2)
+    heights = [4.9] * bool(top) + [2.9] * math.ceil(len(others) / 2)  # inch
     figure = new_figure(sum(heights) + 0.4)
     figure.suptitle(literal(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)

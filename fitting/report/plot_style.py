@@ -30,9 +30,6 @@ STYLES: tuple[dict, ...] = (
 )
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Of lines that are many: no two alike, so that a figure can be read in grey."""
-WIDTH, DPI = 8.2, 110
-COLOURS = 128
-"""Of a PNG file: shades of few inks."""
 PNG = b"\x89PNG\r\n\x1a\n"
 LETTERS: dict[Any, Any] = {"text.hinting": "none"}
 """Letters as their outlines are: to fit them to pixels takes a sixth of the time of all figures."""
@@ -43,7 +40,8 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     the axes."""
     from matplotlib.figure import Figure  # late: slow to import
 
-    return Figure(figsize=(WIDTH, height), dpi=DPI, layout=layout, facecolor="white")
+    # 8.2 inch are 900 pixels, the width of a page
+    return Figure(figsize=(8.2, height), dpi=110, layout=layout, facecolor="white")
 
 
 class FigureFolder:
@@ -94,7 +92,7 @@ def png_of(draw: Callable[[], Figure]) -> bytes:
             figure.set_layout_engine("none")
         canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # the figure is white below
-    few = image.quantize(COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)  # a third of the bytes
+    few = image.quantize(128, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)  # a third of the bytes
     few.save(out, "png", compress_level=3, dpi=(figure.dpi, figure.dpi))  # a tenth larger, in two thirds of the time
     return out.getvalue()
 

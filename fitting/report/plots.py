@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TRACKS = 4
-"""Trials whose track is drawn: one of each kind of manoeuvre in the usual campaign."""
 DEGREES = 180 / np.pi
 HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES))
 """State number, label and factor of each time history; the heading is seen on the track."""
@@ -42,8 +40,6 @@ HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES)
 OUTLINE = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, -0.08], [0.5, 0]])
 """Outline of a ship of unit length: forward, starboard."""
 
-HEIGHT = 3.6
-"""Of a figure of a track [inch]: the track is a square of it, the histories stand beside it."""
 INPUTS = (("#555555", "-"), ("#555555", "--"), ("#A0A0A0", "-"), ("#A0A0A0", "--"))
 """Colour and line of each input of one kind."""
 
@@ -66,7 +62,7 @@ def trajectory_plot(
         looks = [{"color": color, "ls": dashes, "lw": 1.0} for (color, dashes), _ in zip(cycle(INPUTS), rows)]
         words = label if len(rows) == 1 else f"{label}: {', '.join(rows)}"
         strips[words] = [(t, values, look) for values, look in zip(rows.values(), looks, strict=True)]
-    figure, left = new_figure(HEIGHT, layout=None), 0.07
+    figure, left = new_figure(3.6, layout=None), 0.07
     if trial.has_position:
         track = figure.add_axes((0.0, 0.02, 0.42, 0.96))
         _track(track, states, [(z, style) for _, z, style in runs], first, length)
@@ -276,7 +272,7 @@ def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[T
     for held_out, pool in ((True, validation), (False, trials)):
         for trial in sorted(pool, key=lambda t: -t.duration):
             chosen.setdefault(trial.kind or trial.name, (trial, held_out))
-    return list(chosen.values())[:TRACKS]
+    return list(chosen.values())[:4]  # one of each kind of manoeuvre in the usual campaign
 
 
 def write_figures(

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cases.trial import UNITS, Trial
+from cases.quantities import UNITS
+from cases.trial import Trial
 from fitting.calibration import Calibration, condition_number
 from fitting.record import CoefficientRow
 from fitting.report.run_folder import versions

@@ -15,8 +15,6 @@ from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship
 
-MOST_OPTIONS = 10
-"""Trials of the library that the page ranks beside those that are best for some coefficient."""
 BY_SHARE = (("determined", DETERMINED), ("partly", PARTLY))
 """Kinds of a finding that the prior's share of the variance alone tells, each below its share."""
 GROUPS = ("mass", *ROLES, "effects", "other")
@@ -69,7 +67,7 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
         if best:
             helped.setdefault(best["name"], []).append(f"{symbol} (−{1 - best['variance_left'] ** 0.5:.0%})")
     ranked = sorted(trial["options"], key=lambda option: option.get("mean_prior_share") or 2.0)
-    shown = [row for i, row in enumerate(ranked) if i < MOST_OPTIONS or row["name"] in helped]
+    shown = [row for i, row in enumerate(ranked) if i < 10 or row["name"] in helped]
     missing: dict[str, Any] = {"clusters": (), "condition_number": None, "condition_number_with_prior": None}
     return {**missing, **content, "trial": trial, "options": shown, "helped": helped}
 

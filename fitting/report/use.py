@@ -13,6 +13,7 @@ import numpy as np
 from cases.io.site import NAME, read_site
 from cases.trial import Trial
 from fitting.prediction.envelope import DRIFT
+from mmg.components.friction import MODEL
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS, RUDDERS
@@ -85,8 +86,6 @@ def _loading(ship: Ship, full_load: float | None) -> Condition:
     return Condition("loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", asked, verdict)
 
 
-MODEL = 20.0
-"""Length [m] below which a ship is a model."""
 DEGREES = 180.0 / np.pi
 WORDS = {
     "u": ("surge velocity", "m/s", 1.0),

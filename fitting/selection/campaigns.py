@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
-from cases.io.campaigns import Campaigns, campaigns_of
+from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibration import Calibration, estimate_coefficients, prepared
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.prior import Prior
@@ -38,13 +39,14 @@ from mmg.progress import OnProgress
 from mmg.ship import Ship
 
 LEVEL = 0.05
-"""Probability by chance, corrected for the number of instruments, below which an instrument differs."""
+"""Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand;
+left-out runs decide after it."""
 WIDTHS = np.geomspace(0.02, 12.0, 33)
 """Standard deviations of the values of campaigns that are tried, in the typical size of the constant."""
 SHARED = 3.0
 """Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed."""
 UNINFORMATIVE = 0.9
-"""Share of the width from which a standard error says that the runs of a campaign tell nothing of a constant."""
+"""Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
 
 def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
     """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
-    if wanted == ("none",) or len(campaigns_of(trials).comparable) < 2:
+    if wanted == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
         return False
     return bool(instruments(ship, wanted))
 
@@ -146,7 +148,7 @@ def by_campaign(
     same, ship = CampaignFit(fit), fit.problem.ship
     if wanted == ("none",):
         return same
-    campaigns, tried = campaigns_of(trials), instruments(ship, wanted)
+    campaigns, tried = TrialSet.of(trials).campaigns, instruments(ship, wanted)
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
         return replace(same, messages=(*campaigns.messages, *why_not(campaigns, bool(wanted))))
@@ -344,7 +346,7 @@ def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
 def not_asked(trials: Sequence[Trial], wanted: Sequence[str]) -> tuple[Message, ...]:
     """What to say of campaigns of ``trials`` where each run has constants of its own; nothing for a single campaign, or
     where "none" is ``wanted``. Raises UserError for campaigns that contradict each other."""
-    if tuple(wanted) == ("none",) or len(campaigns_of(trials).comparable) < 2:
+    if tuple(wanted) == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
         return ()
     words = (
         "trials of several campaigns, but instruments keep one value for all of them: with --per-run nothing else is "

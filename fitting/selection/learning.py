@@ -39,17 +39,13 @@ ASKED = "choice.json"
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
 """Weights of the sparsity, from strong to weak."""
 WORSE, PATIENCE = 1.5, 3
-"""The path ends where the validation error is so many times its least at so many weights in a row."""
+"""The path ends where the validation error is so many times its least at so many weights in a row. Set by hand."""
 SPREAD = 0.3
-"""Standard deviation of the starts of further seeds about that by regression, in standard deviations of the priors."""
+"""Standard deviation of starts of further seeds about the regression, by those of the priors. Set by hand."""
 ON_PATH, LAST = 10, 20
-"""Most steps at each weight of the path, and without any."""
+"""Most steps at each weight of the path, and without any. Set by hand: they bound the time."""
 FACTORS = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3])
-"""Dampings tried at once, by the last that was best."""
-TOLERANCE = 1e-4
-"""Relative decrease of the objective in three steps below which it has converged."""
-STEPS, NEAR = 200, 1e-5
-"""Most gradient steps to the minimum of a quadratic, and relative change at which they end."""
+"""Dampings tried at once, by the last that was best. A grid set by hand."""
 
 
 @dataclass(frozen=True)
@@ -312,7 +308,7 @@ def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator
         p, value, damping = tried[best], float(values[best]), max(damping * FACTORS[best], 1e-10)
         yield p
         past.append(value)
-        if len(past) > 3 and past[-4] - past[-1] < TOLERANCE * past[-1]:
+        if len(past) > 3 and past[-4] - past[-1] < 1e-4 * past[-1]:
             return
 
 
@@ -336,10 +332,10 @@ def minimise_quadratic(
 
     x = y = origin
     t = 1.0
-    for _ in range(STEPS):
+    for _ in range(200):
         free = y - (b + A @ (y - origin)) / largest
         new = np.clip(np.sign(free) * np.maximum(np.abs(free) - lam / largest, 0), low, high)
-        if np.abs(new - x).max() < NEAR * np.abs(new).max():
+        if np.abs(new - x).max() < 1e-5 * np.abs(new).max():
             break
         t = 1.0 if (y - new) @ (new - x) > 0 else t
         later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))

@@ -14,15 +14,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.checks.trusted import duplicates
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
 from fitting.prediction.score import score
-
-ROUNDS = 8
-"""Most times that a step is made again with coefficients held at their bounds."""
 
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
@@ -53,7 +50,7 @@ def estimates_without(
         slope = info.score[rest].sum(axis=0) + info.prior_score
         held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
-            for _ in range(ROUNDS):
+            for _ in range(8):
                 # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
                 step, free = np.where(held, target - info.p, 0.0), ~held
                 step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])
@@ -77,7 +74,7 @@ def each_alone(count: int) -> list[tuple[int, ...]]:
 def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``trials`` alone, those that share rows together."""
     groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
-    for i, (copies, _) in enumerate(duplicates(trials)):
+    for i, copies in enumerate(TrialSet.of(trials).copies):
         for copy in copies:
             pair = (groups[i], groups[position[copy["other"]]])
             groups = [min(pair) if g in pair else g for g in groups]

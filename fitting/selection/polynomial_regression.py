@@ -37,17 +37,15 @@ from mmg.ship import Ship
 LAG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 """Symbols, in a ship, of the lag [s] and of whether u and v are late in body axes (1) or in the earth frame (0)."""
 WINDOW, STEP = 20.0, 0.5
-"""Length of a window and sampling step [s of a 3 m model]."""
-SMOOTHED, DEGREE = 7, 2
-"""Samples and degree of the polynomial by which velocities are smoothed, where they enter the integrals only."""
+"""Length of a window and sampling step [s of a 3 m model]. Set by hand."""
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 40.0)
-"""Noise of the accelerations [m/s by root of s] by that of the velocities, of which the likeliest is taken."""
+"""Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken."""
 LEAST_NOISE = 0.3
-"""Smallest variance of the velocities, by that of the third differences."""
+"""Smallest variance of the velocities, by that of the third differences. Set by hand."""
 VANISHED = 1e4
-"""A term whose size came down to a hundredth of its prior, as a precision, is none."""
+"""A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand."""
 STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3
-"""Steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
+"""Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
 
 
 def without_lag(piece: Grid, lag: float, body_axes: float = 0.0) -> Grid:
@@ -165,7 +163,7 @@ class _Rates:
 
         count, states = len(piece.controls), piece.states.copy()
         states[:, 2] = np.unwrap(states[:, 2])
-        states[:, 3:6] = savgol_filter(states[:, 3:6], min(SMOOTHED, (count // 2) * 2 - 1), DEGREE, axis=0)
+        states[:, 3:6] = savgol_filter(states[:, 3:6], min(7, (count // 2) * 2 - 1), 2, axis=0)
         states[:, :2] = np.nan_to_num(states[:, :2])
         value, slope = np.zeros((count, 3)), np.zeros((count, 3, len(self.symbols)))
         for rows in (slice(0, -1), slice(1, None)):

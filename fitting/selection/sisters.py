@@ -29,9 +29,7 @@ from mmg.ship import Ship
 COMMON = np.geomspace(0.005, 5.0, 61)
 """Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too."""
 LEAST = 0.02
-"""Least width with which sisters are fitted, and least scale of the half-Cauchy prior."""
-MOST = 5.0
-"""Greatest width, in the scale of the prior."""
+"""Least width with which sisters are fitted, and least scale of the half-Cauchy prior: it bounds a division."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +182,7 @@ def _by_coefficient(A: np.ndarray, b: np.ndarray, common: float) -> np.ndarray:
         return float(penalty - at.log_likelihood), slope - at.slope()
 
     start = np.full(A.shape[1], scale)
-    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[(0.0, MOST**2)] * len(start),
+    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[(0.0, 5.0**2)] * len(start),
                      options={"maxiter": 300, "ftol": 1e-10})  # fmt: skip
     return np.sqrt(np.maximum(found.x, 0.0))
 

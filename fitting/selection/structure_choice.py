@@ -44,28 +44,29 @@ polynomial that is chosen, that of the windows by which it is judged."""
 INTERVAL = 10
 """Steps of a shooting interval of a polynomial, half as long as those of others: there are as many."""
 LARGEST = 1000
-"""Most unknowns of a candidate that is tried without being named."""
+"""Most unknowns of a candidate that is tried without being named. Set by hand: it bounds the time."""
 LARGEST_CHOSEN = 450
 """Most unknowns of the choice while there are smaller ones: its errors by multiple shooting take gigabytes and minutes.
 Larger ones are chosen as thinned out."""
 START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
-"""Factor on the best validation error up to which a model with fewer unknowns is preferred."""
+"""Factor on the best validation error up to which a model with fewer unknowns is preferred. Set by hand."""
 INSTRUMENTS = ("velocity_filter",)
 THINNED = "-thinned"
 """Ending of the names of candidates."""
 SEQUENCES, SECONDS = 1000, 400.0
-"""Number of sequences and their length [s of a 3 m model]."""
+"""Number of sequences and their length [s of a 3 m model]. Set by hand; the requirement is 7 of Miyauchi et al.
+(2023)."""
 MOST = 4.0
 """Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4)."""
 LEAST = 20
-"""Fewest samples in a sub-model from which anything is fitted."""
+"""Fewest samples in a sub-model from which anything is fitted. Set by hand."""
 
 BEYOND = 1.1
-"""Factor on the motions of the trials up to which a polynomial is used as it is."""
+"""Factor on the motions of the trials up to which a polynomial is used as it is. Set by hand."""
 SMALL = 0.01
-"""Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L)."""
+"""Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L). Set by hand: it bounds a division."""
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,19 @@ from mmg.ship import Ship
 LENGTH = 100.0
 """Length of a subsequence [s of a 3 m model] (Miyauchi et al. 2023)."""
 LIMIT = 20.0
-"""Error of a velocity, by its standard deviation, from which on a subsequence has left the limits."""
+"""Error of a velocity, by its standard deviation, from which on a subsequence has left the limits. Set by hand."""
 VELOCITIES = slice(3, 6)
 """Rows of u, v and r among x, y, psi, u, v, r: the states that the objective compares."""
 MARGIN = 1.2
-"""Factor on the range of the motions of the trials at the extremes."""
+"""Factor on the range of the motions of the trials at the extremes. Set by hand."""
 INPUTS_EACH = 50
 """Most combinations of inputs at each of the 27 motions: 1,350 = 27 x 50 (Miyauchi et al. 2023, section 3.1.2)."""
 LEVELS = {"rps": 2, "rad": 5}
 """Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
 conversion)."""
 DIFFERENCE = 1e-8
-"""Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives."""
+"""Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
+of the rounding of doubles."""
 AT_ONCE = 4000
 """Subsequences simulated side by side for these, which bounds the memory it takes."""
 PERCENTILE = 99.7

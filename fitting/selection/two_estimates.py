@@ -24,9 +24,7 @@ from mmg.ship import Ship
 Second = Callable[[Ship, Sequence[Trial]], "Mapping[str, float] | str"]
 """Another estimator: of a ship on trials, values of free coefficients by symbol, or why there are none."""
 SHARE = 0.5
-"""Of the second estimate."""
-SHOWN = 3
-"""Coefficients of which it is said how far the estimates are apart."""
+"""Share [-] of the second estimate: the plain mean of both."""
 
 
 def answers(second: Second | None, ship: Ship) -> bool:
@@ -49,7 +47,7 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     apart = np.nan_to_num((other - prior.mean) / prior.std - found.p)
     p = np.clip(found.p + SHARE * apart, *prior.scaled_bounds)
     ratio = apart / np.sqrt(np.diag(found.covariance))
-    farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:SHOWN])
+    farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:3])
     words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
     words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
     return _noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)

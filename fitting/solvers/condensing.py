@@ -29,9 +29,6 @@ from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
 from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
 from mmg.progress import OnProgress, Progress
 
-LEAST = 1e-8
-"""Least eigenvalue of a block that is inverted, relative to its largest."""
-
 
 @dataclass(frozen=True)
 class Subproblem:
@@ -153,7 +150,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
 def _positive(blocks: np.ndarray) -> np.ndarray:
     """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
     values, vectors = np.linalg.eigh(blocks)
-    least = LEAST * np.abs(values).max(axis=1, keepdims=True)
+    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)
     if (values > least).all():
         return blocks
     values = np.maximum(np.abs(values), least)
@@ -181,19 +178,18 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
 
 
 CUTS = 10
-"""Halvings of a step before it counts as failed."""
+"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing."""
 CORRECTIONS = 3
-"""Corrections of a trial point towards where the intervals join."""
+"""Corrections of a trial point towards where the intervals join. Set by hand."""
 
 
 SLOW = 0.03
-"""Share of the merit that a step of Gauss and Newton must gain for another one to follow."""
+"""Share of the merit that a step of Gauss and Newton must gain for another one to follow. Set by hand: it decides how a
+solve gets there, not where."""
 SHORT = 0.25
-"""Length of a Newton step below which one of Gauss and Newton follows."""
-MARGIN = 1.1
-"""Price of a violation over its multiplier."""
+"""Length of a Newton step below which one of Gauss and Newton follows. Set by hand, as SLOW."""
 STALLS = 2
-"""Steps in a row that gain little before a sequence counts as stalled."""
+"""Steps in a row that gain little before a sequence counts as stalled. Set by hand."""
 Watch = Callable[[float, float], bool]
 """Of an iterate: takes the objective and the largest violation, returns whether to stop."""
 
@@ -242,7 +238,7 @@ def lead(
         step = solved(problem, sub, problem.split(x)[1])
         if step is None:
             break
-        needed = MARGIN * np.abs(step.multipliers)
+        needed = 1.1 * np.abs(step.multipliers)  # any factor above 1 makes the merit exact (Han 1977)
         prices = np.maximum(needed, 0.5 * (prices + needed))
         merit, slope = f + float(prices @ c), step.decrease - float(prices @ c)
         taken = _searched(problem, x, sub, step, (merit, slope), prices)
@@ -303,15 +299,15 @@ def _searched(
 
 
 STEPS = 30
-"""Steps of the leading method before IPOPT is left alone."""
+"""Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case."""
 ROUGH_CHANGE = 3e-4
-"""Predicted relative change of the objective at which a rough solve ends."""
+"""Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
 ROUGH_GAIN = 3e-4
 """Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
 FEASIBLE = 1e-2
 """Largest violation with which a rough solve may end."""
 NEAR = 1e-7
-"""Predicted relative change at which IPOPT takes over."""
+"""Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
 
 
 def solve_led(

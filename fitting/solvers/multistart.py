@@ -29,7 +29,7 @@ STUCK = {
 }
 """Status of a solve after which a damped restart is tried; limits and Ctrl-C are not among them."""
 RADII = (0.3, 1.0, 3.0)
-"""Prior standard deviations by which the coefficients may change in each solve of a damped restart."""
+"""Prior standard deviations by which the coefficients may change in each solve of a damped restart. Set by hand."""
 
 
 def time_left(settings: Settings, began: float) -> float | None:

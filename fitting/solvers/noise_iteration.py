@@ -18,9 +18,9 @@ from mmg.progress import OnProgress
 NEVER = 1e300
 """A limit that is never wider."""
 FEW_WINDOWS = 12
-"""Windows of the first solve: enough to bring the coefficients near and to see the size of the residuals."""
+"""Windows of the first solve: they bring the coefficients near and show the size of residuals. Set by hand."""
 TIMES = 3
-"""Windows of a further solve over those of the one before, until all are there."""
+"""Windows of a further solve over those of the one before, until all are there. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fitting.nlp.loss import without_outliers
 from fitting.nlp.windows import Segments
 
 STAYS = 0.1
-"""Least share of the squares of residuals that is not blamed on how their states were derived."""
+"""Least share of the squares of residuals that is not blamed on how their states were derived. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from mmg.errors import OutOfRange, UnknownName
 WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
 """IPOPT options for a refit that starts near its optimum."""
 REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
+"""Of a refit, and its most iterations: a spread needs no more digits. Set by hand."""
 CHUNK = 5
 """Refits of a task: few, so that workers end together and little is lost with one of them."""
 LIMIT = 1.9207

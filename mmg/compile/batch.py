@@ -30,13 +30,11 @@ GENERATORS = (sys.modules[__name__], codegen, stages)
 """Modules that the source of batch kernels comes from."""
 
 CLOSE = 1e-7
-"""Largest difference of a result, over the largest number of its kind, by which sums may be rounded otherwise."""
+"""Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding."""
 ROUNDING = float(np.finfo(float).eps)
 """A difference of results that cancel, of arguments of the order of 1."""
 MORE = 8
-"""So many times the points are drawn where some have no finite value."""
-LOW, HIGH = 0.2, 1.0
-"""Range of all arguments of a test, in which nothing is singular."""
+"""So many times the points are drawn where some have no finite value. Set by hand."""
 
 
 @dataclass
@@ -120,8 +118,8 @@ def batch_functions(
 
 
 def points(rows: int, count: int, seed: int) -> np.ndarray:
-    """Arguments (rows, count) of a test, the same for the same ``seed``."""
-    return np.random.default_rng(seed).uniform(LOW, HIGH, (rows, count))
+    """Arguments (rows, count) of a test, where nothing is singular, the same for the same ``seed``."""
+    return np.random.default_rng(seed).uniform(0.2, 1.0, (rows, count))
 
 
 def finite_points(function: ca.Function, count: int, seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:

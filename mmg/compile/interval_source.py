@@ -315,8 +315,6 @@ STACK = 4
 """Stages, and samples, whose rows are multiplied at once."""
 
 NEWLINE = "\n  "
-_STAGES = (3, 2, 1, 3)
-"""Of the arguments state, inputs, coefficients, multipliers."""
 _AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"
 _DECLARED = (
     "HIDDEN void {}_shared(const V* p, V* K)",
@@ -340,7 +338,7 @@ def interval_source(whole: ca.Function) -> str:
         "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
         "MIDDLE": MIDDLE, "STACK": STACK,
     }  # fmt: skip
-    program = Program.of(whole, _STAGES)
+    program = Program.of(whole, (3, 2, 1, 3))  # of the state, inputs, coefficients, multipliers
     head, units, known, kept = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
     for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
         code = divided_code(name, program, outputs, _ARGUMENTS, _ARRAYS)

@@ -15,7 +15,7 @@ FRESH, SALT = 1.14e-6, 1.19e-6
 ROUGHNESS = 150e-6
 """Roughness [m] of a newly painted hull (ITTC 7.5-02-03-01.4)."""
 MODEL = 20.0
-"""Length [m] below which a ship is a model: smooth, and without allowances."""
+"""Length [m] below which a ship is a model: smooth, and without allowances. Set by hand."""
 
 
 def viscosity(density: float) -> float:

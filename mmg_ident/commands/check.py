@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cases.checks import CheckReport
 
 
-ORDER = ("contradictory", "doubtful", "info", "ok")
+ORDER = ("contradictory", "doubtful", "info", "consistent", "ok")
 """Levels and verdicts, the worst first."""
 
 
@@ -126,7 +126,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
     shared: dict[tuple[str, str], list[str]] = {}
     for report in reports:
         for finding in report.findings:
-            if finding.level != "info" or finding.code == "broken_stretch":
+            if finding.level != "info" or finding.code in ("broken_stretch", "not_checked"):
                 shared.setdefault((finding.level, finding.text), []).append(report.name)
     for (level, text), names in sorted(shared.items(), key=lambda item: ORDER.index(item[0][0])):
         more = f" and {len(names) - 4} more" if len(names) > 4 else ""

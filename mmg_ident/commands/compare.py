@@ -52,9 +52,9 @@ def compare(
     import shutil
     from contextlib import nullcontext
 
-    from cases.checks import ready
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
 
@@ -85,12 +85,12 @@ def compare(
     trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
     if not trained_on:
         raise Missing("--train: nothing is left to train on besides the test trials")
-    trained_on, tests = ready(trained_on, tests, unchecked=unchecked)
+    train_set, test_set = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
     instruments = tuple(
         e for e in with_instruments(captive, cli.names_of([measurement])).effects if e not in captive.effects
     )
-    study = Study(captive, tuple(trained_on), tuple(tests), names, subsets, instruments=instruments, **settings)
+    study = Study(captive, train_set.trials, test_set.trials, names, subsets, instruments=instruments, **settings)
     about = {
         "--seeds": [study.seeds, study.seed],
         "--models": list(study.models),
@@ -140,8 +140,8 @@ def compare(
 
 def _trials(given: list[str], option: str) -> list[Trial]:
     """Trials of files, folders and names of splits, with positions."""
+    from cases.io.published_splits import SPLITS, find
     from cases.io.read import read_trials
-    from cases.published_splits import SPLITS, find
 
     files: list[Path] = []
     for name in given:

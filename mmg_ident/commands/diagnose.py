@@ -57,7 +57,6 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from cases.io.campaigns import said_campaign
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from diagnosis import diagnose as pipeline
@@ -73,7 +72,7 @@ def diagnose(
     ship = reduced_ship(load_ship(run), cli.names_of(without))
     options = DiagnosisOptions(**settings, command=cli.command_line())
     train, tests = cli.read_ready(trials, test, unchecked=unchecked)
-    train, tests = (said_campaign(some, campaign, ship) for some in (train, tests))
+    train, tests = (some.said_campaign(campaign, ship) for some in (train, tests))
     begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
     store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):

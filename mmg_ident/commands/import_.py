@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,8 +15,8 @@ from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.importing.assembled_run import ImportedRun
-    from cases.importing.import_logs import Imported, Question
-    from cases.importing.import_map import ImportMap
+    from cases.importing.import_logs import Imported
+    from cases.importing.import_map import ImportMap, Question
 
 
 @o.options(Headers="rudder_positive wind_direction velocity_frame zone_hours")
@@ -49,7 +50,7 @@ def import_(
     given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
     found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
-    asked: set[tuple[str, str, str]] = set()
+    asked: set[tuple[Path, str]] = set()
     while not json and sys.stdin.isatty() and sys.stderr.isatty():
         answered = _answered(found, chosen, asked)
         if answered is chosen:
@@ -84,44 +85,50 @@ def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
     return validated(ImportMap, {**content, **changes}, "options")
 
 
-def _answered(found: Imported, chosen: ImportMap, before: set[tuple[str, str, str]]) -> ImportMap:
+def _answered(found: Imported, chosen: ImportMap, before: set[tuple[Path, str]]) -> ImportMap:
     """The map with the answers of the person at the terminal; the same map where there is nothing to ask that was not
     asked ``before``. What several files leave open alike is asked once."""
-    content = chosen.model_dump(exclude_unset=True, by_alias=True)
-    files = dict(content.get("files", {}))
-    together: dict[tuple[str, str, tuple[str, ...]], list[Question]] = {}
+    together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}
     for question in found.questions:
-        if (question.file, question.header, question.quantity) not in before:
-            together.setdefault((question.header, question.quantity, question.choices), []).append(question)
-    for (header, quantity, choices), questions in together.items():
-        names = [question.file for question in questions]
-        before |= {(name, header, quantity) for name in names}
+        if (question.file, question.words) not in before:
+            together.setdefault((question.words, tuple(question.choices)), []).append(question)
+    for (words, choices), questions in together.items():
+        names = [found.names.get(question.file, "") for question in questions]
+        before |= {(question.file, words) for question in questions}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        cli.say(f"{', '.join(names[:3])}{more}: {questions[0].words}")
+        cli.say(f"{', '.join(names[:3])}{more}: {words}".removeprefix(": "))
         answer = _choice(choices)
-        for name in names:
-            entry = dict(files.get(name, {}))
-            columns = dict(entry.get("columns", {}))
-            if answer == "nothing":
-                columns.pop(quantity, None)
-                entry["ignore"] = [*entry.get("ignore", []), header]
-            elif quantity:
-                columns[quantity] = {**columns.get(quantity, {"from": header}), "unit": answer}
-            else:
-                columns[answer] = {"from": header}
-            files[name] = {**entry, "columns": columns}
-    return _with(chosen, {"files": files}) if together else chosen
+        if point := _point(answer):
+            chosen = _with(chosen, {"reference_point": list(point)})
+        elif not names[0]:
+            chosen = _with(chosen, dict(questions[0].choices[answer]))
+        else:
+            for name, question in zip(names, questions, strict=True):
+                chosen = chosen.answered(name, question.choices[answer])
+    return chosen
 
 
 def _choice(choices: tuple[str, ...]) -> str:
     """The one of the ``choices`` that the person types; an empty line is the last one."""
     import typer
 
+    from cases.importing.import_map import POINT
+
     while True:
         answer = str(typer.prompt("  " + " / ".join(choices), default=choices[-1], err=True)).strip()
-        if answer in choices:
+        if answer in choices and answer != POINT:
+            return answer
+        if POINT in choices and _point(answer):
             return answer
         cli.say(f"  '{answer}' is none of them")
+
+
+def _point(answer: str) -> tuple[float, float] | None:
+    """The two numbers [m] of an ``answer`` such as "12.0 0.0"; None of another."""
+    from cases.io.units import as_number
+
+    numbers = [as_number(word) for word in answer.replace(",", " ").split()]
+    return (numbers[0], numbers[1]) if len(numbers) == 2 and all(abs(n) <= 600 for n in numbers) else None
 
 
 def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
@@ -135,7 +142,7 @@ def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
         "rows": len(run.columns["t"]),
         "columns": list(run.columns),
         "std": run.std,
-        "unknown": [header for log in run.logs for header in log.unknown],
+        "account": [{"log": log.name, **dataclasses.asdict(row)} for log in run.logs for row in log.accounts],
         "notices": message_rows(run.notices),
         "verdict": report.verdict,
     }
@@ -148,15 +155,22 @@ def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
         t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
+    cli.print_table(("column", "used as", "because"), _account(found))
     said: dict[str, list[str]] = {}
     for run, report in zip(found.runs, checks, strict=True):
-        unknown = [header for log in run.logs for header in log.unknown]
-        words = [*map(str, run.notices), *[f"columns not known, not used: {', '.join(unknown)}"] * bool(unknown)]
-        unsure = [row for log in run.logs for row in log.unsure.items()]
-        words += [f"column '{header}' not used: it may be {what}; say it in the map" for header, what in unsure]
+        words = [*map(str, run.notices)]
         words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
         for sentence in words:
             said.setdefault(sentence, []).append(run.name)
     for sentence, names in said.items():
         whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
         cli.print_wrapped("  ", f"{whose}{sentence}")
+
+
+def _account(found: Imported) -> list[tuple[str, str, str]]:
+    """A row for each column of the logs, once for all logs that share it."""
+    rows = [row for run in found.runs for log in run.logs for row in log.accounts]
+    said = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
+    derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in found.runs
+               for name, of in run.ancestors.items())  # fmt: skip
+    return list(dict.fromkeys([*said, *derived]))

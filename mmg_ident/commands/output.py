@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mmg.errors import BadValue, Conflict, Missing, NoSolution, NotWritable, OutOfRange, TargetExists
 
 if TYPE_CHECKING:
-    from cases.trial import Trial
+    from cases.trial_set import TrialSet
     from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
@@ -143,15 +143,14 @@ def writing(what: Path | str) -> Iterator[None]:
         raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); choose another name") from None
 
 
-def read_ready(*sets: Sequence[str | Path] | None, unchecked: bool) -> tuple[list[Trial], ...]:
-    """The trials of each of the ``sets`` of files as they may be fitted and judged (``cases.checks.ready``).
+def read_ready(*sets: Sequence[str | Path] | None, unchecked: bool) -> tuple[TrialSet, ...]:
+    """The trials of each of the ``sets`` of files as they may be fitted and judged (``cases.trial_set.ready``).
 
     unchecked: take them as they are. Raises UserError for files that cannot be read, and for contradictory ones.
     """
-    from cases.checks import ready
-    from cases.io.read import read_trials
+    from cases.trial_set import ready
 
-    return ready(*(read_trials(some) if some else [] for some in sets), unchecked=unchecked)
+    return ready(*(some or () for some in sets), unchecked=unchecked)
 
 
 class _ToStderr(logging.Handler):

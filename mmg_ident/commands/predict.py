@@ -38,20 +38,18 @@ def predict(
 
     Example: mmg predict runs/first held_out.csv --window 30 --stride 15 --out forecast.csv
     """
-    from cases.checks import ready
-    from cases.checks.trusted import DOUBT, remarks
-    from cases.io.campaigns import MEAN, TAKEN, campaigns_taken, said_campaign
+    from cases.io.campaigns import MEAN, TAKEN, campaigns_taken
     from cases.io.files import file_key
     from cases.io.leave_out import inside, spans_left_out
-    from cases.io.read import read_trials
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import DOUBT, TrialSet, ready
     from fitting.prediction.predict import write_tables
     from fitting.prediction.score import past_to_use
     from mmg.messages import has_code
     from mmg_ident import api
 
-    runs = read_trials(trials)
+    runs = TrialSet.of(trials)
     single = len(runs) == 1 and out.suffix.lower() == ".csv"
     if not single and out.suffix.lower() == ".csv":
         raise Conflict(f"--out {out}: {len(runs)} trials need a folder, not one CSV file")
@@ -65,12 +63,12 @@ def predict(
     ship = None if is_black_box(model) else load_ship(model)
     title = ship.title if ship else model
     if campaign is not None:
-        runs = said_campaign(runs, campaign, ship or load_ship(model))
+        runs = runs.said_campaign(campaign, ship or load_ship(model))
     found = api.predict(model, runs, window, stride, adapt, cli.progress())
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = [*past_to_use(api.content_of(model), adapt)[1]]
-    notes += [note for note in remarks(sound) if has_code([note], DOUBT)]
+    notes += [note for note in sound.remarks if has_code([note], DOUBT)]
     for p, kept in zip(found, sound, strict=True):
         left_out = inside(kept, spans_left_out(kept))
         if begun := [str(w.number) for w in p.windows if left_out[w.first]]:

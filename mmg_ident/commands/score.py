@@ -47,9 +47,9 @@ def score(
     """
     from dataclasses import replace
 
-    from cases.checks.trusted import remarks
-    from cases.io.campaigns import campaigns_taken, said_campaign
+    from cases.io.campaigns import campaigns_taken
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import TrialSet
     from fitting.prediction.score import past_to_use, pooled_sigma
     from fitting.prediction.score import score as scored
     from fitting.prediction.units import window_for
@@ -87,7 +87,7 @@ def score(
         knowing = [ship for ship in ships.values() if ship.campaigns] or list(ships.values())
         if not knowing:
             raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
-        trials = said_campaign(trials, campaign, knowing[0])
+        trials = trials.said_campaign(campaign, knowing[0])
     window = window or window_for(trials, next((ship.particulars["L"] for ship in ships.values()), None))
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)
@@ -96,7 +96,7 @@ def score(
         if past and name in ships:
             scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
     taken = dict.fromkeys(message for ship in ships.values() for message in campaigns_taken(ship, trials))
-    scores = {name: replace(s, notes=(*taken, *remarks(trials), *s.notes)) for name, s in scores.items()}
+    scores = {name: replace(s, notes=(*taken, *TrialSet.of(trials).remarks, *s.notes)) for name, s in scores.items()}
     if json:
         found = {"metric": METRIC, "method": method, "past_s": past, "worse": _worse_than_first(scores)}
         cli.print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
@@ -123,7 +123,7 @@ METRIC = {
 
 def _print(scores: Mapping[str, Score]) -> None:
     """Everything about the ``scores`` of models, by name."""
-    from cases.trial import UNITS
+    from cases.quantities import UNITS
 
     first = next(iter(scores.values()))
     rows = [

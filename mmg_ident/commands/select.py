@@ -13,7 +13,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from cases.trial import Trial
+    from cases.trial_set import TrialSet
     from fitting.selection.candidates import Rules, StructureCandidate
     from fitting.selection.structure_choice import StructureChoice
     from mmg.ship import Ship
@@ -105,10 +105,10 @@ def select(
 
 def _sets(
     trials: list[Path], validate: list[Path] | None, test: list[Path] | None, unchecked: bool
-) -> tuple[list[Trial], list[Trial], list[Trial]]:
+) -> tuple[TrialSet, TrialSet, TrialSet]:
     """Trials to fit on, to choose by and to test on, by option, else by their role, else the last quarter."""
-    from cases.checks import ready
     from cases.io.read import read_trials
+    from cases.trial_set import ready
 
     given = read_trials(trials)
     held = read_trials(validate) if validate else [t for t in given if t.role == "validate"]
@@ -120,14 +120,14 @@ def _sets(
             raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
         train, held = train[:-count], train[-count:]
         cli.say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
-    train, held, last = ready(train, held, last, unchecked=unchecked)
-    return train, held, last
+    train_set, held_set, last_set = ready(train, held, last, unchecked=unchecked)
+    return train_set, held_set, last_set
 
 
 def _choose(
     model: Ship,
     rules: Rules,
-    sets: tuple[list[Trial], list[Trial], list[Trial]],
+    sets: tuple[TrialSet, TrialSet, TrialSet],
     only: list[str],
     settings: Settings,
     seeds: int,

@@ -57,7 +57,6 @@ def train(
 
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
-    from cases.checks.trusted import training_trials
     from cases.shipfiles.ship_file import load_ship
     from fitting.report.run_folder import RESULT, check_target, reserved
     from residual.result import CALIBRATED, read_training
@@ -68,7 +67,7 @@ def train(
     if not (resume and out.exists()):
         check_target(out)
     chosen, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
-    start, trained_on = load_ship(run), training_trials(chosen)[0]
+    start, trained_on = load_ship(run), chosen.training()[0]
     needs_torch("mmg train")
     if resume and (out / RESULT).exists() and read_training(out).complete:
         cli.say(f"{out} has finished already; nothing to resume")

@@ -22,7 +22,7 @@ PAGE = "fleet.html"
 SHOWN = 12
 """Coefficients in the table of a group of sisters, and in what moved."""
 ALIKE = 0.01
-"""Probability below which a ship does not seem to be drawn from the distribution of her sisters."""
+"""Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand."""
 
 
 def write_page(fleet: Fleet, folder: Path) -> None:

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from mmg_ident.fleet.plan import PlannedShip
 
 ALIKE, CHANCE = 2.0, 0.01
-"""Difference in log Bayes factor below which two names of a difference are alike; chance below which it is one."""
+"""Log Bayes factors within which two names of a difference are alike; chance below which it is one. Set by hand."""
 MOVED, SURE = 1.0, 2.576
 """A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %)."""
 APART = 3.0
-"""Standard errors from the mean of her sisters from which a coefficient is said to differ."""
+"""Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand."""
 SETS = {"held_out": "validation", "training": "training"}
 """Sets of trials in a row, and in a calibration."""
 LISTS = ("campaigns", "moved", "moved_against_sisters", "instruments", "warnings")

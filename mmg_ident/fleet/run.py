@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks import check, ready
 from cases.checks.report import CONTRADICTORY
-from cases.io.campaigns import campaigns_of
 from cases.io.files import file_hash
 from cases.io.read import read_trials
 from cases.io.sidecar import NAME as SIDECAR
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
+from cases.trial_set import TrialSet, ready
 from diagnosis import diagnose as diagnosing
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
@@ -264,7 +263,7 @@ def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
     left_out: list[str] = []
     if not task.options.unchecked:
         refuted = {}
-        for report in check([*train, *held_out]):
+        for report in TrialSet((*train, *held_out)).reports:
             if report.verdict == CONTRADICTORY:
                 refuted[report.path] = next(f.text for f in report.findings if f.level == CONTRADICTORY)
         left_out = [f"{Path(path).name} is left out: {text}" for path, text in refuted.items()]
@@ -272,7 +271,7 @@ def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
         if not train:
             raise Conflict(f"mmg check calls all trials contradictory: {left_out[0]}")
     fitted, judged = ready(train, held_out, unchecked=task.options.unchecked)
-    names = campaigns_of(fitted)
+    names = fitted.campaigns
     grouped = [
         replace(trial, meta={**trial.meta, "group": names.names[number]})
         for trial, number in zip(fitted, names.number, strict=True)

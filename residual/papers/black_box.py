@@ -32,7 +32,7 @@ from residual.train import ModelKind, Outcome, Task, restored
 from residual.windows import Scales, training_scales
 
 REACH = 0.2
-"""How far an estimated initial velocity may be from the measured one, over the deviation of that velocity."""
+"""How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand."""
 
 
 def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:

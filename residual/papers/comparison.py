@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.trusted import remarks
 from cases.inputs import assumed
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
@@ -44,7 +44,7 @@ HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 BLOCK = 65.0
 """Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``."""
 MINIMUM_SECONDS = 10.0
-"""Seconds that have to be left of a time limit for something to be started."""
+"""Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -418,7 +418,7 @@ def tables_text(found: Comparison) -> str:
 def _noted(found: Comparison) -> list[Message]:
     """What mmg check says of the trials of the comparison ``found``, and what her ship assumes of them."""
     trials = [*found.study.train, *found.study.test]
-    return [*remarks(trials), *assumed(trials, found.study.ship.inputs)]
+    return [*TrialSet.of(trials).remarks, *assumed(trials, found.study.ship.inputs)]
 
 
 def comparison_dict(found: Comparison, command: str) -> dict:

@@ -46,12 +46,48 @@ def private_names() -> list[str]:
     return found
 
 
+PROSE = re.compile(r"(?<![\w.'/-])[A-Za-z']{2,},? [a-z'-]{2,},? [a-z'-]{2,}\b")
+"""Three words of a sentence. Not those of code, of file names and of options."""
+GOLDEN = {
+    "test_page_stands_alone",
+    "test_all_of_a_run_is_in_the_page",
+    "test_the_page_has_the_form_the_limits_and_the_advice",
+}
+"""Tests that read a whole page: of a diagnosis, of a calibration, of the form for IMO."""
+
+
+def compared(node: ast.AST) -> list[ast.expr]:
+    """What a ``node`` compares, loops over or takes as ``match=``."""
+    if isinstance(node, ast.Compare):
+        return [node.left, *node.comparators]
+    if isinstance(node, ast.For | ast.comprehension):
+        return [node.iter]
+    return [node.value] if isinstance(node, ast.keyword) and node.arg == "match" else []
+
+
+def compared_prose() -> list[str]:
+    """Tests that compare sentences: what they need are codes, names, options and numbers."""
+    found = []
+    for source in sources(("tests",)).values():
+        functions = source.functions if not source.name.startswith("tests.cases") else []  # those are being replaced
+        for name, function in functions:
+            parts = [part for node in ast.walk(function) for part in compared(node)]
+            texts = [str(n.value) for part in parts for n in ast.walk(part) if isinstance(n, ast.Constant)]
+            if name.startswith("test_") and name not in GOLDEN and any(map(PROSE.search, texts)):
+                found.append(f"{source.name}.{name}")
+    return found
+
+
 def test_no_two_classes_share_a_name() -> None:
     assert not not_in_debt("class name used twice", shared_class_names())
 
 
 def test_no_text_refers_to_one_that_is_not_shipped() -> None:
     assert not not_in_debt("text that is not shipped", references_elsewhere())
+
+
+def test_tests_compare_codes_and_no_prose() -> None:
+    assert compared_prose() == []
 
 
 def test_names_are_words_of_the_field() -> None:

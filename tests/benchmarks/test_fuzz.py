@@ -10,11 +10,15 @@ from hypothesis import strategies as st
 
 from benchmarks.fuzz.__main__ import outcome, piece, strict_warnings, table
 from benchmarks.fuzz.damage import numbered
-from benchmarks.fuzz.readers import BINARY, Reader, readers
+from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.reproducers import REPRODUCERS, reproducers
+from benchmarks.fuzz.samples import GOOD
+from cases.importing.import_logs import SUFFIXES
 from mmg.errors import LONGEST, UserError
 from tests.support.figures import unrendered
 
+LOGS = [path.stem for path in (GOOD / "logs").iterdir() if path.suffix in SUFFIXES]
+NAMES = sorted({*REPRODUCERS, *LOGS})
 FOUND: dict[str, Reader] = {}
 
 
@@ -27,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Reader]
 
 
 def test_every_reader_reads_the_good_file(made: dict[str, Reader]) -> None:
-    assert set(made) == set(REPRODUCERS) and set(BINARY) < set(made)
+    assert set(REPRODUCERS) | set(LOGS) == set(made)
     assert {name: outcome(reader, reader.seeds[0])[0] for name, reader in made.items()} == dict.fromkeys(made, "read")
 
 
@@ -43,9 +47,6 @@ def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[st
         ("parquet", 35374),
         ("diagnosis", 28),
         ("import_map", 105),
-        ("nmea", 62),
-        ("nmea", 1135),
-        ("nmea", 599686),
     ],
 )
 def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, Reader]) -> None:
@@ -53,14 +54,14 @@ def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, 
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
 
 
-@pytest.mark.parametrize("name", sorted(REPRODUCERS))
+@pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32))
 def test_damaged_files_are_read_or_refused(name: str, number: int, made: dict[str, Reader]) -> None:
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
 
 
-@pytest.mark.parametrize("name", sorted(REPRODUCERS))
+@pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     content=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))

@@ -85,8 +85,9 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert set(content["between"]) == {f.name for f in fields(Between)}
     assert keys_of(content["between"]["differences"]) == {f.name for f in fields(GroupDifference)}
     assert content["between"]["differences"][0]["parameters"]["T"]["groups"]["2020-11-12"]["difference_std"] is None
-    assert content["messages"] == [{"level": "warning", "code": "tide", "text": "beware of the <tide>."}]
-    assert content["warnings"] == result["warnings"] == ["beware of the <tide>."]
+    (words,) = result["warnings"]
+    assert content["messages"] == [{"level": "warning", "code": "tide", "text": words}]
+    assert content["warnings"] == [words] and "<tide>" in words
 
 
 def test_what_is_read_is_what_was_written(folder: Path, tmp_path: Path) -> None:
@@ -123,12 +124,9 @@ def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            {"verdict": "perhaps"},
-            "diagnosis.json",
-        ),
-        ({"schema_version": 2}, "diagnosis.json: schema_version: Input should be 1"),
-        ({"remainder": "maybe", "next_test": 3}, r"remainder: .*boolean.*; next_test: .*string"),
+        ({"verdict": "perhaps"}, "diagnosis.json"),
+        ({"schema_version": 2}, "diagnosis.json: schema_version: .* 1"),
+        ({"remainder": "maybe", "next_test": 3}, r"remainder: .*; next_test: "),
         ({"candidates": [{"name": "tow"}]}, "candidates.0.score"),
     ],
 )

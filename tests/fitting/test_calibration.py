@@ -146,7 +146,7 @@ def test_coverage_of_95_percent_intervals_over_20_noise_seeds() -> None:
 @pytest.mark.slow
 @pytest.mark.data
 def test_a_fit_on_the_real_records_improves_every_development_hold_out(frt) -> None:  # type: ignore[no-untyped-def]
-    from cases import published_splits as splits
+    from cases.io import published_splits as splits
     from cases.io.read import read_trials
 
     ship = load_ship("esso_osaka_3m")

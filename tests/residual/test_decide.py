@@ -216,7 +216,7 @@ def test_a_single_run_judges_by_blocks_of_its_windows() -> None:
     one = replace(outcome(0.9), judged=judged)
     assert decide([one]).kept and decide([one]).groups == 60 // BLOCK
     short = replace(outcome(0.9), judged=judged[:BLOCK])
-    assert decide([short]).reason == "too little judged it to tell the gain from chance"
+    assert not decide([short]).kept
 
 
 def test_split_are_empty_where_the_data_are_too_few() -> None:

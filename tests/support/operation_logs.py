@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from cases.quantities import UNITS
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import UNITS
 from mmg.rollout import Simulator
 
 NOISE = {"x": 0.02, "y": 0.02, "psi": 0.002, "u": 0.005, "v": 0.005, "r": 5e-4}

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import datetime
+import re
+import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, reduce
 from pathlib import Path
 
 import numpy as np
 
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap
+from cases.io.toml_file import validated
 from cases.trial import Trial
 from mmg_ident import simulate
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 BEGIN = datetime.datetime(2026, 5, 4, 9, 30, tzinfo=datetime.timezone.utc)
 ORIGIN = (34.7, 135.4)
@@ -30,9 +40,10 @@ def stamp(t: float, begin: datetime.datetime = BEGIN) -> str:
     return (begin + datetime.timedelta(seconds=float(t))).isoformat(timespec="milliseconds")
 
 
-def globe(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
-    """Latitude and longitude [deg] of the positions."""
-    return ORIGIN[0] + trial["x"] / M_PER_DEG[0], ORIGIN[1] + trial["y"] / M_PER_DEG[1]
+def globe(trial: Trial, origin: tuple[float, float] = ORIGIN) -> tuple[np.ndarray, np.ndarray]:
+    """Latitude and longitude [deg] of the positions about an ``origin``."""
+    M = M_PER_DEG if origin == ORIGIN else (111133.0, 111320.0 * float(np.cos(np.radians(origin[0]))))
+    return origin[0] + trial["x"] / M[0], (origin[1] + trial["y"] / M[1] + 180) % 360 - 180
 
 
 def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -81,16 +92,23 @@ def sentence(body: str) -> str:
     return f"${body}*{reduce(lambda a, c: a ^ ord(c), body, 0):02X}"
 
 
-def nmea(path: Path, trial: Trial, damaged: bool = True) -> Path:
+def nmea(
+    path: Path,
+    trial: Trial,
+    damaged: bool = True,
+    origin: tuple[float, float] = ORIGIN,
+    begin: datetime.datetime = BEGIN,
+) -> Path:
     """Sentences of a satellite receiver, a gyro, a rudder indicator and a shaft, with a damaged line."""
-    lat, lon = globe(trial)
+    lat, lon = globe(trial, origin)
     sog, cog = ground(trial)
     lines = []
     for i, t in enumerate(trial.t):
-        now = BEGIN + datetime.timedelta(seconds=float(t))
-        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat[i], lon[i]))
+        now = begin + datetime.timedelta(seconds=float(t))
+        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (abs(lat[i]), abs(lon[i])))
+        a, b = f"{a},{'N' if lat[i] >= 0 else 'S'}", f"{b},{'E' if lon[i] >= 0 else 'W'}"
         clock = f"{now:%H%M%S}.{now.microsecond // 10000:02d}"
-        lines.append(sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
+        lines.append(sentence(f"GPRMC,{clock},A,{a},{b},{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
         lines.append(sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
         lines.append(sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
         lines.append(sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
@@ -131,6 +149,7 @@ def apart(folder: Path, trial: Trial) -> list[Path]:
 
 def rows(path: Path, header: str, lines: list[str]) -> Path:
     """A file of lines below a header."""
+    path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join([header, *lines]) + "\n", encoding="utf-8")
     return path
 
@@ -173,3 +192,17 @@ def table(path: Path, columns: Mapping[str, Sequence[object] | np.ndarray], keep
 
 def _cell(value: object) -> str:
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
+
+
+def answers(path: Path) -> list[ImportMap]:
+    """The maps of the lines that the only problem of the log ``path`` prints, one for each answer."""
+    (problem,) = import_logs([path]).problems
+    _, printed, lines = problem.partition("; say in the map ")
+    assert printed, problem
+    maps = []
+    for line in re.split(r", or (?=[^]}]+: [\[\w])", lines):
+        change = re.search(r": ((?:\[columns\]|ignore|rows|decimal).*)$", line)
+        assert change, line
+        text = change[1].replace("] and [", "]\n[").replace("} and [", "}\n[").replace("[columns] ", "columns.")
+        maps.append(validated(ImportMap, tomllib.loads(text), line))
+    return maps

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.trial import UNITS, Trial
+from cases.quantities import UNITS
+from cases.trial import Trial
 
 
 def motion_columns(seconds: float = 300.0, dt: float = 0.1, seed: int = 0) -> dict[str, np.ndarray]:

@@ -25,9 +25,9 @@ from mmg.motion.smooth import Exact, Smoothing
 STALL = 0.6545
 """Nominal stall angle [rad] where a ship file has no delta_stall: that of Kang et al. (2008) for fish-tail rudders."""
 WIDTH = 0.02
-"""Width of a modulus in the scaled variables: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad]."""
+"""Width of a scaled modulus, set by hand: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad]."""
 REVOLUTIONS = 50.0
-"""Revolutions are by this times V/L: 9 rps at 3 m."""
+"""Revolutions are by this times V/L: 9 rps at 3 m. Set by hand, so that the scaled number is about 1."""
 
 DAMPING = {"u": 0.1, "v": 0.3, "r": 0.1}
 """Resistance to motion beyond the range, by 1/2 rho L d V^2 (of r by L more) for one scaled velocity: the usual size

@@ -34,7 +34,7 @@ SUBMODELS = ("SM-1", "SM-2", "SM-3", "SM-4", "quadrants")
 """SM-1: one for all; SM-2: by the sign of u; SM-3: and ahead by the stall angle of the rudders; SM-4: by it astern too;
 quadrants: by the signs of u and of the revolutions."""
 MOST = 20000
-"""Most monomials of one force before the rules, above which a structure is refused."""
+"""Most monomials of one force before the rules: a structure of more is refused. It bounds time and memory."""
 
 SIZES = {"X": (0.1, 0.03), "Y": (0.3, 0.05), "N": (0.1, 0.03)}
 """Standard deviation of the prior of a coefficient by force: of terms that hold v or r, and of all others. The usual

@@ -34,7 +34,8 @@ PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
 
 LARGEST_DRIFT = math.radians(30.0)
-"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates."""
+"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests
+end at 20 to 30 degrees (Yasukawa & Yoshimura 2015)."""
 
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"
 LOWEST = 0.4

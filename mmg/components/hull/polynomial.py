@@ -27,7 +27,8 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "d", "rho")
 
 LARGEST_DRIFT = math.radians(30.0)
-"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates."""
+"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests
+end at 20 to 30 degrees (Yasukawa & Yoshimura 2015)."""
 
 COEFFICIENTS = table(
     "default of the MMG hull polynomial: of the size met in captive tests of full ships",

@@ -54,7 +54,7 @@ COEFFICIENTS = (
 )
 
 PITCH_WIDTH = math.radians(1.0)
-"""Width of the blend between the laws above and below the zero-thrust pitch [rad]."""
+"""Width [rad] of the blend between the laws above and below zero-thrust pitch: it rounds a corner. Set by hand."""
 
 
 def _ahead_law(u: Any, m: Any, X_0: Any, X_1: Any, alpha: Any, c: SimpleNamespace, s: Smoothing) -> Any:

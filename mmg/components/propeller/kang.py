@@ -27,7 +27,8 @@ PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n",)
 
 LIMIT = 1.5
-"""Largest advance ratio for which the smooth wake, thrust deduction and rudder polynomials are evaluated."""
+"""Largest advance ratio [-] for which smooth wake, thrust deduction and rudder polynomials are evaluated. Set by
+hand."""
 
 COEFFICIENTS = table(
     "default of Kang's propeller model: cement carrier with VecTwin rudders, single public lineage",

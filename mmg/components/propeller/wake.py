@@ -37,7 +37,7 @@ YASUKAWA_2015 = (
 """Rows of the coefficient tables of each wake model."""
 
 BLEND = 0.01
-"""Width [rad] within which |beta_P| and its sign are rounded."""
+"""Width [rad] within which |beta_P| and its sign are rounded. Set by hand: it rounds a corner of the published law."""
 
 
 def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:

@@ -40,7 +40,7 @@ PARTICULARS = ("L", "rho", "D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta_port", "delta_starboard")
 
 STALL = 0.65450
-"""Angle of attack [rad] at which the normal-force law of Kang changes from sine to parabola."""
+"""Angle of attack [rad] at which the normal-force law changes from sine to parabola (Kang et al. 2008)."""
 _PARABOLA = (0.6387, 2.0621, -0.8449)
 _SLOPE = 2.6252
 """C_N [-] beyond STALL as a polynomial of |a| [rad], and by sin a below it (Kang et al. 2008)."""

@@ -107,6 +107,7 @@ def test_constant_inputs_leave_nothing_to_identify():
     assert inputs_are_constant(trial)
     report = one(trial)
     assert report.verdict == "doubtful" and "nothing_to_identify" in codes(report, "doubtful")
+    assert not inputs_are_constant(trial.with_columns(azimuth=np.where(t > t[len(t) // 2], 0.3, 0.0)))
 
 
 def test_what_is_never_excited_is_said_per_file_and_together():

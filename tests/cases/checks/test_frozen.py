@@ -7,6 +7,7 @@ import pytest
 
 from cases.checks.stretches import broken_stretches
 from cases.trial import Trial
+from mmg_ident import simulate
 
 DEG = np.pi / 180.0
 COARSE = {"psi": 0.1 * DEG, "r": 0.05 * DEG, "u": 0.05, "v": 0.05, "x": 0.1, "y": 0.1, "delta": 0.5 * DEG}
@@ -59,6 +60,32 @@ def test_a_heading_of_a_tenth_of_a_degree_on_a_straight_run_is_sound_beside_a_gy
     assert broken_stretches(whole.with_columns(r=whole["r"] + bias * DEG)) == []
     straight = Trial("straight", {name: values[t > 160] for name, values in whole.columns.items()})
     assert broken_stretches(straight.with_columns(r=straight["r"] + bias * DEG)) == []
+
+
+@pytest.mark.parametrize(("ship", "dt"), [("mariner", 1.0), ("kvlcc2_full", 0.2)])
+def test_a_heading_that_stands_still_is_sound_beside_a_gyro_with_noise(ship: str, dt: float) -> None:
+    trial = simulate(ship, "zigzag:2/2", dt=dt, duration=900, seed=3)
+    noise = 0.05 * DEG * np.random.default_rng(1).standard_normal(len(trial))
+    psi = np.round(trial["psi"] / (0.1 * DEG)) * 0.1 * DEG
+    assert broken_stretches(trial.with_columns(psi=psi, r=trial["r"] + noise)) == []
+
+
+def test_a_ship_that_comes_round_again_repeats_nothing() -> None:
+    """Rows of a steady circle whose period is a number of samples are equal to the last digit that is logged."""
+    t = np.arange(0.0, 900.0)
+    psi = 2 * np.pi * t / 150.0
+    way = 5.0 * 150.0 / (2 * np.pi) * np.exp(1j * (psi - np.pi / 2))
+    still = np.zeros(len(t))
+    columns = {
+        "x": way.real,
+        "y": way.imag,
+        "psi": np.mod(psi, 2 * np.pi),
+        "u": still + 5.0,
+        "v": still,
+        "r": still + psi[1],
+    }
+    rounded = {name: np.round(values, 3) for name, values in columns.items()}
+    assert broken_stretches(Trial("circle", {"t": t, **rounded, "n": still + 2.0, "delta": still + 0.3})) == []
 
 
 @pytest.mark.parametrize("stuck", [("psi",), ("r",), ("x", "y")], ids=", ".join)

@@ -9,7 +9,7 @@ import pytest
 
 from cases.checks import check
 from cases.checks.single import spikes
-from cases.checks.trusted import MOST_LISTED, shared_rows, training_trials
+from cases.trial_set import MOST_LISTED, TrialSet, shared_rows
 from tests.support.trial_files import make_trial, motion_columns
 
 
@@ -51,7 +51,7 @@ def test_copies_of_a_trial_are_left_out_and_named() -> None:
     late = make_trial("late", t=make_trial()["t"] + 1000.0)
     other = make_trial("other", u=make_trial()["u"] + 0.01)
     copies = [make_trial(f"run {k}") for k in range(50)]
-    kept, (message,) = training_trials([*copies, late, other])
+    kept, (message,) = TrialSet.of([*copies, late, other]).training()
     assert [trial.name for trial in kept] == ["run 0", "other"] and message.code == "copies_left_out"
 
 
@@ -63,6 +63,6 @@ def test_many_pairs_that_share_rows_are_few_lines() -> None:
 
 def test_a_file_that_lies_in_two_campaigns_counts_for_the_first_which_is_said() -> None:
     first, again = (replace(make_trial(f"run_{day}"), path=None) for day in ("2026-03-01", "2026-03-02"))
-    kept, (_, message) = training_trials([first, again, make_trial("other", u=make_trial()["u"] + 0.01)])
+    kept, (_, message) = TrialSet.of([first, again, make_trial("other", u=make_trial()["u"] + 0.01)]).training()
     assert [trial.name for trial in kept] == ["run_2026-03-01", "other"]
     assert message.code == "same_file_in_two_campaigns" and "2026-03-01" in message

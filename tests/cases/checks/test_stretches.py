@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from benchmarks.stretches import KINDS, broken, judged
-from cases.checks import check, ready
+from cases.checks import check
 from cases.checks.stretches import broken_stretches
-from cases.checks.trusted import as_they_are, remarks, without_broken
 from cases.io.leave_out import inside
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
+from cases.trial_set import TrialSet, ready
 from fitting.nlp.grid import grids
 from fitting.prediction.score import score
 from mmg.rollout import Simulator
@@ -58,20 +58,20 @@ def test_a_break_is_named_left_out_and_counted(runs: list[Trial]) -> None:
     trial = heading_off(runs[0], 50.0, 56.0)
     finding = next(f for f in check([trial])[0].findings if f.code == "broken_stretch")
     assert "heading" in finding.text and "trials.toml" in finding.text
-    kept = without_broken([trial])[0]
+    kept = TrialSet.of([trial]).sound[0]
     gone = np.isnan(kept["psi"])
     assert gone[inside(trial, [(50.5, 55.5)])].all() and gone.mean() < 0.1
     assert np.isfinite(kept["delta"]).all() and np.isfinite(trial["psi"]).all()
     assert len(grids(kept, 0.5)) == 2
-    assert [m.code for m in remarks([kept])] == ["left_out"]
-    assert without_broken([kept])[0] is kept and remarks(as_they_are([trial])) == []
+    assert [m.code for m in TrialSet.of([kept]).remarks] == ["left_out"]
+    assert TrialSet.of([kept]).sound[0] is kept and TrialSet.of([trial]).as_they_are.remarks == []
 
 
 def test_a_score_runs_over_a_broken_instrument_and_does_not_count_its_rows(runs: list[Trial]) -> None:
     model = Simulator(load_ship("esso_osaka_3m"), compiled=False)
     sigma = np.array([5.0, 5.0, 1.0, 0.1, 0.1, 0.02])
     sound, broken = runs[0], heading_off(runs[0], 50.0, 56.0)
-    before, after = score(model, [sound], sigma), score(model, without_broken([broken]), sigma)
+    before, after = score(model, [sound], sigma), score(model, TrialSet.of([broken]).sound, sigma)
     assert after.trials[0].windows >= before.trials[0].windows - 1
     assert after.window == pytest.approx(before.window, rel=0.15)
 

@@ -44,7 +44,7 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
     ("words",
      lambda p: rows(p, "It was a fine day", ["and we went out", "to sea again"]),
      "no separator|below a header"),
-    ("no header", lambda p: rows(p, line(0), lines()[1:]), "not headers"),
+    ("no header", lambda p: rows(p, line(0), lines()[1:]), "has no headers"),
     ("a short row",
      lambda p: rows(p, HEADER, [*lines(30), "2026;1;2", *lines()[31:]]),
      "line 32 has 3 cells, the header 7"),
@@ -127,7 +127,7 @@ def test_files_whose_first_lines_name_different_ships(tmp_path: Path, line: str)
 
 def test_files_that_are_cut_off_or_empty_are_a_line_each(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
-    pytest.importorskip("pynmea2", reason="needs the extra import")
+    pytest.importorskip("pynmeagps", reason="needs the extra import")
     truth = raw_logs.run()
     raw_logs.excel(tmp_path / "a.xlsx", truth)
     truth.to_pandas().to_parquet(tmp_path / "b.parquet")

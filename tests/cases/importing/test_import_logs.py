@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cases.importing.import_logs import Imported, import_logs
-from cases.importing.import_map import ImportMap, read_map
+from cases.importing.import_map import POINT, ImportMap, read_map
 from cases.importing.written_trials import write_import
 from cases.inputs import STANDARD, is_sampled, model_inputs
 from cases.io.read import read_trials
-from cases.io.toml_file import validated
+from cases.io.sidecar import read_sidecar
+from cases.io.toml_file import parse_toml, validated
 from cases.trial import Trial
-from mmg.errors import TargetExists
+from mmg.errors import Conflict, TargetExists, UserError
+from mmg.messages import has_code
 from tests.support import raw_logs
 from tests.support.raw_logs import UNITS, plain
 
 openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
-pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pynmeagps", reason="needs the extra import")
 pytest.importorskip("pyproj", reason="needs the extra import")
 
 PORT = ImportMap(rudder_positive="port")
@@ -91,7 +94,7 @@ def test_the_map_that_is_written_repeats_the_import(tmp_path: Path) -> None:
     for one, two in zip(files, second, strict=True):
         assert one.read_bytes() == two.read_bytes()
     trials = read_trials(tmp_path / "one")
-    assert all(set(t.std) == {"u", "v"} | ({"r"} if t.name == "a" else set()) for t in trials)
+    assert all(set(t.std) == {"x", "y", "u", "v"} | ({"r"} if t.name == "a" else set()) for t in trials)
 
 
 @pytest.mark.parametrize("inputs", ["", "held"])
@@ -107,6 +110,84 @@ def test_actuators_of_a_log_are_samples_unless_the_map_says_that_they_are_held(t
     again = read_map(tmp_path / "one" / "import.toml")
     write_import(imported(tmp_path / "a.txt", again), again, tmp_path / "two")
     assert (tmp_path / "one" / "trials.toml").read_bytes() == (tmp_path / "two" / "trials.toml").read_bytes()
+
+
+def antenna_log(path: Path, l_x: float, l_y: float = 0.0) -> Path:
+    """A bridge's log of a receiver so far ahead of midship and to starboard [m]."""
+    truth = raw_logs.run()
+    c, s, r = np.cos(truth["psi"]), np.sin(truth["psi"]), truth["r"]
+    moved = {"x": truth["x"] + l_x * c - l_y * s, "y": truth["y"] + l_x * s + l_y * c}
+    moved |= {"u": truth["u"] - l_y * r, "v": truth["v"] + l_x * r}
+    return raw_logs.table(path, raw_logs.bridge(truth.with_columns(**moved)))
+
+
+def test_an_antenna_that_the_map_gives_is_taken_to_midship_once(tmp_path: Path) -> None:
+    truth, log = raw_logs.run(), antenna_log(tmp_path / "a.csv", 3.0, 0.5)
+    chosen = validated(ImportMap, {"reference_point": {"x": 3.0, "y": 0.5}}, "map")
+    found = imported(log, chosen)
+    off = errors(found, truth)
+    assert all(off[name] < LIMITS[name] for name in LIMITS), off
+    assert has_code(found.runs[0].notices, "reference_point") and not found.questions
+    trial = read_trials(write_import(found, chosen, tmp_path / "out"))[0]
+    assert np.abs(trial["x"] - found.runs[0].columns["x"]).max() < 1e-6
+    with (tmp_path / "out" / "trials.toml").open("a") as sidecar:
+        sidecar.write('[files."a.csv".reference_point]\nx = 3.0\n')
+    with pytest.raises(Conflict):  # it would be applied a second time
+        write_import(found, chosen, tmp_path / "out", force=True)
+
+
+def test_an_unknown_antenna_is_said_with_the_line_that_answers_it_and_widens_the_errors(tmp_path: Path) -> None:
+    log = antenna_log(tmp_path / "a.csv", 3.0)
+    found = imported(log)
+    (said,) = [m for m in found.runs[0].notices if has_code([m], "reference_point_unknown")]
+    for line in re.findall(r'reference_point = (?:\{[^}]*\}|"\w+")', said):
+        validated(ImportMap, parse_toml(line, "line"), "line")
+    assert [list(q.choices) for q in found.questions] == [[POINT, "unknown"]]
+    lever = 3.0 * np.sqrt(np.mean(raw_logs.run()["r"] ** 2))
+    assert lever < found.runs[0].std["v"] < 2 * lever
+    for map_ in ({"reference_point": "unknown"}, {"reference_point": "unknown", "length": 14.0}):
+        answered = imported(log, validated(ImportMap, map_, "map"))
+        assert not answered.questions and has_code(answered.runs[0].notices, "reference_point_unknown")
+    assert answered.runs[0].std["v"] == pytest.approx(7 / 3 * lever, rel=1e-3)
+    for wrong in ("unknwon", {"x": "12"}, {"x": 1.0, "z": 2.0}, [1.0]):
+        with pytest.raises(UserError, match="reference_point"):
+            validated(ImportMap, {"reference_point": wrong}, "map")
+
+
+def test_force_replaces_what_an_import_wrote_and_keeps_what_a_person_wrote(tmp_path: Path) -> None:
+    for name, maneuver in (("a", "zigzag:20/20"), ("b", "turning:35")):
+        raw_logs.table(tmp_path / "logs" / f"{name}.csv", raw_logs.bridge(raw_logs.run(maneuver)))
+    out, chosen = tmp_path / "out", ImportMap()
+    write_import(imported(tmp_path / "logs"), chosen, out)
+    path = out / "trials.toml"
+    first = path.read_text()
+    write_import(imported(tmp_path / "logs"), chosen, out, force=True)
+    assert path.read_text() == first
+    mine = '# seen by me\n[files."a.csv"]\nkind = "zigzag"  # of mine'
+    path.write_text(first.replace('[files."a.csv"]', mine).replace('"2026-05-04"', '"2026-05-05"', 1))
+    held = validated(ImportMap, {"inputs": "held"}, "map")
+    write_import(imported(tmp_path / "logs" / "a.csv", held), held, out, force=True)
+    text, said = path.read_text(), read_sidecar(path)
+    assert "# seen by me" in text and "# of mine" in text
+    assert said.entry(out / "a.csv").day == "2026-05-05" and said.entry(out / "a.csv").kind == "zigzag"
+    assert said.entry(out / "a.csv").inputs == "held" and said.entry(out / "b.csv").std  # the file is still there
+    (out / "b.csv").unlink()
+    write_import(imported(tmp_path / "logs" / "a.csv", held), held, out, force=True)
+    assert set(read_sidecar(path).files) == {"a.csv"}
+    path.write_text("colour = 1\n")
+    with pytest.raises(UserError, match="colour"):
+        write_import(imported(tmp_path / "logs" / "a.csv"), chosen, out, force=True)
+    assert path.read_text() == "colour = 1\n"
+
+
+@pytest.mark.parametrize("zones", [("Z",), ("+02:00",), ("", "Z")])
+def test_a_zone_for_stamps_that_have_one_is_refused(tmp_path: Path, zones: tuple[str, ...]) -> None:
+    log = raw_logs.bridge(raw_logs.run())
+    log["Time"] = [raw_logs.stamp(t)[:-6] + zones[i % len(zones)] for i, t in enumerate(raw_logs.run().t)]
+    path = raw_logs.table(tmp_path / "a.csv", log)
+    assert import_logs([path], validated(ImportMap, {"zone_hours": 9.0}, "map")).problems
+    log["Time"] = [cell.removesuffix(zones[-1]) for cell in log["Time"]]
+    imported(raw_logs.table(path, log), validated(ImportMap, {"zone_hours": 9.0}, "map"))
 
 
 def test_an_import_goes_into_a_folder_with_files_only_when_asked(tmp_path: Path) -> None:
@@ -160,7 +241,7 @@ def test_a_unit_that_nothing_shows_is_asked_for(tmp_path: Path) -> None:
     path = plain(tmp_path / "a.txt", UNITS.replace("shaft_rps", "shaft speed").replace("shaft speed", "shaft_speed"))
     found = import_logs([path])
     assert len(found.problems) == 1 and "'shaft_speed'" in found.problems[0]
-    assert [(q.quantity, q.choices[:2]) for q in found.questions] == [("n", ("rps", "rpm"))]
+    assert [list(q.choices)[:2] for q in found.questions] == [["rps", "rpm"]]
     chosen = validated(ImportMap, {"columns": {"n": {"from": "shaft_speed", "unit": "rps"}}}, "map")
     assert errors(imported(path, chosen), raw_logs.run())["n"] < 1e-12
 
@@ -170,9 +251,9 @@ def test_what_a_column_may_be_is_asked(tmp_path: Path) -> None:
     more = {"w": np.full(len(truth), 5.0), "d": np.full(len(truth), 1.0)}
     path = plain(tmp_path / "a.txt", f"{UNITS} wind_speed_mps wind_dir_rad", **more)
     found = import_logs([path])
-    assert [q.choices for q in found.questions] == [
-        ("wind_speed", "apparent_wind_speed", "nothing"),
-        ("wind_direction", "apparent_wind_direction", "nothing"),
+    assert [list(q.choices) for q in found.questions] == [
+        ["wind_speed", "apparent_wind_speed", "nothing"],
+        ["wind_direction", "apparent_wind_direction", "nothing"],
     ]
     assert "wind_speed" not in found.runs[0].columns
 
@@ -192,6 +273,18 @@ def test_numbers_for_nothing_lost_satellites_and_a_channel_that_stands_still(tmp
     assert np.isnan(columns["r"][201:240]).all() and np.isfinite(columns["r"]).sum() == len(truth) - 39
     codes = [getattr(m, "code", "") for m in found.runs[0].notices]
     assert {"sentinel", "position_lost", "frozen"} <= set(codes)
+
+
+def test_zeros_of_a_logger_without_values_stand_for_nothing(tmp_path: Path) -> None:
+    """Of a rudder only where a heading or a speed is lost as well: one amidships is zero, too."""
+    truth = raw_logs.run()
+    lost = np.zeros(len(truth), dtype=bool)
+    lost[42:47] = True  # the rudder lies at 20 deg
+    changed = {c: np.where(lost, 0.0, truth[c] + off) for c, off in (("psi", 1.0), ("u", 0.0), ("delta", 0.0))}
+    columns = imported(plain(tmp_path / "a.txt", UNITS, **changed)).runs[0].columns
+    sound = imported(plain(tmp_path / "b.txt", UNITS, delta=changed["delta"])).runs[0].columns
+    assert all(np.array_equal(np.isnan(columns[c]), lost) for c in changed)
+    assert np.isfinite(sound["delta"]).all()
 
 
 def test_sound_noisy_logs_lose_nothing(tmp_path: Path) -> None:

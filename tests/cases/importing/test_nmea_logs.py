@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import datetime
+import re
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
+from cases.importing.raw_table import Account
 from cases.io.toml_file import validated
 from tests.support import raw_logs
-from tests.support.raw_logs import BEGIN, globe, ground, plain, sentence
+from tests.support.raw_logs import BEGIN, KNOT, globe, ground, plain, sentence
 
-pytest.importorskip("pynmea2", reason="needs the extra import")
+pytest.importorskip("pynmeagps", reason="needs the extra import")
 pytest.importorskip("pyproj", reason="needs the extra import")
 
 TRUTH = raw_logs.run()
@@ -45,9 +49,11 @@ def rpm(t: float) -> str:
     return f"IIRPM,S,0,{60 * at(t, 'n'):.3f},100,A"
 
 
-def place(t: float) -> str:
+def place(t: float, north: float = 0.0, decimals: int = 6) -> str:
+    """The position, or one so many metres further north."""
     lat, lon = (float(np.interp(t, TRUTH.t, values)) for values in globe(TRUTH))
-    a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat, lon))
+    lat += north / raw_logs.M_PER_DEG[0]
+    a, b = (f"{int(d):02d}{60 * (d - int(d)):0{3 + decimals}.{decimals}f}" for d in (lat, lon))
     return f"{a},N,{b},E"
 
 
@@ -61,37 +67,56 @@ def motion(t: float) -> tuple[float, float]:
     return float(np.interp(t, TRUTH.t, sog)), float(np.interp(t, TRUTH.t, np.unwrap(cog, period=360))) % 360
 
 
-def rmc(t: float, begin: datetime.datetime = BEGIN) -> str:
+def rmc(t: float, begin: datetime.datetime = BEGIN, talker: str = "GP", north: float = 0.0, more: str = ",,A") -> str:
     sog, cog = motion(t)
     time, day = clock(t, begin)
-    return f"GPRMC,{time},A,{place(t)},{sog:.4f},{cog:.3f},{day},,,A"
+    return f"{talker}RMC,{time},A,{place(t, north)},{sog:.4f},{cog:.3f},{day},{more}"
 
 
-def gga(t: float, begin: datetime.datetime = BEGIN) -> str:
-    return f"GPGGA,{clock(t, begin)[0]},{place(t)},1,10,0.8,20.0,M,30.0,M,,"
+def gga(
+    t: float,
+    begin: datetime.datetime = BEGIN,
+    talker: str = "GP",
+    north: float = 0.0,
+    quality: int = 1,
+    decimals: int = 6,
+) -> str:
+    return f"{talker}GGA,{clock(t, begin)[0]},{place(t, north, decimals)},{quality},10,0.8,20.0,M,30.0,M,,"
+
+
+def zda(t: float) -> str:
+    return f"GPZDA,{clock(t)[0]},{BEGIN:%d,%m,%Y},00,00"
+
+
+Delay = float | Callable[[np.random.Generator], float]
 
 
 def log(
     path: Path,
-    *said: tuple[Body, float] | tuple[Body, float, float],
-    logger: str = "",
+    *said: tuple[Body, float] | tuple[Body, float, Delay],
+    logger: Callable[[float], str] | None = None,
     gap: tuple[float, float] = (0.0, 0.0),
 ) -> Path:
     """A log of sentences: what each says at a time, every so many seconds, and how late; of those at the same time the
-    first comes first. logger: format of its own clock before each, which is 7 h ahead; gap: when it is silent [s]."""
-    events = [
-        (round(k * every + (late[0] if late else 0.0), 3), order, body)
-        for order, (body, every, *late) in enumerate(said)
-        for k in range(int(LENGTH / every) + 1)
-    ]
+    first comes first. logger: what it writes before each at a time; gap: when it is silent [s]."""
+    rng = np.random.default_rng(1)
+    events = []
+    for order, (body, every, *late) in enumerate(said):
+        for k in range(int(LENGTH / every) + 1):
+            delay = late[0] if late else 0.0
+            at_time = round(k * every, 4)
+            events.append((at_time + (delay(rng) if callable(delay) else delay), order, body(at_time)))
     lines = []
-    for t, _, body in sorted(events, key=lambda event: event[:2]):
-        if gap[0] < t < gap[1]:
-            continue
-        now = BEGIN + datetime.timedelta(hours=7, seconds=t + 0.12)
-        lines.append((now.strftime(logger)[: len(logger) + 9] + " " if logger else "") + sentence(body(t)))
+    for t, _, text in sorted(events, key=lambda event: (round(event[0], 4), event[1])):
+        if text and not gap[0] < t < gap[1]:
+            lines.append((logger(t) if logger else "") + (text if text[0] in "!\\" else sentence(text)))
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return path
+
+
+def off_clock(format: str, ahead: float = 12.12, hours: int = 7) -> Callable[[float], str]:
+    """A logger's stamp in a strftime ``format`` with milliseconds, some hours and seconds ahead."""
+    return lambda t: (BEGIN + datetime.timedelta(hours=hours, seconds=t + ahead)).strftime(format)[:-3] + " "
 
 
 def columns(path: Path, chosen: ImportMap | None = None) -> dict[str, np.ndarray]:
@@ -153,11 +178,51 @@ def test_a_gap_of_the_log_stays_one(tmp_path: Path, name: str) -> None:
     assert np.abs(error[known][10:-10]).max() < TURN
 
 
-@pytest.mark.parametrize("logger", ["%Y-%m-%dT%H:%M:%S.%f", "%H:%M:%S,%f"])
-def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, logger: str) -> None:
+EPOCH = BEGIN.timestamp() + 12.12
+LOGGERS: dict[str, Callable[[float], str]] = {
+    "ISO": off_clock("%Y-%m-%dT%H:%M:%S.%f"),
+    "comma": lambda t: off_clock("%Y/%m/%d %H:%M:%S,%f")(t).strip() + ",",
+    "zone": lambda t: off_clock("%Y-%m-%d %H:%M:%S.%f")(t).strip() + "+07:00 ",
+    "day": lambda t: f"[{off_clock('%H:%M:%S.%f')(t).strip()}] ",
+    "midnight": off_clock("%H:%M:%S.%f", hours=14, ahead=1740.0),
+    "seconds": lambda t: f"{EPOCH + t:.3f};",
+    "milliseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}\t",
+    "nanoseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}000000 ",
+    "tag block": lambda t: f"\\s:VDR1,c:{1e3 * (EPOCH + t):.0f}*00\\",
+    "elapsed": lambda t: f"{1e3 * t + 777:.0f}: ",
+}
+
+
+@pytest.mark.parametrize("name", LOGGERS)
+def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, name: str) -> None:
     """The gyro speaks 0.6 s after the receiver."""
-    said = ((rmc, 1.0), (hdt, 1.0, 0.6), (rsa, 1.0), (rpm, 1.0))
-    assert off(columns(log(tmp_path / "run.nmea", *said, logger=logger)), "psi") < 2 * TURN
+    late = lambda t: hdt(t + 0.6)  # noqa: E731
+    found = columns(
+        log(tmp_path / "a.nmea", (rmc, 1.0), (late, 1.0, 0.6), (rsa, 1.0), (rpm, 1.0), logger=LOGGERS[name])
+    )
+    assert off(found, "psi") < 2 * TURN
+
+
+def test_a_receiver_may_be_late_by_a_right_clock(tmp_path: Path) -> None:
+    """Its sentences come 0.3 s after their fix, by a logger set to its zone; those of the gyro at once."""
+    delay = lambda rng: 0.25 + rng.uniform(0.0, 0.1)  # noqa: E731
+    path = log(tmp_path / "a.nmea", (rmc, 1.0, delay), *RATES["gyro 10 Hz"][1:], logger=off_clock("%H:%M:%S.%f", 0.0))
+    assert off(columns(path), "psi") < TURN and "logger_clock" in codes(path)
+
+
+@pytest.mark.parametrize(
+    ("late", "jitter", "logger"),
+    [(0.25, 0.0, None), (0.0, 0.04, off_clock("%H:%M:%S.%f")), (0.3, 0.04, off_clock("%H:%M:%S.%f", 0.0))],
+)
+def test_the_heading_is_right_within_a_tenth_of_a_degree(
+    tmp_path: Path, late: float, jitter: float, logger: Callable[[float], str] | None
+) -> None:
+    """Of a ship that turns by 2 deg/s, of a gyro of 10 Hz beside a receiver of 1 Hz whose sentences are late."""
+    some = tuple((body, 0.1, lambda rng: rng.uniform(0.0, jitter)) for body in (hdt, rsa))
+    found = columns(log(tmp_path / "a.nmea", (rmc, 1.0, lambda rng: rng.uniform(0.01, 0.01 + late)), *some, (rpm, 1.0),
+                        logger=logger))  # fmt: skip
+    fastest = np.degrees(np.abs(TRUTH["r"]).max())
+    assert np.degrees(off(found, "psi")) / fastest * 2.0 < 0.105
 
 
 def test_a_word_before_each_sentence_is_no_clock(tmp_path: Path) -> None:
@@ -265,7 +330,7 @@ def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     path = log(tmp_path / "run.nmea", *turning(shaft("E,0")))
     found = import_logs([path])
     assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
-    assert [q.choices for q in found.questions] == [("n", "n_2", "nothing")]
+    assert [list(q.choices) for q in found.questions] == [["n", "n_2", "nothing"]]
     direct = validated(ImportMap, {"columns": {"n": "RPM-E"}}, "map")
     assert off(columns(path, direct), "n") < 0.01
 
@@ -319,10 +384,30 @@ def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, 
     assert off(both, "psi") < TURN
 
 
-@pytest.mark.parametrize("body", [lambda t: f"HCHDG,{heading(t)},,,,", lambda t: f"HCHDM,{heading(t)},M"])
-def test_a_compass_without_variation_is_named_where_a_heading_is_missing(tmp_path: Path, body: Body) -> None:
-    found = import_logs([log(tmp_path / "run.nmea", (rmc, 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))])
-    assert not found.runs and "'HDG-magnetic'" in found.problems[0]
+def magnetic(t: float) -> str:
+    return f"{(np.degrees(at(t, 'psi')) + 7.5) % 360:.3f}"
+
+
+@pytest.mark.parametrize("body", [lambda t: f"HCHDG,{magnetic(t)},,,,", lambda t: f"HCHDM,{magnetic(t)},M"])
+@pytest.mark.parametrize("more", [",,A", "0.0,E,A"])
+def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, more: str) -> None:
+    """Zeros of a receiver are none."""
+    path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))
+    found = import_logs([path])
+    words = f"the log has a magnetic heading ({body(0.0)[2:5]}): give variation = "
+    assert not found.runs and words in found.problems[0]
+    assert off(columns(path, validated(ImportMap, {"variation": -7.5}, "map")), "psi") < 2 * TURN
+
+
+@pytest.mark.parametrize(("more", "fields"), [("7.5,W,A", ",,,"), (",,A", ",,7.5,W"), ("3.0,E,A", "1.0,E,8.5,W")])
+def test_a_variation_that_is_said_once_is_used(tmp_path: Path, more: str, fields: str) -> None:
+    def hdg(t: float) -> str:
+        return (
+            f"HCHDG,{magnetic(t)},{fields if t % 10 == 0 else fields.split(',')[0] + ',' + fields.split(',')[1] + ',,'}"
+        )
+
+    path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (hdg, 0.25), (rsa, 0.5), (rpm, 0.5))
+    assert off(columns(path), "psi") < 2 * TURN
 
 
 def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
@@ -341,3 +426,140 @@ def test_a_receiver_that_stands_still_is_seen_beside_a_faster_gyro(tmp_path: Pat
     path = log(tmp_path / "run.nmea", (stopped, 1.0), *RATES["gyro 10 Hz"][1:])
     assert "frozen" in codes(path)
     assert "frozen" not in codes(log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"]))
+
+
+def accounts(path: Path) -> dict[str, list[Account]]:
+    """What became of the sentences of a log, by sentence."""
+    out: dict[str, list[Account]] = {}
+    for one in import_logs([path]).runs[0].logs[0].table.accounts:
+        out.setdefault(one.what, []).append(one)
+    return out
+
+
+FAR = partial(gga, talker="GN", north=250.0)
+SECOND: dict[str, tuple[tuple[Any, ...], str, float | None]] = {
+    "rarely": (((rmc, 1.0), (FAR, 5.0)), "GNGGA", 250.0),
+    "antennas": (((rmc, 1.0), (partial(gga, north=12.0), 1.0)), "GPGGA", 12.0),
+    "one talker": (((rmc, 1.0), (partial(rmc, north=12.0), 1.0)), "GPRMC", 12.0),
+    "one talker, jitter": (((rmc, 1.0, lambda r: r.uniform(0, 0.2)),
+                            (partial(rmc, north=12.0), 1.0, lambda r: r.uniform(0, 0.2))), "GPRMC", 12.0),
+    "one talker, in turn": (((rmc, 1.0), (lambda t: rmc(t, north=12.0) if t % 1 else "", 0.5)), "GPRMC", 12.0),
+    "one talker, rates": (((partial(gga, north=12.0), 1.0), (gga, 0.2), (zda, 1.0)), "GPGGA", 12.0),
+    "tag blocks": (((lambda t: f"\\s:A*00\\{sentence(rmc(t))}", 1.0),
+                    (lambda t: f"\\s:B*00\\{sentence(rmc(t, north=12.0))}", 1.0)), "GPRMC of B", 12.0),
+    "better": (((partial(rmc, north=12.0), 1.0), (partial(gga, talker="GN", quality=4), 1.0)), "GPRMC", 12.0),
+    "speeds": (((gga, 0.5), (FAR, 1.0), (lambda t: "GNVTG,0.0,T,,M,9.0,N,,K,A", 1.0), (zda, 1.0)), "GNVTG", None),
+}  # fmt: skip
+"""Sentences of two receivers, that which is not used, and how far off it is [m]."""
+
+
+@pytest.mark.parametrize("name", SECOND)
+def test_two_receivers_are_never_mixed(tmp_path: Path, name: str) -> None:
+    said, what, distance = SECOND[name]
+    path = log(tmp_path / "run.nmea", *said, (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
+    found = columns(path)
+    for column in ("x", "y"):
+        error = found[column] - np.interp(found["t"], TRUTH.t, TRUTH[column])
+        assert np.nanstd(error) < 0.05 and np.isfinite(error).mean() > 0.95
+    assert max(off(found, "u"), off(found, "v")) < 0.02
+    left = [one for one in accounts(path)[what] if not one.used_as]
+    assert len(left) == 1 and "receiver" in left[0].why
+    if distance is not None:
+        assert float(re.search(r"([\d.]+) m off", left[0].why)[1]) == pytest.approx(distance, rel=0.03)  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        ((lambda t: rmc(t, talker="GP" if t < 50 else "GN"), 1.0),),
+        ((lambda t: rmc(t, talker="GP" if t // 7 % 2 else "GN"), 1.0),),
+        ((partial(rmc, talker="GN"), 1.0), (gga, 1.0), (partial(gga, talker="GL", decimals=3), 1.0)),
+        ((lambda t: re.sub(r",(\d{6})\.\d\d,", r",\1,", rmc(t)), 0.2),),
+        ((rmc, 1.0), (rmc, 1.0)),
+    ],
+)
+def test_talkers_of_one_receiver_are_one(tmp_path: Path, said: Any) -> None:
+    """Which changes with its satellites, or speaks of each kind of them, by whole seconds, or twice."""
+    path = log(tmp_path / "run.nmea", *said, (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
+    found = columns(path)
+    assert max(off(found, "x"), off(found, "y")) < 0.05 and np.isfinite(found["x"]).mean() > 0.95
+    assert all("latitude" in one.used_as for name, some in accounts(path).items() for one in some if name[2:5] != "VTG"
+               and name[:2] in ("GP", "GN", "GL"))  # fmt: skip
+
+
+def weeks_early(t: float) -> str:
+    return rmc(t, BEGIN - datetime.timedelta(weeks=1024))
+
+
+def cold(t: float) -> str:
+    return rmc(t) if t >= 5 else f"GPRMC,00000{t:.2f},A,{place(t)},1.0,0.0,060180,,,A"
+
+
+def set_late(t: float) -> str:
+    """By the seconds that its satellites tell at last."""
+    return rmc(t, BEGIN + datetime.timedelta(seconds=3.0 if t < 8 else 0.0))
+
+
+DATES: dict[str, tuple[tuple[Any, ...], Callable[[float], str] | None, str, str]] = {
+    "rollover": (((weeks_early, 1.0),), off_clock("%Y-%m-%d %H:%M:%S.%f"), "2026-05-04", "week_rollover"),
+    "rollover within": (((lambda t: rmc(t) if t < 60 else weeks_early(t), 1.0),), None, "2026-05-04", "nmea"),
+    "early": (((weeks_early, 1.0),), None, "2006-09-18", "date_early"),
+    "cold start": (((cold, 1.0), (lambda t: zda(t) if t > 9 else "GPZDA,000001.00,06,01,1980,00,00", 1.0)), None,
+                   "2026-05-04", "clock_unset"),
+    "seconds": (((set_late, 1.0),), None, "2026-05-04", "clock_unset"),
+    "one ZDA": (((lambda t: zda(t) if t == 30 else "", 1.0), (gga, 1.0)), None, "2026-05-04", "nmea"),
+    "of the logger": (((gga, 1.0),), off_clock("%Y-%m-%d %H:%M:%S.%f"), "2026-05-04", "nmea"),
+    "none": (((gga, 1.0),), None, "", "nmea"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", DATES)
+def test_dates_of_a_receiver(tmp_path: Path, name: str) -> None:
+    said, logger, day, code = DATES[name]
+    path = log(tmp_path / "run.nmea", *said, *RATES["gyro 10 Hz"][1:], logger=logger)
+    run = import_logs([path]).runs[0]
+    first = LENGTH - run.columns["t"][-1]
+    assert run.day == day and code in codes(path) and first < 10
+    assert off({**run.columns, "t": run.columns["t"] + first}, "psi") < TURN
+
+
+def test_a_log_without_fixes_has_the_clock_of_its_logger(tmp_path: Path) -> None:
+    """Of another file, with the receiver, it is a part."""
+    log(tmp_path / "gyro.nmea", *RATES["gyro 10 Hz"][1:], logger=off_clock("%Y-%m-%dT%H:%M:%S.%f", 0.0))
+    log(tmp_path / "gnss.nmea", (rmc, 1.0))
+    found = import_logs([tmp_path], validated(ImportMap, {"zone_hours": 7.0}, "map"))
+    assert not found.problems and off(found.runs[0].columns, "psi") < TURN
+
+
+def test_every_sentence_is_accounted_for(tmp_path: Path) -> None:
+    """And damaged ones keep their place in the order."""
+
+    def water(t: float) -> str:
+        return f"VDVBW,{at(t, 'u') / KNOT + 1:.4f},0.0,A,{at(t, 'u') / KNOT:.4f},{at(t, 'v') / KNOT:.4f},A,,V,,V"
+
+    said = (
+        "!AIVDM,1,1,,A,13u?etPv2;0n:dDPwUM1U1Cb069D,0", "PASHR,0,1,2", "SDDPT,1.0,0.5", "GPVTG,0.0,T,,M,0.0,N,0.0,K,N",
+        "YXXDR,A,2.0,D,ROLL", "IIRPM,S,0,1.0,9.0,V", "WIMWD,200.0,T,,M,,N,4.0,M",
+    )  # fmt: skip
+    more = [water, *(partial(lambda text, t: text, text) for text in said)]
+    path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], *((body, 1.0) for body in more))
+    lines = path.read_text().splitlines()
+    for i in range(200, len(lines), 97):
+        lines[i] = lines[i][:-1] + ("0" if lines[i][-1] != "0" else "1")
+    path.write_text("\n".join(lines))
+    run = import_logs([path]).runs[0]
+    found = accounts(path)
+    assert off(run.columns, "psi") < TURN and off(run.columns, "u") < 0.01
+    assert run.columns["wind_direction"] == pytest.approx(np.radians(200))
+    assert sum(one.rows for name, some in found.items() for one in some if "water" not in name) == len(lines)
+    assert found["HEHDT"][0].used_as == ("heading",) and found["VDVBW"][0].used_as == ("u", "v")
+    assert sum(one.rows for one in found["HEHDT"]) == int(LENGTH / 0.1) + 1
+    assert found["GPVTG"][0].why == "mode N" and found["VDVBW through the water"][0].why
+    assert all(not one.used_as for name in ("AIVDM", "PASHR", "SDDPT", "YXXDR") for one in found[name])
+    assert {"nmea", "nmea_void", "nmea_damaged", "nmea_not_read"} <= codes(path)
+
+
+def test_blades_that_move_are_named_and_a_rudder_at_zero_is_none(tmp_path: Path) -> None:
+    said = (lambda t: f"IIRPM,S,0,{60 * at(t, 'n'):.3f},{t:.1f},A", lambda t: f"AGRSA,{angle(t)},A,0.0,A")
+    path = log(tmp_path / "run.nmea", (rmc, 1.0), (hdt, 0.5), *((body, 0.5) for body in said))
+    assert "pitch_moves" in codes(path) and off(columns(path), "delta") < 0.05

@@ -80,7 +80,7 @@ def test_directions_of_the_same_time_on_both_sides_of_north_have_a_mean_there(tm
     columns[f"{pod} [deg]"][51] = 1.0
     found = import_logs([table(tmp_path / "a.csv", columns)])
     values = found.runs[0].columns["psi" if pod == "Heading" else pod]
-    assert np.cos(values).min() > np.cos(np.radians(1.01)) and values[50] == pytest.approx(0.0, abs=1e-9)
+    assert np.cos(values).min() > np.cos(np.radians(1.01)) and values[50] == pytest.approx(0.0, abs=1e-6)
 
 
 ZONES = {
@@ -91,10 +91,9 @@ ZONES = {
 
 @pytest.mark.parametrize("zones", list(ZONES))
 @pytest.mark.parametrize("large", [False, True])
-def test_stamps_with_and_without_a_zone_are_asked_for_theirs(
+def test_stamps_with_and_without_a_zone_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zones: str, large: bool
 ) -> None:
-    """With ``zone_hours`` the stamps without a zone are so much ahead, and only they."""
     if large:
         monkeypatch.setattr("cases.io.text_table.BLOCK", 9000)
     truth = raw_logs.run()
@@ -104,11 +103,8 @@ def test_stamps_with_and_without_a_zone_are_asked_for_theirs(
         zone = ZONES[zones][i >= 180]
         times.append(stamp(t + 3600 * hours[zone])[:-6] + zone)
     path = table(tmp_path / "a.csv", {**bridge(truth), "Time": times})
-    found = import_logs([path])
-    assert len(found.problems) == 1, found.problems
-    late = shifts(import_logs([path], ImportMap(zone_hours=9.0)))
-    assert max(abs(s) for s in late.values()) < 0.1, late
-    assert import_logs([path], ImportMap(zone_hours=12.0 if zones.startswith("Z") else 6.0)).problems
+    for chosen in (ImportMap(), ImportMap(zone_hours=9.0)):
+        assert len(import_logs([path], chosen).problems) == 1
 
 
 def test_a_zone_of_two_digits_is_one(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from cases.io.toml_file import validated
 from cases.trial import Trial
 from mmg_ident import simulate
 from tests.support import raw_logs
-from tests.support.raw_logs import bridge, table
+from tests.support.raw_logs import answers, bridge, table
 
 pytest.importorskip("pyproj", reason="needs the extra import")
 
@@ -43,37 +43,81 @@ def test_exchanged_latitude_and_longitude_are_refused_and_the_line_mends_it(
 
 
 def test_a_latitude_beyond_the_pole_is_no_lost_satellite(tmp_path: Path) -> None:
-    """Exchanged in Japan, and degrees and minutes in one number."""
+    """Exchanged in Japan; degrees and minutes in one number are read."""
     log = bridge(raw_logs.run())
     swapped = {**log, "Latitude": log["Longitude"], "Longitude": log["Latitude"]}
-    minutes = {**log, "Latitude": np.floor(log["Latitude"]) * 100 + 60 * (log["Latitude"] % 1)}
-    for columns in (swapped, minutes):
-        problems = import_logs([table(tmp_path / "a.csv", columns)]).problems
-        assert len(problems) == 1 and "column 'Latitude' reaches" in problems[0], problems
+    problems = import_logs([table(tmp_path / "a.csv", swapped)]).problems
+    assert len(problems) == 1 and "column 'Latitude' reaches" in problems[0], problems
+    minutes = {name: np.floor(log[name]) * 100 + 60 * (log[name] % 1) for name in ("Latitude", "Longitude")}
+    found = import_logs([table(tmp_path / "a.csv", {**log, **minutes})])
+    assert not found.problems and np.abs(found.runs[0].columns["x"] - raw_logs.run()["x"]).max() < 0.5
 
 
 @pytest.mark.parametrize(
-    ("origin", "left_out", "lines"),
+    ("origin", "left_out", "signs"),
     [
-        ((-33.86, 151.2), HEADING, ['latitude = { from = "Latitude", sign = -1 }']),
-        ((48.3, -4.4), HEADING, ['longitude = { from = "Longitude", sign = -1 }']),
-        ((-33.0, -71.6), (), ['latitude = { from = "Latitude", sign = -1 }', "and longitude"]),
+        ((-33.86, 151.2), HEADING, {"latitude"}),
+        ((48.3, -4.4), HEADING, {"longitude"}),
+        ((-33.0, -71.6), (), {"latitude", "longitude"}),
     ],
 )
 def test_a_hemisphere_that_no_column_holds_is_refused(
-    tmp_path: Path, origin: tuple[float, float], left_out: tuple[str, ...], lines: list[str]
+    tmp_path: Path, origin: tuple[float, float], left_out: tuple[str, ...], signs: set[str]
 ) -> None:
     log = bridge(raw_logs.run(), origin)
     log |= {name: np.abs(np.asarray(log[name], dtype=float)) for name in ("Latitude", "Longitude")}
-    problems = import_logs([table(tmp_path / "a.csv", without(log, *left_out))]).problems
-    assert len(problems) == 1 and all(line in problems[0] for line in lines), problems
+    path = table(tmp_path / "a.csv", without(log, *left_out))
+    first, *_ = answers(path)
+    assert {name for name, column in first.columns.items() if column.sign == -1} == signs
+    assert import_logs([path], first).origin == pytest.approx(origin, abs=1e-3)
 
 
 def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) -> None:
     truth, log = raw_logs.run(), bridge(raw_logs.run())
     log = without(log, "Latitude", "Longitude") | {"x [m]": truth["y"], "y [m]": truth["x"]}
-    problems = import_logs([table(tmp_path / "a.csv", log)]).problems
-    assert len(problems) == 1 and 'x = "y" and y = "x"' in problems[0]
+    path = table(tmp_path / "a.csv", log)
+    found = import_logs([path], answers(path)[0])
+    assert np.allclose(found.runs[0].columns["x"], truth["x"], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("scale", "speed", "lines"),
+    [
+        (1 / 0.3048, 1.0, {"x": {"from": "x", "unit": "ft"}, "y": {"from": "y", "unit": "ft"}}),
+        (1.0, 0.5144, {"sog": {"from": "SOG", "unit": "m/s"}}),
+    ],
+)
+def test_positions_at_another_speed_than_over_ground_are_refused_and_the_line_mends_it(
+    tmp_path: Path, scale: float, speed: float, lines: dict[str, dict[str, str]]
+) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    log = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
+    path = table(tmp_path / "a.csv", {**log, "SOG [kn]": speed * np.asarray(log["SOG [kn]"], dtype=float)})
+    (problem,) = import_logs([path]).problems
+    assert all(
+        f'{name} = {{ from = "{line["from"]}", unit = "{line["unit"]}" }}' in problem for name, line in lines.items()
+    )
+    found = import_logs([path], validated(ImportMap, {"columns": lines}, "map"))
+    assert not found.problems
+    assert np.abs(found.runs[0].columns["u"] - truth["u"])[20:-20].max() < 0.02
+
+
+def test_a_grid_whose_scale_is_not_one_is_noted(tmp_path: Path) -> None:
+    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    for scale in (1.0, 1.02):
+        moved = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
+        (run,) = import_logs([table(tmp_path / "a.csv", moved)]).runs
+        assert ("scale" in [note.code for note in run.notices]) == (scale != 1.0)
+
+
+def test_a_heading_interpolated_through_360_is_mended_before_a_turn_rate_is_derived(tmp_path: Path) -> None:
+    truth = raw_logs.run("turning:35")
+    log, t = bridge(truth), truth.t
+    every = slice(None, None, 4)
+    log["Heading [deg]"] = np.interp(t, t[every], np.asarray(log["Heading [deg]"], dtype=float)[every])
+    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
+    assert "heading_mended" in [note.code for note in run.notices]
+    assert np.abs(run.columns["r"] - truth["r"][: len(run.columns["r"])])[20:-20].max() < 0.01
 
 
 @pytest.mark.parametrize("maneuver", ["zigzag:5/5", "turning:35", "turning:-35", "crash-stop", "random:3"])

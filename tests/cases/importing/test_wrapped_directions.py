@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.importing.written_trials import write_import
 from cases.io.read import read_trials
+from cases.io.toml_file import validated
 from cases.io.unit_sanity import implausible
 from cases.trial import Trial
 from tests.support import raw_logs
@@ -63,30 +66,77 @@ def test_a_position_over_the_date_line_stays_there(tmp_path: Path) -> None:
     assert np.isfinite(found.runs[0].columns["y"]).mean() > 0.9
 
 
-def three_rounds() -> tuple[Trial, dict[str, object]]:
-    """A circle of three rounds in a steady wind, and a bridge's log of it with the apparent wind."""
-    t = np.arange(0.0, 400.0)
-    u, v, r = 1.0, -0.2, 0.05
-    psi = r * t
-    path = (u + 1j * v) / (1j * r) * np.exp(1j * psi)
-    columns = {"t": t, "x": path.real, "y": path.imag, "psi": np.angle(np.exp(1j * psi))}
-    steady = {"u": u, "v": v, "r": r, "n": 10.0, "delta": 0.6}
-    truth = Trial("turn", columns | {name: np.full(len(t), value) for name, value in steady.items()})
-    air = -6.0 * np.exp(0.7j) - (truth["u"] + 1j * truth["v"]) * np.exp(1j * truth["psi"])
+def rounds(count: float = 3.2, heading: float = 0.0, wind: float = 0.7, side: int = 1) -> tuple[Trial, dict[str, Any]]:
+    """Circles under a rudder that goes up and down, in a steady wind, begun at a ``heading`` [rad], and what a bridge
+    logs of the apparent wind."""
+    fine = np.arange(0.0, 2 * np.pi * count / 0.05, 0.01)
+    r, u = 0.05 * side * (1 + 0.2 * np.sin(fine / 20)), 1.0 + 0.1 * np.cos(fine / 20)
+    psi = heading + np.concatenate([[0.0], np.cumsum(r[1:] + r[:-1]) * 0.005])
+    path = (u - 4j * r) * np.exp(1j * psi)
+    path = np.concatenate([[0.0], np.cumsum(path[1:] + path[:-1]) * 0.005])
+    delta, n = 0.5 * side * (1 + 0.2 * np.sin(fine / 20 + 0.5)), 10.0 + 0.3 * np.sin(fine / 30)
+    columns = {"t": fine, "x": path.real, "y": path.imag, "psi": np.angle(np.exp(1j * psi)), "u": u, "v": -4 * r}
+    truth = Trial("turn", {name: v[::100] for name, v in {**columns, "r": r, "n": n, "delta": delta}.items()})
+    air = -6.0 * np.exp(1j * wind) - (truth["u"] + 1j * truth["v"]) * np.exp(1j * truth["psi"])
     seen = -air * np.exp(-1j * truth["psi"])
-    wind = {"AWS [m/s]": np.abs(seen), "AWA [deg]": np.degrees(np.angle(seen)) % 360}
-    return truth, {**bridge(truth), **wind}
+    return truth, {"AWS [m/s]": np.abs(seen), "AWA [deg]": np.degrees(np.angle(seen)) % 360}
 
 
-def test_an_apparent_wind_of_three_rounds_is_written_within_a_turn(tmp_path: Path) -> None:
-    _, log = three_rounds()
-    found = import_logs([table(tmp_path / "turn.csv", log)])
-    write_import(found, ImportMap(), tmp_path / "out")
-    trial = read_trials(tmp_path / "out")[0]
-    assert trial["apparent_wind_direction"].min() >= 0 and trial["apparent_wind_direction"].max() < 2 * np.pi
-    direction = trial["wind_direction"][10:-10]
-    assert np.cos(direction - 0.7).min() > 0.99
-    assert check([trial])[0].verdict != "contradictory"
+LOGGERS = [",", ";", "\t", "excel", "parquet", "nmea"]
+PLACES = [(34.7, 135.4), (-33.0, 151.0), (10.0, 179.9999), (-60.0, -179.9999), (0.0001, 0.0001), (78.0, 15.0)]
+DAYS = ["2026-05-04T09:30", "2024-02-29T23:57", "1999-12-31T23:58", "2016-12-31T23:59"]
+
+
+def written(
+    logger: str, folder: Path, truth: Trial, more: dict[str, Any], place: tuple[float, float], day: str
+) -> Path:
+    """The log of a bridge as that ``logger`` writes it."""
+    import pandas as pd
+
+    begin = datetime.datetime.fromisoformat(f"{day}:00+00:00")
+    if logger == "nmea":
+        return raw_logs.nmea(folder / "log.nmea", truth, damaged=False, origin=place, begin=begin)
+    frame = pd.DataFrame(bridge(truth, place) | more)
+    frame["Longitude"] = (frame["Longitude"] + 180) % 360 - 180
+    frame["Time"] = [stamp(t, begin) for t in truth.t]
+    if logger == "excel":
+        frame.to_excel(folder / "log.xlsx", index=False)
+        return folder / "log.xlsx"
+    if logger == "parquet":
+        frame.to_parquet(folder / "log.parquet")
+        return folder / "log.parquet"
+    decimal = "," if logger == ";" else "."
+    frame.round(7).to_csv(folder / "log.txt", sep=logger, decimal=decimal, index=False)
+    return folder / "log.txt"
+
+
+@pytest.mark.parametrize("seed", range(18))
+def test_what_is_imported_is_right_to_the_check(tmp_path: Path, seed: int) -> None:
+    """Circles of one to six rounds, either way, from any heading, in any wind, anywhere, on any day, by any logger."""
+    rng = np.random.default_rng(seed)
+    truth, wind = rounds(rng.uniform(1, 6), *rng.uniform(-np.pi, np.pi, 2), side=int(rng.choice([-1, 1])))
+    logger, place = LOGGERS[seed % len(LOGGERS)], PLACES[seed // 3 % len(PLACES)]
+    path = written(logger, tmp_path, truth, wind, place, str(rng.choice(DAYS)))
+    chosen = validated(ImportMap, {"reference_point": [0.0, 0.0]}, "map")
+    found = import_logs([path], chosen)
+    assert not found.problems, found.problems
+    trial = read_trials(write_import(found, chosen, tmp_path / "out"))[0]
+    report = check([trial])[0]
+    assert report.verdict not in ("contradictory", "doubtful"), [
+        f.text for f in report.findings if f.level == report.verdict
+    ]
+    for name in ("psi", "wind_direction", "apparent_wind_direction"):
+        if name in trial:
+            values = trial[name]
+            assert values.max() - values.min() <= 2 * np.pi and np.abs(values).max() < 2 * np.pi, name
+    off = {name: np.abs(trial[name] - np.interp(trial.t, truth.t, truth[name])).max() for name in "uvr"}
+    assert max(off["u"], off["v"]) < 0.02 and off["r"] < 0.002, off
+
+
+def test_a_position_at_a_pole_is_refused(tmp_path: Path) -> None:
+    truth, wind = rounds()
+    found = import_logs([written(",", tmp_path, truth, wind, (89.99999, 0.0), DAYS[0])])
+    assert found.problems and "Latitude" in found.problems[0]
 
 
 @pytest.mark.parametrize(("unit", "mislabelled"), [(1.0, False), (180 / np.pi, True)])
@@ -94,7 +144,8 @@ def test_a_unit_of_the_apparent_wind_is_advised_only_where_the_wind_agrees(
     tmp_path: Path, unit: float, mislabelled: bool
 ) -> None:
     """An angle that goes on with the turns of the ship reaches 18 rad; degrees labelled rad reach 360."""
-    truth, log = three_rounds()
+    truth, wind = rounds()
+    log = {**bridge(truth), **wind}
     angle = np.unwrap(np.radians(log["AWA [deg]"])) if not mislabelled else np.radians(log["AWA [deg]"])
     columns = {**truth.columns, "apparent_wind_speed": log["AWS [m/s]"], "apparent_wind_direction": angle * unit}
     columns = {name: v for name, v in columns.items() if name not in ("wind_speed", "wind_direction")}

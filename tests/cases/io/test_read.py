@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from cases.io.read import read_trial, read_trials
 from cases.io.unit_sanity import implausible
-from cases.trial import UNITS
+from cases.quantities import UNITS
 from mmg.errors import Missing, UserError
 from mmg.messages import has_code
 from mmg.motion.frames import apparent_wind, true_wind

@@ -11,7 +11,7 @@ from cases.importing.import_map import FileMap, ImportMap
 from cases.io.read import read_trial, read_trials
 from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entry
 from cases.io.toml_file import validated
-from cases.trial import UNITS
+from cases.quantities import UNITS
 from mmg.errors import BadValue, Missing, UserError
 from mmg.messages import has_code
 from tests.support.trial_files import motion_columns, write_csv
@@ -63,11 +63,13 @@ def test_a_wrong_sidecar_is_one_line(tmp_path, text, said):
     assert "\n" not in str(error.value)
 
 
-def test_an_entry_for_no_file_of_the_folder_is_an_error(tmp_path):
+def test_a_sidecar_beside_a_part_of_its_files_is_said_and_no_error(tmp_path):
     write_csv(tmp_path / "a.csv")
-    sidecar(tmp_path, '[files."b.csv"]\nkind = "x"')
-    with pytest.raises(Missing):
-        read_trials([tmp_path])
+    sidecar(tmp_path, '[files."a.csv"]\nkind = "x"\n[files.b]\nkind = "y"')
+    (trial,) = read_trials([tmp_path])
+    assert trial.kind == "x" and has_code(trial.notices, "sidecar_file_absent")
+    write_csv(tmp_path / "b.csv")
+    assert not any(has_code(trial.notices, "sidecar_file_absent") for trial in read_trials([tmp_path]))
 
 
 def test_foreign_headers_units_and_rudder_sign_are_converted_and_said(tmp_path):

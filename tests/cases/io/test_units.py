@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cases.io.units import FACTORS, accepted, is_canonical, si_unit, to_si
-from cases.trial import UNITS
+from cases.io.units import FACTORS, accepted, to_si
+from cases.quantities import UNITS, is_canonical, quantity
 from mmg.errors import UserError
 
 
@@ -25,8 +25,8 @@ def test_contract_units_convert_to_si(column, unit, factor):
 
 @pytest.mark.parametrize("column", sorted(UNITS))
 def test_every_canonical_column_accepts_its_si_unit(column):
-    assert to_si(column, si_unit(column), "here") == 1.0
-    assert accepted(column)[0] == si_unit(column)
+    assert to_si(column, quantity(column).unit, "here") == 1.0
+    assert accepted(column)[0] == quantity(column).unit
 
 
 def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
@@ -38,7 +38,7 @@ def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
 @given(st.sampled_from(sorted(UNITS)), st.text(max_size=8))
 def test_a_unit_is_either_known_or_a_user_error(column, unit):
     try:
-        assert to_si(column, unit, "here") in FACTORS[si_unit(column)].values()
+        assert to_si(column, unit, "here") in FACTORS[quantity(column).unit].values()
     except UserError as error:
         assert "\n" not in str(error).replace(unit, "")
 

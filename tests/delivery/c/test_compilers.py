@@ -18,7 +18,7 @@ from mmg.ship import Ship
 from tests.delivery.c.test_source import SHIPS, ship_of
 from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
 
-VARIED = ("esso_osaka_3m", "twin rudders", "hybrid", "effects that remember")
+VARIED = ("esso_osaka_3m", "twin rudders", "hybrid", "memory effects")
 FEW = ["hybrid", *(pytest.param(name, marks=pytest.mark.slow) for name in VARIED if name != "hybrid")]
 
 
@@ -27,7 +27,7 @@ FEW = ["hybrid", *(pytest.param(name, marks=pytest.mark.slow) for name in VARIED
 )
 def test_it_compiles_without_a_warning(which: str, single: bool, tmp_path: Path) -> None:
     command = compiler(which)
-    for name in ("hybrid", "effects that remember") if "gcc" in which else ("hybrid",):
+    for name in ("hybrid", "memory effects") if "gcc" in which else ("hybrid",):
         of = product(ship_of(name))
         source = write_files(of, tmp_path)
         more = [f"-D{of.identifier.upper()}_SINGLE"] if single else []

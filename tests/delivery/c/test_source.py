@@ -63,7 +63,7 @@ SHIPS = {
     "hybrid": hybrid,
     "hybrid of three networks of one layer": lambda: hybrid(3, (6,)),
     "hybrid of three layers": lambda: hybrid(1, (5, 7, 4)),
-    "effects that remember": remembering,
+    "memory effects": remembering,
     "generated": generated,
 }
 

@@ -204,20 +204,20 @@ def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> Non
 @pytest.mark.parametrize(
     ("ship", "form", "words"),
     [
-        ("kvlcc2_l7", "vrx", "couples no sway and yaw: use --format gazebo"),
-        ("mariner", "shipmmg", "needs a propeller of its own"),
-        ("mariner", "pvs", "needs a propeller of its own"),
-        ("mariner", "gazebo", "holds its propeller and rudder"),
-        ("vectwin_3m", "shipmmg", "has delta_port, delta_starboard"),
+        ("kvlcc2_l7", "vrx", "--format gazebo"),
+        ("mariner", "shipmmg", "propeller"),
+        ("mariner", "pvs", "propeller"),
+        ("mariner", "gazebo", "propeller"),
+        ("vectwin_3m", "shipmmg", "delta_port, delta_starboard"),
     ],
 )
 def test_what_a_target_cannot_hold_is_refused_with_the_reason(
     ship: str, form: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = str(tmp_path / f"x.{'json' if form == 'shipmmg' else 'py' if form == 'pvs' else 'sdf'}")
-    assert main(["export", ship, "--force", "--format", form, "--out", out]) == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert words in error[-1] and error[-1].startswith("mmg: ") and len(error) == 1
+    assert main(["export", ship, "--force", "--format", form, "--out", out, "--json"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("mmg: ") and words in line and line.endswith("[unsupported]")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -234,7 +234,7 @@ def test_an_effect_that_a_target_cannot_hold_is_named(name: str, why: str, tmp_p
 def test_effects_of_the_forces_and_of_the_instruments_are_held_or_left_out() -> None:
     ship = load_ship("esso_osaka_3m").with_effect("fouling", {"share": 0.3}).with_effect("log_scale", {"share": 0.1})
     found = motions(product(ship, {}), "a simulator")
-    assert "log_scale belongs to the instruments" in found.left_out[0] and "fouling" in found.left_out[1]
+    assert "log_scale" in found.left_out[0] and "fouling" in found.left_out[1]
     assert found.forces["hull"][0].mean() < 1.1 * moved("esso_osaka_3m").forces["hull"][0].mean() < 0
 
 

@@ -53,8 +53,8 @@ def test_bad_requests_are_one_line_and_leave_nothing(
     (tmp_path / "there.fmu").write_text("mine")
     for words, said in (
         ([*base, "--out", "ship.fmu"], "--force"),
-        ([*base, "--out", "there.fmu", "--force", "--platforms", "amiga"], "no such platform"),
-        ([*base, "--out", "ship.zip", "--force"], "must end in .fmu"),
+        ([*base, "--out", "there.fmu", "--force", "--platforms", "amiga"], "amiga"),
+        ([*base, "--out", "ship.zip", "--force"], ".fmu"),
         (["export", "esso_osaka_3m", "--format", "c", "--out", "c", "--force", "--platforms", "win64"], "--platforms"),
     ):
         capsys.readouterr()

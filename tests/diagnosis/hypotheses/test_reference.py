@@ -26,6 +26,7 @@ from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare
 from diagnosis.summary import usual_values
 from fitting.report.run_folder import RESULT, data_rows, write_json
+from mmg.messages import has_code
 from mmg.ship import Ship
 from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
 from tests.support.quick import first_quick
@@ -38,7 +39,6 @@ MODERATE = {"antenna_offset": "antenna_offset:x=0.3,y=-0.25", "current": "curren
 """Effects of one to two typical sizes."""
 LARGE = {"antenna_offset": "antenna_offset:x=0.9,y=-0.7", "current": "current:x=0.06,y=-0.05"}
 """Effects of more than STRONG typical sizes."""
-SHOWN = "show these effects already"
 
 
 LIMIT = 1.1
@@ -174,9 +174,9 @@ def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
     for reference, news in ((before(MODERATE[name]), ()), (before(), (name,))):
         ready, found = diagnosed(trials, reference)
         assert tuple(c.label for c in found.effects) == news
-        assert not any(SHOWN in words for words in ready.notices)
-        assert any("calibrated on other trials" in words for words in ready.notices) is bool(reference)
-        told = [str(words) for words in ready.notices if "more than chance of" in words]
+        assert not has_code(ready.notices, "effects_in_reference")
+        assert has_code(ready.notices, "reference_fitted") is bool(reference)
+        told = [words for words in ready.notices if has_code([words], "usual_effects")]
         assert bool(told) is bool(reference and not news) and all(f"{name} (p = " in words for words in told)
         assert bool(usual_values(ready.full, name)) is bool(reference)
     # as large as it is, not as much larger as it is than in the reference
@@ -190,7 +190,7 @@ def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
 @pytest.mark.parametrize("name", LARGE)
 def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
     ready, found = diagnosed(new(LARGE[name]), before(LARGE[name]))
-    told = [words for words in ready.notices if SHOWN in words]
+    told = [words for words in ready.notices if has_code([words], "effects_in_reference")]
     assert len(told) == 1 and told[0].endswith(f": {name}")
     assert [c.label for c in found.effects] == [name]
 

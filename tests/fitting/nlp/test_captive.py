@@ -151,8 +151,8 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "words"),
     [
-        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],M [N m]", "missing column N"),
-        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [lbf],Y [N],N [N m]", "needs a unit out of N, kN"),
+        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],M [N m]", "column N"),
+        ("u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [lbf],Y [N],N [N m]", "X .*lbf"),
         ("u [yd/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]", "'yd/s'"),
     ],
 )

@@ -32,7 +32,7 @@ CHECK_VALUES = {
 @pytest.mark.data
 @pytest.mark.parametrize("method", ["euler", "rk4"])
 def test_captive_check_values_of_both_metrics_are_reproduced_to_one_percent(frt, method) -> None:  # type: ignore[no-untyped-def]
-    from cases import published_splits as splits
+    from cases.io import published_splits as splits
     from cases.io.read import read_trials
 
     trials = read_trials(splits.find(splits.DEVELOPMENT_HOLDOUT))

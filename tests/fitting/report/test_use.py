@@ -248,4 +248,3 @@ def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
     assert "appendix 6" in text and "[90" in text and "starboard" in text
-    assert "Not at hand" in text or "Not known: the trial files" in text

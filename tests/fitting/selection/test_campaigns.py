@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.io.campaigns import Campaigns, said_campaign, ship_in
+from cases.io.campaigns import Campaigns, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
+from cases.trial_set import TrialSet
 from fitting import calibrate as pipeline
 from fitting import calibration
 from fitting.calibrate import FitOptions, calibrate
@@ -110,19 +111,20 @@ def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
 
 def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_trial() -> None:
     _, fit = calibrated(True)
-    ship, trials = fit.calibration.ship, fleet(HIDDEN, {DAYS[1]: ["gyro:T=0.9"]}, RUNS[:1], 50, 10.0, 100.0)
+    ship = fit.calibration.ship
+    trials = TrialSet.of(fleet(HIDDEN, {DAYS[1]: ["gyro:T=0.9"]}, RUNS[:1], 50, 10.0, 100.0))
     again = parse_ship(dump_ship(ship))
     assert again.campaigns == {name: dict(values) for name, values in ship.campaigns.items()}
     assert f'"{DAYS[0]}"' in dump_ship_json(ship)
     own = ship.campaigns[DAYS[1]]["gyro.T"]
     assert values_of(ship, trials[0])[ship.symbols.index("gyro.T")] == own  # type: ignore[index]
     known = predict_all(Simulator(ship), trials, 30.0, 30.0)[0][0]
-    other = predict_all(Simulator(ship), said_campaign(trials, DAYS[0], ship), 30.0, 30.0)[0][0]
+    other = predict_all(Simulator(ship), trials.said_campaign(DAYS[0], ship), 30.0, 30.0)[0][0]
     miss = [np.mean(np.vstack([w.error(trials[0].states) for w in windows])[:, 5] ** 2) for windows in (known, other)]
     assert miss[0] < 0.5 * miss[1]
     assert ship_in(ship, trials)[0].coefficients["gyro.T"].value == own
     with pytest.raises(UserError, match=r"--campaign summer.*2026-03-02, 2026-03-09"):
-        said_campaign(trials, "summer", ship)
+        trials.said_campaign("summer", ship)
 
 
 @pytest.mark.parametrize("differ", [True, False])

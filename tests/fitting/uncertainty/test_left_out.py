@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.checks.trusted import without_broken
 from cases.io.leave_out import inside
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
+from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions, calibrate
 from fitting.result import read_fit
 from fitting.settings import Settings
@@ -22,7 +22,7 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
     train, held_out = demo_trials(3)
     rows = inside(train[0], [(50.0, 58.0)])
     broken = train[0].with_columns(psi=train[0]["psi"] + np.where(rows, 0.3, 0.0))
-    (kept,) = without_broken([broken])
+    (kept,) = TrialSet.of([broken]).sound
     assert kept.whole is broken
     settings, options = Settings(passes=2, compiled=False), FitOptions(next_trial=False, instruments=())
     result = calibrate(start, [kept], held_out[-1:], settings, options)

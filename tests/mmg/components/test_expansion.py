@@ -206,10 +206,10 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "is empty"), ("ahead", "no factor"), ("u q", "'q'"), ("sin(u)", "not an angle"),
-        ("cos(n)", "not an angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
+        ("", "is empty"), ("ahead", "no factor"), ("u q", "'q'"), ("sin(u)", "angle"),
+        ("cos(n)", "angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
-        ("sin(delta))", "brackets"), ("mean(u,v)", "two variables of actuators"), ("u^2", "no variable"),
+        ("sin(delta))", "brackets"), ("mean(u,v)", "actuators"), ("u^2", "no variable"),
         ("tan(delta)", "no variable"),
     ],
 )  # fmt: skip

@@ -20,9 +20,9 @@ from mmg_ident.commands.output import each, narration, progress, working
 MMG = "from mmg_ident.commands.main import run; import sys; sys.argv[0] = 'mmg'; run()"
 
 
-def completed(words: str) -> list[str]:
-    """What a shell would offer for the last of the ``words``."""
-    count = str(words.count(" "))
+def completed(*given: str) -> list[str]:
+    """What a shell would offer for the last of the words that are ``given`` after mmg."""
+    words, count = " ".join(("mmg", *given)), str(len(given))
     environment = {**os.environ, "COMP_WORDS": words, "COMP_CWORD": count, "_MMG_COMPLETE": "complete_bash"}
     run = subprocess.run([sys.executable, "-c", MMG], capture_output=True, text=True, env=environment)
     assert run.returncode == 0, run.stderr
@@ -30,9 +30,9 @@ def completed(words: str) -> list[str]:
 
 
 def test_a_shell_completes_verbs_ships_options_and_formats() -> None:
-    assert completed("mmg ") == list(VERBS)
-    assert completed("mmg export kvl") == ["kvlcc2_full", "kvlcc2_l7"]
-    assert {"c", "casadi"} <= set(completed("mmg export esso_osaka_3m --format c"))
+    assert completed("") == list(VERBS)
+    assert completed("export", "kvl") == ["kvlcc2_full", "kvlcc2_l7"]
+    assert {"c", "casadi"} <= set(completed("export", "esso_osaka_3m", "--format", "c"))
 
 
 def test_the_script_for_a_shell_is_printed() -> None:

@@ -159,9 +159,8 @@ def test_the_ship_of_the_folder_has_what_was_named_and_can_be_used_again(folder:
 
 
 def test_trials_that_show_all_that_is_needed_are_not_warned_of(content: dict[str, Any]) -> None:
-    said = " ".join(content["warnings"])
-    for words in ("no positions", "no wind columns", "of one kind", "not calibrated", "shares rows", "no --test"):
-        assert words not in said
+    codes = {row["code"] for row in content["messages"]}
+    assert not codes & {"no_positions", "no_wind", "one_kind", "not_calibrated", "shared_rows", "no_tests"}
 
 
 def bare(trial: Trial, *names: str) -> Trial:
@@ -194,17 +193,13 @@ def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Pat
     with unrendered():
         content = shown("diagnose", poor / "ship.toml", poor / "train", *where, *OPTIONS)
     said = content["warnings"]
-    for words in (
-        "was not calibrated",
-        "not diagnosed by but checked on, by their role in trials.toml: random",
-        "no positions in zigzag_b: effects of place and of satellite sensors hardly show there",
-        "no wind columns in zigzag_c: calm air is assumed",
-        "all trials are of one kind (zigzag): many effects look alike in them",
-        "again shares rows with zigzag_a, so it is no test",
-        "renamed shares rows with zigzag_a, so it is no test",
-        "not excited by these trials, so neither found nor excluded: propeller_side_force",
-    ):
-        assert sum(words in line for line in said) == 1, (words, said)
+    rows = [(row["code"], row["text"]) for row in content["messages"]]
+    for code, words in (
+        ("not_calibrated", ""), ("role_held_out", "random"), ("no_positions", "zigzag_b"), ("no_wind", "zigzag_c"),
+        ("one_kind", "zigzag"), ("shared_rows", "again"), ("shared_rows", "renamed"),
+        ("not_excited", "propeller_side_force"),
+    ):  # fmt: skip
+        assert sum(code == its and words in text for its, text in rows) == 1, (code, words, rows)
     assert content["verdict"] in ("none", "named", "unknown") and content["candidates"]
     assert list(content["held_out"]["by_run"]) == ["random"]
     assert json.loads((poor / "run" / "result.json").read_text())["warnings"] == said
@@ -361,7 +356,7 @@ def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     out, err = capsys.readouterr()
     assert f"verdict: {verdict}" in out
     assert "current" in out and "0.7" in out
-    assert ("next: Stop and drift." in out) == (verdict == "named")
+    assert ("next: " in out) == (verdict == "named")
     assert f"diagnosis: {tmp_path / 'run'}" in err
     assert json.loads((tmp_path / "run" / "diagnosis.json").read_text())["verdict"] == verdict
 

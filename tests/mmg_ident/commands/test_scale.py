@@ -92,8 +92,8 @@ def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path, capsys:
     ("arguments", "words"),
     [
         (["mariner", "--length", "5"], "--froude-only"),
-        (["nothing", "--length", "5"], "nothing: no such ship"),
-        (["kvlcc2_l7", "--length", "-3"], "--length -3: give 0.1 to 600 m"),
+        (["nothing", "--length", "5"], "nothing"),
+        (["kvlcc2_l7", "--length", "-3"], "--length -3"),
         (["kvlcc2_l7", "--length", "320", "--form-factor", "7"], "--form-factor 7"),
         (["kvlcc2_l7", "--length", "320", "--name", "../x"], "name"),
     ],

@@ -45,18 +45,18 @@ def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["esso_osaka_3m"], "give trials to fit on"),
+        (["esso_osaka_3m"], "trials"),
         (["esso_osaka_3m", "--terms", "sm9"], "'sm9'"),
-        (["esso_osaka_3m", "--write", "sm1-order1"], "both need it"),
-        (["vectwin_3m", "--list", "--actuators", "n, delta_port"], "1 of 2 lie off the centre plane"),
+        (["esso_osaka_3m", "--write", "sm1-order1"], "--out"),
+        (["vectwin_3m", "--list", "--actuators", "n, delta_port"], "1 of 2"),
         (["vectwin_3m", "--list", "--actuators", "n, sail"], "'sail'"),
         (["vectwin_3m", "--list", "--order", "0"], "order 0"),
-        (["vectwin_3m", "--list", "--order", "40"], "monomials for each force"),
+        (["vectwin_3m", "--list", "--order", "40"], "monomials"),
         (["esso_osaka_3m", "--list", "--order", "99999999"], "27131"),
         (["esso_osaka_3m", "--terms", ""], "''"),
         (["vectwin_3m", "--list", "--actuators", "n, " * 2000], "2000"),
-        (["vectwin_3m", "--list", "--actuators", "q" * 2000], "qqq ...' is none"),
-        (["vectwin_3m", "--list", "--duplicates", "some"], "known are paper"),
+        (["vectwin_3m", "--list", "--actuators", "q" * 2000], "qqq ..."),
+        (["vectwin_3m", "--list", "--duplicates", "some"], "'some'"),
     ],
 )
 def test_bad_input_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,7 +24,8 @@ def names(*given: Any) -> list[str]:
 
 def test_names_that_explain_a_difference_equally_well_are_all_said() -> None:
     rows = (candidate("fouling", "ship", 20.0), candidate("tow", "surroundings", 19.0), candidate("X_vr", "ship", 0.8))
-    assert names("unknown", *rows) == ["fouling or tow"]
+    (name,) = names("unknown", *rows)
+    assert "fouling" in name and "tow" in name
 
 
 def test_nothing_is_said_of_chance_instruments_and_what_is_named_already() -> None:

@@ -1,6 +1,6 @@
 """The objective of Train-TZRB minimised by this package, and by SciPy with finite differences.
 
-Run from the repository root: python -m benchmarks.open_comparisons.optimisers [--record]
+Run from the repository root: python -m benchmarks.optimisers [--record]
 The same objective and start (captive coefficients); time until the objective of this package is reached within 1e-5.
 SciPy gets what a user would hand to it: single shooting, the residual vector in (initial states, p).
 """
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.record import Figure, keep
-from cases import published_splits as splits
+from cases.io import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibration import estimate_coefficients
@@ -92,7 +92,7 @@ def main() -> None:
         "scipy_ratio": Figure("the same objective by SciPy least_squares", ratio, "times as long", note=note),
     }
     if "--record" in sys.argv:
-        keep(made, "python -m benchmarks.open_comparisons.optimisers")
+        keep(made, "python -m benchmarks.optimisers")
 
 
 if __name__ == "__main__":

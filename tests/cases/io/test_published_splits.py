@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from cases import published_splits as splits
+from cases.io import published_splits as splits
 from mmg.errors import UserError
 
 

@@ -1,0 +1,327 @@
+"""Arrays of MATLAB (.mat, by scipy, of version 7.3 by h5py) and HDF5 (also netCDF 4) as tables.
+
+Vectors of one length in a struct or group are a table. Time and values in a struct are one series. Tables whose columns
+have different names are parts of one log; of those with the same names each is a log.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import struct
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.importing.clocks import clock_of
+from cases.importing.import_map import ImportMap
+from cases.importing.raw_table import MOST_CELLS, Account, RawTable, raw_table
+from cases.importing.series import SourceSeries, seconds_of_stamp, table_of_series
+from cases.importing.vocabulary import meaning
+from cases.io.files import LARGEST, read_bytes
+from cases.io.units import factor_of
+from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.messages import Message
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+HDF5_AT = (0, 512, 1024, 2048)
+"""Bytes at which its signature may lie: MATLAB writes 512 of its own before."""
+MATLAB = b"MATLAB 5.0 MAT-file"
+COMPRESSED, MATRIX = 15, 14
+ELEMENTS = {*range(1, 8), 9, *range(12, 19)}
+"""Types of the elements of a MATLAB file (MAT-file format, table 1-1)."""
+DEEPEST, MOST_NODES = 20, 20_000
+"""Levels and names of a file that are looked at."""
+OBJECTS = "a table, timetable, datetime or timeseries, which only MATLAB reads; save its columns as vectors of a struct"
+VALUES = ("values", "data", "value", "signals")
+"""Names of the values in a struct with a time."""
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """Columns of one length: header -> (N,) and units, below the name of their struct or group."""
+
+    name: str
+    columns: dict[str, np.ndarray]
+    units: dict[str, str]
+
+
+def is_matlab(content: bytes) -> bool:
+    """Whether ``content`` begins a file of MATLAB before version 7.3."""
+    return content.startswith(MATLAB)
+
+
+def is_hdf5(content: bytes) -> bool:
+    """Whether ``content`` begins a file of HDF5, which MATLAB 7.3 and netCDF 4 write as well."""
+    return any(content[at : at + len(HDF5)] == HDF5 for at in HDF5_AT)
+
+
+def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
+    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map.
+
+    Raises UserError where h5py is missing, for a damaged file, and for one without vectors of one length.
+    """
+    content = read_bytes(path)
+    accounts: list[Account] = []
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of scipy, of byte orders
+            tree = _hdf5(path, content, accounts) if is_hdf5(content[:4096]) else _matlab(path, content, accounts)
+        found = list(_vectors(tree, "", accounts))
+    except UserError:
+        raise
+    except Exception as error:  # both libraries raise many kinds for damaged files
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise Unreadable(f"{path}: is cut off, damaged or no file of MATLAB or HDF5 ({why})") from None
+    if not found:
+        words = "; ".join(f"{a.what} is {a.why}" for a in accounts[:3])
+        raise TooFewData(f"{path}: holds no vectors of one length{': ' + words if words else ''}")
+    if sum(len(one.columns) * len(next(iter(one.columns.values()))) for one in found) > MOST_CELLS:
+        raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
+    tables = [_table(path, one, len(found) > 1) for one in found]
+    return _parts_of_one_log(path, found, tables, chosen, accounts) or [
+        replace(table, accounts=tuple(accounts)) for table in tables
+    ]
+
+
+def _table(path: Path, one: Vectors, several: bool) -> RawTable:
+    import pandas as pd
+
+    name = f"{path}, group '{one.name}'" if several else str(path)
+    headers = list(one.columns)
+    frame = pd.DataFrame({i: one.columns[h] for i, h in enumerate(headers)})
+    return raw_table(path, name, headers, [one.units.get(h, "") for h in headers], frame, [])
+
+
+def _parts_of_one_log(
+    path: Path, found: list[Vectors], tables: list[RawTable], chosen: ImportMap, accounts: list[Account]
+) -> list[RawTable]:
+    """One table of the ``tables``, or none where they are logs of their own: some have columns of the same name."""
+    said = chosen.columns_of(path).get("t")
+    times = [
+        next((h for h in table.headers if (said and h == said.header) or (not said and meaning(h).quantity == "t")), "")
+        for table in tables
+    ]
+    names = Counter(h for table, time in zip(tables, times, strict=True) for h in table.headers if h != time)
+    if len(tables) < 2 or max(names.values(), default=0) > 1 or not all(times):
+        return []
+    series, clocks = [], []
+    for one, table, time in zip(found, tables, times, strict=True):
+        unit = said.unit if said else ""
+        clocks.append(clock_of(table, time, unit, None, chosen.zone_hours))
+        columns = {h: table.numbers(h) for h in table.headers if h != time and table.numeric(h)}
+        series.append(SourceSeries(one.name, clocks[-1].t, columns, _means(table)))
+    if len({clock.absolute for clock in clocks}) > 1:
+        raise BadValue(f"{path}: its groups count time from different beginnings; leave some out in the map (ignore)")
+    words = Message(f"{len(series)} parts of {path.name} joined on time", "joined")
+    return [table_of_series(path, series, chosen, replace(clocks[0], header=times[0]), [words], accounts)]
+
+
+def _means(table: RawTable) -> dict[str, Any]:
+    """What the words of the headers mean, with the units that the file says."""
+    known = {h: (meaning(h), unit) for h, unit in zip(table.headers, table.units, strict=True)}
+    return {h: replace(own, unit=unit or own.unit) for h, (own, unit) in known.items()}
+
+
+def _vectors(tree: Mapping[str, Any], name: str, accounts: list[Account], depth: int = 0) -> Iterator[Vectors]:
+    """The tables of a struct or group and of those in it."""
+    if depth > DEEPEST or len(accounts) > MOST_NODES:
+        raise OutOfRange(f"'{name}' holds more names or levels than are read")
+    inner = {key: value for key, value in tree.items() if isinstance(value, Mapping | list)}
+    arrays = {key: value for key, value in tree.items() if isinstance(value, Array)}
+    series = _one_series(name, tree)
+    if series is not None:
+        yield series
+        return
+    vectors = {}
+    for key, array in arrays.items():
+        values = array.values.squeeze() if array.values.ndim else array.values
+        if values.dtype.names:
+            fields = {
+                f: values[f] for f in values.dtype.names if values[f].ndim == 1 and values[f].dtype.kind in "iufSU"
+            }
+            yield Vectors(f"{name}/{key}".strip("/"), fields, {})
+        elif values.ndim == 1 and values.dtype.kind in "iufMOSU" and len(values) > 1:
+            vectors[key] = replace(array, values=values)
+        elif values.ndim == 2 and values.dtype.kind in "iuf":
+            yield _matrix(
+                f"{name}/{key}".strip("/"),
+                values,
+                array.names or _names_for(tree, max(values.shape), min(values.shape)),
+            )
+        else:
+            accounts.append(Account(f"{name}/{key}".strip("/"), int(values.size), (), f"of shape {array.values.shape}"))
+    lengths = Counter(len(array.values) for array in vectors.values())
+    for length in lengths:
+        own = {key: array for key, array in vectors.items() if len(array.values) == length}
+        if len(own) > 1:
+            yield Vectors(name or "top", {k: a.values for k, a in own.items()}, {k: a.unit for k, a in own.items()})
+        else:
+            accounts.append(Account(f"{name}/{next(iter(own))}".strip("/"), length, (), "no other has its length"))
+    for key, value in inner.items():
+        parts = enumerate(value, 1) if isinstance(value, list) else [("", value)]
+        for number, part in parts:
+            if isinstance(part, Mapping):
+                yield from _vectors(part, f"{name}/{key}{number}".strip("/"), accounts, depth + 1)
+
+
+def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:
+    """The values of a struct with a time, as of timeseries and of Simulink's structures with time; else None."""
+    time = next((tree[k] for k in tree if k.lower() in ("time", "t") and isinstance(tree[k], Array)), None)
+    key = next((k for k in tree if k.lower() in VALUES), "")
+    if time is None or not key or time.values.squeeze().ndim != 1:
+        return None
+    parts = tree[key] if isinstance(tree[key], list) else [tree[key]]
+    columns, units, t = {"time": time.values.squeeze()}, {"time": time.unit or "s"}, time.values.squeeze()
+    for number, part in enumerate(parts, 1):
+        label = name.rpartition("/")[2]
+        if isinstance(part, Mapping):  # of Simulink: values, label, dimensions
+            label = str(part.get("label") or f"{label} {number}")
+            part = part.get("values")
+        if not isinstance(part, Array) or part.values.squeeze().ndim not in (1, 2):
+            return None
+        values = part.values.squeeze()
+        values = values.reshape(len(values), -1) if len(values) == len(t) else values.T
+        if len(values) != len(t):
+            return None
+        values = values.reshape(len(t), -1)
+        for i in range(values.shape[1]):
+            header = label if values.shape[1] == 1 else f"{label} {i + 1}"
+            columns[header], units[header] = values[:, i], part.unit
+    return Vectors(name, columns, units)
+
+
+def _matrix(name: str, values: np.ndarray, names: tuple[str, ...]) -> Vectors:
+    """The columns of a matrix, which are shorter in number than its rows."""
+    rows = values if values.shape[0] >= values.shape[1] else values.T
+    headers = names if len(names) == rows.shape[1] else tuple(f"column {i + 1}" for i in range(rows.shape[1]))
+    return Vectors(name, {h: rows[:, i] for i, h in enumerate(headers)}, {})
+
+
+def _names_for(tree: Mapping[str, Any], rows: int, width: int) -> tuple[str, ...]:
+    """Names of columns that lie beside a matrix, as many as it has."""
+    lists = [v for v in tree.values() if isinstance(v, list) and len(v) == width and all(isinstance(x, str) for x in v)]
+    return tuple(lists[0]) if len(lists) == 1 else ()
+
+
+@dataclass(frozen=True)
+class Array:
+    """Values of any shape, their unit or "", and names of columns that the file says of them."""
+
+    values: np.ndarray
+    unit: str = ""
+    names: tuple[str, ...] = ()
+
+
+def _matlab(path: Path, content: bytes, accounts: list[Account]) -> dict[str, Any]:
+    """The variables of a MATLAB file before version 7.3: structs as dicts, arrays of them as lists."""
+    from scipy.io import loadmat, whosmat
+
+    if content[126:128] != b"IM":
+        raise ValueError("written by a machine of another byte order")
+    _check_elements(content[128:])
+    for name, shape, kind in whosmat(str(path), appendmat=False):
+        if math.prod(shape) > (MOST_NODES if kind in ("struct", "cell") else MOST_CELLS):
+            raise OutOfRange(f"{path}: variable '{name}' of shape {shape} is larger than what is read")
+        if kind in ("object", "opaque", "function", "unknown"):
+            accounts.append(Account(name, 1, (), OBJECTS))
+    loaded = loadmat(str(path), appendmat=False, simplify_cells=True, chars_as_strings=True)
+    return {k: v for k, v in _as_tree(loaded).items() if not k.startswith("__") and k != "None"}
+
+
+def _check_elements(content: bytes, depth: int = 0) -> None:
+    """Raises ValueError for elements of a MATLAB file that are none: scipy ends the process at types it does not know.
+
+    content: elements, each a tag (type and size, or both in four bytes) and its data (MAT-file format, 1-9).
+    """
+    if depth > DEEPEST:
+        raise ValueError("structs lie too deep")
+    at = 0
+    while at < len(content):
+        kind, size = struct.unpack_from("<II", content, at)
+        short = kind >> 16
+        begin, size = (at + 4, short) if short else (at + 8, size)
+        kind &= 0xFFFF
+        if kind not in ELEMENTS or begin + size > len(content) or short > 4:
+            raise ValueError(f"element of type {kind} and {size} bytes at {at}")
+        if kind == COMPRESSED:
+            _check_elements(zlib.decompressobj().decompress(content[begin : begin + size], 8 * LARGEST), depth + 1)
+        elif kind == MATRIX:
+            _check_elements(content[begin : begin + size], depth + 1)
+        at = begin + size + (0 if kind == COMPRESSED else -(begin + size) % 8)
+
+
+def _as_tree(value: Any, depth: int = 0) -> Any:
+    if depth > DEEPEST:
+        return None
+    if isinstance(value, dict):
+        return {str(key): _as_tree(one, depth + 1) for key, one in value.items()}
+    if isinstance(value, np.ndarray) and value.dtype.kind in "OU":
+        return [_as_tree(one, depth + 1) for one in value.ravel().tolist()]
+    if isinstance(value, list | tuple):
+        return [_as_tree(one, depth + 1) for one in value]
+    return Array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" else value
+
+
+def _hdf5(path: Path, content: bytes, accounts: list[Account]) -> dict[str, Any]:
+    """The groups of an HDF5 file as dicts."""
+    try:
+        import h5py
+    except ImportError:
+        words = "HDF5 and MATLAB 7.3 need h5py; pip install 'mmg-ident[import]'"
+        raise NotInstalled(f"{path}: {words}") from None
+    with h5py.File(io.BytesIO(content), "r") as file:
+        return _group(file, accounts, h5py)
+
+
+def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> dict[str, Any]:
+    tree: dict[str, Any] = {}
+    for name in group:
+        if depth > DEEPEST or len(accounts) > MOST_NODES:
+            raise OutOfRange(f"{group.name} holds more names or levels than are read")
+        if name.startswith("#") or group.get(name, getlink=True).__class__ is not h5py.HardLink:
+            continue  # references of MATLAB, and links that may lead out of the file
+        node = group[name]
+        if isinstance(node, h5py.Group):
+            tree[name] = _group(node, accounts, h5py, depth + 1)
+        elif _text(node.attrs.get("MATLAB_class")) in ("table", "timetable", "datetime", "timeseries", "categorical"):
+            accounts.append(Account(node.name.strip("/"), 1, (), OBJECTS))
+        elif node.size and node.size <= MOST_CELLS and node.dtype.kind in "iuf":
+            tree[name] = _dataset(node)
+        elif node.size and node.size <= MOST_CELLS and node.dtype.names:
+            tree[name] = Array(node[()])
+        else:
+            accounts.append(Account(node.name.strip("/"), int(node.size or 0), (), f"of type {node.dtype}"))
+    return tree
+
+
+def _dataset(node: Any) -> Array:
+    """Numbers of a dataset: fill values are NaN, times "seconds since ..." of netCDF are counted from 1970."""
+    values, unit = node[()], _text(node.attrs.get("units", node.attrs.get("unit", "")))
+    fill = node.attrs.get("_FillValue")
+    if fill is not None and np.size(fill) == 1:
+        values = np.where(values == np.ravel(fill)[0], np.nan, values)
+    since = re.fullmatch(r"(\w+) since (\d{4}-\d\d-\d\d)[T ]?(\S*)", unit.strip())
+    if since:
+        word = since[1].lower()
+        factor = (
+            86400.0 if word in ("day", "days", "d") else factor_of("s", word) or factor_of("s", word.removesuffix("s"))
+        )
+        if factor:
+            begin = seconds_of_stamp(f"{since[2]}T{since[3].removesuffix('Z') or '00:00:00'}")
+            values, unit = values * factor + begin, "s"
+    names = node.attrs.get("columns", node.attrs.get("names", node.attrs.get("headers", ())))
+    listed = np.ravel(names).tolist() if np.size(names) > 1 else _text(names).split(",") if np.size(names) else []
+    return Array(values, unit, tuple(_text(n).strip() for n in listed))
+
+
+def _text(value: Any) -> str:
+    value = np.ravel(value)[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value) if value is not None else ""

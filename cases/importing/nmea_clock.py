@@ -1,0 +1,390 @@
+"""When each sentence of an NMEA log was said: by its own time, by the logger's stamp, or by its place in the order."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
+
+from cases.importing.clocks import EPOCHS, check_clock, within_stamps
+from cases.importing.raw_table import Clock
+from mmg.errors import Missing
+from mmg.messages import Message
+
+DAY = 86400.0
+"""Seconds."""
+ROLLOVER = 1024 * 7 * DAY
+"""Seconds after which the weeks of GPS begin anew."""
+FIRST_DAY = 14610
+"""Days since 1970 of 1 January 2010: earlier logs are rather of a receiver whose weeks began anew."""
+UNSET = 30 * DAY
+"""A clock that jumps so far [s] was not set before, or is not after."""
+COLD = 0.1
+"""Share of a log in which a receiver may still set its clock."""
+BACK = 2.0
+"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other."""
+LATE = 0.5
+"""Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
+QUARTER [s]."""
+QUARTER = 900.0
+JITTER = 0.1
+"""Scatter of stamps and delays, in the step of a source, above which they scatter."""
+UNSTEADY = 0.2
+"""Share of delays that scatter from which all do."""
+EARLY = 80
+"""Percentile of the delays of fixes, from late to early, at which one counts as not late."""
+FIXES, STAMPS, LAG = 21, 21, 10
+"""Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
+than too large by the sentences that were lost, since delays grow with each of them then and only grow."""
+
+
+@dataclass
+class Series:
+    """The sentences of one source in their order, also those that are not valid: ``at`` their numbers among all
+    sentences of the log, the ``time`` of the day that each holds [s], and the ``values`` that it says, by column."""
+
+    talker: str
+    kind: str
+    at: list[int] = field(default_factory=list)
+    time: list[float] = field(default_factory=list)
+    values: list[dict[str, float]] = field(default_factory=list)
+    _columns: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def column(self, name: str) -> np.ndarray:
+        """The numbers (N,) of a column, NaN where a sentence does not say it; of a series that is complete."""
+        if name not in self._columns:
+            self._columns[name] = np.array([values.get(name, np.nan) for values in self.values])
+        return self._columns[name]
+
+
+@dataclass(frozen=True)
+class Moments:
+    """t: seconds of the sentences of each series, (N,) each, NaN where none is known; absolute: since 1970 in UTC;
+    words: by which clock; notices: what was done."""
+
+    t: dict[str, np.ndarray]
+    absolute: bool
+    words: str
+    notices: tuple[Message, ...]
+
+
+def _dated(match: re.Match[str]) -> tuple[float, bool]:
+    year, month, day, *clock = (int(part) for part in match.groups()[:6])
+    since = datetime.date(year, month, day).toordinal() - datetime.date(1970, 1, 1).toordinal()
+    zone = match[8] or ""
+    ahead = 0.0 if zone in ("", "Z") else float(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
+    return DAY * since + _of_day(clock, match[7]) - ahead, bool(zone)
+
+
+def _of_day(clock: Sequence[int], decimals: str | None) -> float:
+    return 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] + float(f"0.{decimals or 0}")
+
+
+def _since_1970(match: re.Match[str]) -> tuple[float, bool]:
+    whole = float(f"{match[1]}.{match[2] or 0}")
+    unit = next(unit for unit, low, high, _, zero, _ in EPOCHS if zero == 0.0 and low <= whole < high)
+    return whole * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit], True
+
+
+Reads = Callable[[re.Match[str]], tuple[float, bool]]
+STAMPS_OF: tuple[tuple[str, re.Pattern[str], Reads], ...] = (
+    ("epoch", re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.(\d+))?(?![\d:])"), _since_1970),
+    (
+        "date",
+        re.compile(
+            r"((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[T ,;_]*([01]\d|2[0-3]):?([0-5]\d):?([0-5]\d)"
+            r"(?:[.,](\d+))?\s?(Z|[+-]\d\d:?\d\d)?"
+        ),
+        _dated,
+    ),
+    (
+        "day",
+        re.compile(r"(?<!\d)([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)(?:[.,](\d+))?"),
+        lambda match: (_of_day([int(part) for part in match.groups()[:3]], match[4]), False),
+    ),
+    ("number", re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\W*$"), lambda match: (float(match[1]), False)),
+)
+"""Stamps of loggers: what they count, how they look, and how they are read (seconds, whether they name their zone)."""
+
+
+@dataclass(frozen=True)
+class Logger:
+    """The stamps ``t`` (L,) [s] of a logger for the lines of a log, NaN where a line has none.
+
+    kind: "epoch" or "date" since 1970, "day" of the day it began on, "number" since its own begin in an unknown unit,
+    "" of none; zoned: whether the stamps name their zone.
+    """
+
+    t: np.ndarray
+    kind: str = ""
+    zoned: bool = False
+
+
+def logger_of(texts: Sequence[str]) -> Logger:
+    """The logger that wrote the ``texts`` (L,) beside the sentences: by the kind of stamp that most of them hold."""
+    some = [text for text in texts[:: max(1, len(texts) // 200)]]
+    for kind, pattern, read in STAMPS_OF:
+        if sum(bool(pattern.search(text)) for text in some) <= 0.5 * len(some):
+            continue
+        t, zoned = np.full(len(texts), np.nan), True
+        for i, text in enumerate(texts):
+            if match := pattern.search(text):
+                try:
+                    t[i], own = read(match)
+                except (ValueError, OverflowError, StopIteration):  # 31 February
+                    continue
+                zoned &= own
+        known = np.isfinite(t)
+        if known.sum() > 1:
+            t[known] = np.unwrap(t[known], period=DAY) if kind == "day" else t[known]
+            return Logger(t, kind, zoned)
+    return Logger(np.full(len(texts), np.nan))
+
+
+def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
+    """When the sentences of the series ``by_name`` were said.
+
+    logger: its stamps of all sentences; where: for messages; zone_hours: of its stamps without a zone. Sentences with a
+    time lie there. Others lie at the logger's stamps, less what its clock is ahead, or else by the order: each source
+    evenly. Raises UserError where neither a sentence nor the logger tells a time, and where times run backwards.
+    """
+    notices: list[Message] = []
+    stamps = {name: _own_times(series) for name, series in by_name.items()}
+    stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
+    stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}
+    fixes = sorted((at, t) for name, s in by_name.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
+    if len(fixes) > 1:
+        fix_at, fix_t = np.array([at for at, _ in fixes]), np.array([t for _, t in fixes])
+        latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
+        check_clock(Clock(latest, True, "time", ""), where)
+        new = np.diff(latest, prepend=-np.inf) > 0
+        fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
+        logged = logger.t * _scale(logger, fix_at, fix_t)
+        offset, latency = _clock_offset(logged, logger.kind, fix_at, fix_t)
+    elif np.isfinite(logger.t).sum() > 1:
+        whole = logger.kind == "number" and not (logger.t[np.isfinite(logger.t)] % 1.0).any()  # milliseconds
+        logged = (logger.t - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)) / (
+            1000 if whole else 1
+        )
+        fix_at = np.flatnonzero(np.isfinite(logged))
+        check_clock(Clock(logged[fix_at], True, "of the logger", ""), where)
+        fix_at = fix_at[np.diff(logged[fix_at], prepend=-np.inf) > 0]
+        fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind in ("epoch", "date")
+        offset, latency = (np.zeros(len(logged)) if _fine(logged) else None), 0.0
+    else:
+        raise Missing(f"{where}: no sentence holds a time (RMC, GGA, GLL, ZDA), and no line a stamp of its logger")
+    if offset is not None and latency:
+        words_of = f"the logger's clock is right; sentences of the receiver come {latency:.2g} s after their fix"
+        notices.append(Message(words_of, "logger_clock"))
+    receivers = {s.talker for name, s in by_name.items() if np.isfinite(stamps[name]).any()}
+    for name, series in by_name.items():
+        if np.isfinite(stamps[name]).any():
+            continue
+        at = np.array(series.at)
+        if offset is not None and np.isfinite(logged[at]).mean() > 0.5:
+            own = latency if series.talker in receivers else 0.0
+            stamps[name] = _even(logged[at] - offset[at] - own)
+        else:
+            t = _by_order(at, fix_at, fix_t)
+            stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
+    return Moments(stamps, absolute, words, tuple(notices))
+
+
+def _own_times(series: Series) -> np.ndarray:
+    """Seconds since 1970 (N,) of the valid sentences of a ``series`` by their own times, NaN for others; those without
+    a date are of the day that brings them nearest to the one before, and of day 0 where none has a date."""
+    time, day = np.array(series.time), series.column("day")
+    known = np.flatnonzero(np.isfinite(time) & np.array([bool(values) for values in series.values]))
+    out = np.full(len(time), np.nan)
+    if len(known):
+        out[known] = np.unwrap(time[known], period=DAY)
+        begin = day[known] - np.round((out[known] - time[known]) / DAY)
+        dated = np.flatnonzero(np.isfinite(begin))
+        if len(dated):
+            begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second latency
+            out[known] += DAY * begin[np.maximum(np.searchsorted(dated, np.arange(len(known)), "right") - 1, 0)]
+        place = [series.column(name)[known] for name in ("latitude", "longitude")]
+        if (np.diff(out[known]) == 0).any() and _one_path(place[1] + 1j * place[0]):
+            out[known] = within_stamps(out[known], place)[0]
+    return out
+
+
+def _one_path(place: np.ndarray) -> bool:
+    """Whether positions (N,) in their order lie along a path, not on two in turn: halfway between their neighbours."""
+    place = place[np.isfinite(place)]
+    off = np.abs(place[1:-1] - 0.5 * (place[:-2] + place[2:]))
+    return len(off) > 0 and bool(np.median(off) < 0.25 * np.median(np.abs(np.diff(place))))
+
+
+def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
+    """The times ``t`` (N,) [s] of a ``series`` with those of sentences that are not valid, where they lie between those
+    of valid ones: they tell when others were said."""
+    valid = np.flatnonzero(np.isfinite(t))
+    if len(valid) < 2:
+        return t
+    time, rows = np.array(series.time), np.arange(len(t))
+    time = time + DAY * np.round((np.interp(rows, valid, t[valid]) - time) / DAY)
+    before, behind = (np.searchsorted(valid, rows, side) for side in ("left", "right"))
+    inside = (before > 0) & (behind < len(valid))
+    low, high = t[valid[np.maximum(before - 1, 0)]], t[valid[np.minimum(behind, len(valid) - 1)]]
+    return np.where(np.isfinite(t), t, np.where(inside & (low <= time) & (time <= high), time, np.nan))
+
+
+def _set_clocks(
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Logger, where: str, notices: list[Message]
+) -> tuple[dict[str, np.ndarray], bool]:
+    """The ``stamps`` on the days that dated series or the logger say, without those of clocks that were not set, and
+    whether the day is known."""
+    dated = {name for name, s in by_name.items() if np.isfinite(s.column("day")).any()}
+    days = np.concatenate([stamps[name][np.isfinite(stamps[name])] for name in dated] or [np.zeros(0)])
+    logged = logger.t if logger.kind in ("epoch", "date") else np.full(len(logger.t), np.nan)
+    if len(days):
+        typical = float(np.median(days))
+        for name in dated:  # weeks that begin anew within the log
+            stamps[name] = stamps[name] + ROLLOVER * np.round((typical - stamps[name]) / ROLLOVER)
+        at = np.concatenate([np.array(by_name[name].at)[np.isfinite(stamps[name])] for name in dated])
+        weeks = np.nanmedian(logged[at] - typical) / ROLLOVER if np.isfinite(logged[at]).any() else 0.0
+        if round(weeks) and abs(weeks - round(weeks)) * ROLLOVER < UNSET:
+            stamps |= {name: stamps[name] + ROLLOVER * round(weeks) for name in dated}
+            words = f"dates of the receiver are {1024 * round(weeks)} weeks early by the logger's stamps, and are moved"
+            notices.append(Message(words, "week_rollover"))
+        elif typical < FIRST_DAY * DAY:
+            day = datetime.datetime.fromtimestamp(max(typical, 0.0), datetime.timezone.utc).date()
+            words = f"the log is of {day} by its receiver, whose weeks may have begun anew: then it is 1024 weeks later"
+            notices.append(Message(words, "date_early"))
+    anchors = sorted((at, t) for n in dated for at, t in zip(by_name[n].at, stamps[n], strict=True) if t == t)
+    if not anchors:
+        anchors = [(int(at), float(logged[at])) for at in np.flatnonzero(np.isfinite(logged))]
+    anchor_at, anchor_t = (np.array([row[i] for row in anchors]) for i in (0, 1))
+    if len(anchors):
+        kept = _longest(anchor_t)
+        anchor_at, anchor_t = anchor_at[kept], anchor_t[kept]
+    unset = 0
+    for name, series in by_name.items():
+        at, t = np.array(series.at), stamps[name].copy()
+        known = np.isfinite(t)
+        if len(anchor_at) and known.any():
+            last = np.maximum(np.searchsorted(anchor_at, at, "right") - 1, 0)
+            if name not in dated:
+                own = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
+                t = t + (DAY * np.round((anchor_t - t[known][own]) / DAY))[last]
+            near = anchor_t[last]
+            far = known & (np.abs(t - near) > UNSET)
+            back = np.flatnonzero(known & ~far)
+            turns = np.flatnonzero(np.diff(t[back]) < 0)
+            if len(turns) and turns[-1] + 1 <= COLD * len(back):  # times before the receiver set its clock
+                far[back[: turns[-1] + 1]] = True
+            t[far] = np.nan
+            unset += int(far.sum())
+            step = np.diff(t[np.isfinite(t)])
+            if len(step) and step.min() < -BACK * np.median(np.abs(step)):
+                check_clock(Clock(t, True, "time", ""), where)
+        stamps[name] = t
+    if unset:
+        notices.append(Message(f"{unset} sentences of a receiver whose clock was not set are left out", "clock_unset"))
+    return stamps, bool(len(anchors))
+
+
+def _longest(t: np.ndarray) -> np.ndarray:
+    """(N,) whether a time belongs to the stretch without jumps of UNSET that holds most."""
+    stretch = np.cumsum(np.abs(np.diff(t, prepend=t[:1])) > UNSET)
+    return stretch == np.bincount(stretch).argmax()
+
+
+def _scale(logger: Logger, fix_at: np.ndarray, fix_t: np.ndarray) -> float:
+    """Seconds of a unit of the ``logger``, by the times (F,) of fixes; 1 where none fits."""
+    step = np.diff(logger.t[fix_at])
+    known = np.isfinite(step) & (step != 0)
+    if logger.kind != "number" or not known.any():
+        return 1.0
+    unit = float(np.median(np.diff(fix_t)[known] / step[known]))
+    return next((scale for scale in (1.0, 1e-3, 1e-6, 1e-9) if 0.9 < unit / scale < 1.1), 1.0)
+
+
+def _fine(t: np.ndarray) -> bool:
+    """Whether stamps (L,) [s] tell parts of a second."""
+    return len(np.unique(np.round(t[np.isfinite(t)] % 1.0, 3))) > 1
+
+
+def _clock_offset(
+    logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray
+) -> tuple[np.ndarray | None, float]:
+    """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
+    sentences of the receiver come after their fix; None where it is no clock to go by.
+
+    kind: of the stamps; fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
+    hour and up to LATE is set to its zone, and the rest is the delay of the receiver: a clock that is not set would
+    hardly be as near.
+    """
+    known = np.isfinite(logged[fix_at])
+    if not _fine(logged) or known.sum() < 2:
+        return None, 0.0
+    lag = (logged[fix_at] - fix_t)[known]
+    if abs(np.polyfit(fix_t[known] - fix_t[0], lag, 1)[0]) > 0.1:  # a word that stands before all lines
+        return None, 0.0
+    smooth = median_filter(lag, size=STAMPS, mode="nearest")
+    zone = QUARTER * round(float(np.median(lag)) / QUARTER)
+    latency = float(np.median(lag)) - zone
+    if 0.0 < latency < LATE and kind != "number" and np.ptp(smooth) < LATE:
+        return np.full(len(logged), zone), latency
+    return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0
+
+
+def _even(t: np.ndarray) -> np.ndarray:
+    """Stamps (N,) [s] of one source; those that scatter about even times, as of a logger that reads a buffer, on them.
+
+    Steps of times that scatter are negatively correlated, those of a source that speaks when something happens are not.
+    """
+    t = np.interp(np.arange(len(t)), np.flatnonzero(np.isfinite(t)), t[np.isfinite(t)])
+    step = np.diff(t)
+    if len(t) < STAMPS or not (step > 0).any():
+        return t
+    gaps = np.flatnonzero(step > 3.0 * max(float(np.percentile(step, 95)), 1e-9)) + 1
+    usual = float(np.mean(np.delete(step, gaps - 1)))
+    off = np.delete(step, gaps - 1) - usual
+    if np.abs(off).mean() < JITTER * usual or np.mean(off[1:] * off[:-1]) > -0.15 * np.mean(off**2):
+        return np.maximum.accumulate(t)
+    rows = usual * np.arange(len(t))
+    parts = [uniform_filter1d(part, STAMPS, mode="nearest") for part in np.split(t - rows, gaps)]
+    return np.maximum.accumulate(np.concatenate(parts) + rows)
+
+
+def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:
+    """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,).
+
+    They lie evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of
+    the source and ends with a fix, they are said before the fix of their time, and the last one is not later.
+    """
+    t, steady = _behind_fixes(at, fix_at, fix_t)
+    if steady and int((at < fix_at[0]).sum()) == 1 and at[-1] < fix_at[-1]:
+        return -_behind_fixes(-at[::-1], -fix_at[::-1], -fix_t[::-1])[0][::-1]
+    return t
+
+
+def _behind_fixes(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Times (N,) of sentences that follow the fix of their time, and whether fixes come at a steady delay. Where they
+    do not, those of the EARLY percentile are not late, and the next sentence follows within its step."""
+    step = float(np.median(np.diff(fix_t)))
+    behind = np.searchsorted(fix_at, at, "right") - 1
+    before, after = fix_t[np.maximum(behind, 0)], np.append(fix_t, np.inf)[behind + 1]
+    first = np.flatnonzero((behind >= 0) & (np.diff(behind, prepend=-1) > 0))  # behind a new fix
+    if len(first) < 2:
+        return before, True
+    steady, lag = True, min(LAG, len(first) - 1)
+    usual = float(np.percentile((before[first[lag:]] - before[first[:-lag]]) / (first[lag:] - first[:-lag]), 25))
+    jumps = np.abs(np.diff(before[first]) - usual * np.diff(first)) > 1.5 * max(usual, step)
+    parts = np.flatnonzero(jumps) + 1  # the source or the log was silent
+    out = np.empty(len(at))
+    for rows, own in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
+        every, delays = usual, before[own] - usual * own
+        phases = median_filter(delays, FIXES, mode="nearest")  # keeps the steps where sentences are lost
+        if len(own) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
+            steady, every = False, float(np.polyfit(own, before[own], 1)[0])
+            phases = percentile_filter(before[own] - every * own, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
+        out[rows] = every * rows + phases[np.maximum(np.searchsorted(own, rows, "right") - 1, 0)]
+    low = np.where(behind < 0, -np.inf, before - 0.5 * step)
+    return np.maximum.accumulate(np.clip(out, low, after + 0.5 * step)), steady

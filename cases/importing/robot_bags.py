@@ -1,0 +1,273 @@
+"""Bags of ROS 1 and 2 and MCAP files, by rosbags: odometry, poses, twists, IMU, GNSS, joints, and topics of numbers.
+
+Messages are in the axes of REP-103 unless their frames say NED or FRD, or the map does: world x east, y north, z up
+(ENU), body x forward, y to port, z up (FLU). They are turned into north-east-down and forward-starboard-down.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.importing.import_map import ImportMap
+from cases.importing.raw_table import Account, Clock, RawTable
+from cases.importing.series import SourceSeries, table_of_series
+from cases.importing.vocabulary import Meaning, is_order, meaning
+from mmg.errors import NotInstalled, Unreadable
+from mmg.messages import Message
+
+MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
+"""First bytes of the files of ROS 1, MCAP and ROS 2."""
+PARTS = (".db3", ".mcap")
+RANKS = {
+    "Odometry": 0, "PoseWithCovarianceStamped": 1, "PoseStamped": 2, "PoseWithCovariance": 3, "Pose": 4,
+    "TwistWithCovarianceStamped": 1, "TwistStamped": 2, "TwistWithCovariance": 3, "Twist": 4, "Imu": 5, "NavSatFix": 5,
+    "JointState": 0, "QuaternionStamped": 6,
+}  # fmt: skip
+"""Types of messages that are read; of two that say the same, that of the lower number is taken."""
+NUMBERS = re.compile(r"u?int\d+|float\d+")
+MOST_FIELDS = 20
+"""Numbers of a message of another type up to which they are read."""
+DOWN = r"ned|frd"
+"""Names of frames whose z axis points down."""
+SINCE_1970 = 1e8
+"""Seconds: later stamps are no simulation time."""
+
+
+def bag_of(path: Path) -> Path:
+    """The first file of the bag that ``path`` is a part of; any other file itself."""
+    if path.suffix in PARTS and (path.parent / "metadata.yaml").is_file():
+        return min(p for p in path.parent.iterdir() if p.suffix == path.suffix)
+    return path
+
+
+@dataclass
+class Topic:
+    """What is kept of the messages of a topic: their type without its package, times of receipt and stamps [s], numbers
+    by name, and the names of the frames of world and body."""
+
+    name: str
+    kind: str
+    received: list[float] = field(default_factory=list)
+    stamps: list[float] = field(default_factory=list)
+    rows: list[dict[str, float]] = field(default_factory=list)
+    world: str = ""
+    body: str = ""
+
+    def column(self, name: str) -> np.ndarray:
+        """The numbers (N,) called ``name``, NaN where a message has none."""
+        return np.array([row.get(name, np.nan) for row in self.rows])
+
+
+def read_bag(path: Path, chosen: ImportMap) -> RawTable:
+    """The table of the bag that ``path`` is, or begins: ROS 1 (.bag), ROS 2 (.db3, .mcap, with all files beside its
+    metadata.yaml), or MCAP.
+
+    chosen: the map; it may name topics in ``ignore``, and ``axes``. Raises UserError where rosbags is missing, for a
+    file that is cut off or damaged, and where two topics of one type say the same.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise NotInstalled(f"{path}: ROS bags need rosbags; pip install 'mmg-ident[import]'") from None
+    whole = path.suffix in PARTS and (path.parent / "metadata.yaml").is_file()
+    accounts: list[Account] = []
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path.parent if whole else path], default_typestore=store) as reader:
+            topics = _topics(reader, chosen.ignored_in(path), accounts)
+    except Exception as error:  # rosbags and its decoders raise many kinds for damaged files
+        why = " ".join(str(error).split())[:120] or type(error).__name__
+        raise Unreadable(f"{path}: is cut off, damaged or no bag ({why})") from None
+    stamped = [topic for topic in topics if min(topic.stamps) > 0]
+    received = np.array([t for topic in stamped for t in topic.received])
+    stamps = np.array([t for topic in stamped for t in topic.stamps])
+    series, axes = [], []
+    for topic in topics:
+        columns, means, words = _columns(topic, chosen.axes == "ned")
+        axes += [words] if words else []
+        t = np.array(topic.stamps) if topic in stamped else _stamps_of(np.array(topic.received), received, stamps)
+        order = np.argsort(t, kind="stable")  # of messages that overtook others
+        columns = {header: values[order] for header, values in columns.items()}
+        series.append(SourceSeries(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
+    absolute = bool(series) and min(float(one.t[0]) for one in series) > SINCE_1970
+    clock = Clock(np.zeros(0), absolute, "time", "stamps of the messages, of those without one when they were received")
+    notices = [Message(f"axes: {'; '.join(axes)}", "axes")] if axes else []
+    return table_of_series(path, series, chosen, clock, notices, accounts)
+
+
+def _topics(reader: Any, ignored: set[str], accounts: list[Account]) -> list[Topic]:
+    """The topics that hold numbers, with what is kept of their messages."""
+    wanted: dict[str, Topic] = {}
+    fields: dict[str, list[str]] = {}
+    for connection in reader.connections:
+        kind = connection.msgtype.rsplit("/", 1)[-1]
+        why = "an order" if is_order(connection.topic) else ""
+        why = "ignored by the map" if connection.topic in ignored else why
+        fields[connection.topic] = [] if kind in RANKS else _fields(reader, connection.msgtype)
+        if not why and kind not in RANKS and not fields[connection.topic]:
+            why = f"{connection.msgtype} holds no numbers that are read"
+        if why:
+            accounts.append(Account(connection.topic, connection.msgcount, (), why))
+        else:
+            wanted.setdefault(connection.topic, Topic(connection.topic, kind))
+    connections = [one for one in reader.connections if one.topic in wanted]
+    for connection, received, raw in reader.messages(connections) if connections else ():
+        message, topic = reader.deserialize(raw, connection.msgtype), wanted[connection.topic]
+        header = getattr(message, "header", None)
+        stamp = getattr(header, "stamp", None)
+        topic.received.append(1e-9 * received)
+        topic.stamps.append(stamp.sec + 1e-9 * stamp.nanosec if stamp is not None else 0.0)
+        topic.rows.append(_numbers(message, topic.kind, fields[connection.topic]))
+        if len(topic.rows) == 1:
+            topic.world = str(getattr(header, "frame_id", ""))
+            topic.body = str(getattr(message, "child_frame_id", "")) or topic.world
+    return [topic for topic in wanted.values() if topic.rows]
+
+
+def _fields(reader: Any, kind: str) -> list[str]:
+    """The fields of a type of messages that are numbers, where they are few."""
+    fields = [name for name, node in reader.typestore.get_msgdef(kind).fields if NUMBERS.fullmatch(str(node[1][0]))]
+    return fields if len(fields) <= MOST_FIELDS else []
+
+
+def _numbers(message: Any, kind: str, fields: list[str]) -> dict[str, float]:
+    """The numbers of a ``message`` that are kept; fields: of a type that is not known here."""
+    if kind == "JointState":
+        parts = (("position", message.position), ("velocity", message.velocity))
+        return {f"{n} {what}": float(v) for what, values in parts for n, v in zip(message.name, values, strict=False)}
+    if kind == "NavSatFix":
+        fixed = message.status.status >= 0
+        return {"latitude": float(message.latitude), "longitude": float(message.longitude)} if fixed else {}
+    if kind not in RANKS:
+        return {name: float(getattr(message, name)) for name in fields}
+    found: dict[str, float] = {}
+    pose, twist = _inner(message, "pose"), _inner(message, "twist")
+    if hasattr(pose, "position"):
+        found |= {"px": pose.position.x, "py": pose.position.y}
+    turned = getattr(pose, "orientation", getattr(message, "quaternion", None))
+    if turned is not None and getattr(message, "orientation_covariance", (0.0,))[0] != -1:  # it says that it has none
+        found |= {f"q{axis}": getattr(turned, axis) for axis in "xyzw"}
+    if hasattr(twist, "linear"):
+        found |= {"ux": twist.linear.x, "uy": twist.linear.y, "rz": twist.angular.z}
+    elif hasattr(message, "angular_velocity"):
+        found |= {"rz": message.angular_velocity.z}
+    return found
+
+
+def _inner(message: Any, name: str) -> Any:
+    """The pose or twist in a ``message``, below stamps and covariances."""
+    while hasattr(message, name):
+        message = getattr(message, name)
+    return message
+
+
+def _stamps_of(t: np.ndarray, received: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+    """Times of receipt t (N,) [s] on the clock of the ``stamps`` (M,) of messages that were ``received`` (M,)."""
+    if len(stamps) < 2 or np.ptp(received) == 0:
+        return t
+    slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
+    return np.asarray(stamps[0] + late + slope * (t - received[0]))
+
+
+Columns = tuple[dict[str, np.ndarray], dict[str, Meaning], str]
+"""Header -> (N,) numbers, header -> what it means, and the axes in words."""
+
+
+def _columns(topic: Topic, ned: bool) -> Columns:
+    """The columns of a ``topic``. ned: whether axes point down where frames do not say it."""
+    names = dict.fromkeys(name for row in topic.rows for name in row)
+    if topic.kind in RANKS and topic.kind not in ("JointState", "NavSatFix"):
+        return _motion(topic, names, ned)
+    columns, means = {}, {}
+    for name in names:
+        header = topic.name if name == "data" else f"{topic.name} {name}"
+        columns[header] = topic.column(name)
+        if topic.kind == "NavSatFix":
+            means[header] = Meaning(name, "deg")
+        elif topic.kind == "JointState":
+            joint, _, part = name.rpartition(" ")
+            quantity = of_topic(joint).quantity
+            fits = quantity.startswith("n") if part == "velocity" else quantity.startswith(("delta", "azimuth"))
+            means[header] = Meaning(quantity if fits else "", "rad/s" if part == "velocity" else "rad")
+        else:
+            means[header] = of_topic(header)
+    return columns, means, ""
+
+
+def _motion(topic: Topic, names: Iterable[str], ned: bool) -> Columns:
+    """Poses, twists and inertial units in axes north-east-down and forward-starboard-down."""
+    down = ned or bool(re.search(DOWN, topic.world, re.IGNORECASE))
+    starboard = ned or bool(re.search(DOWN, topic.body, re.IGNORECASE))
+    sign = 1.0 if starboard else -1.0
+    found: dict[str, tuple[str, str, np.ndarray]] = {}
+    world = ""
+    if "qx" in names:
+        psi = _heading(np.column_stack([topic.column(f"q{axis}") for axis in "xyzw"]), down)
+        found["orientation"] = ("psi", "rad", psi)
+    if "px" in names:
+        north, east = (topic.column(name) for name in (("px", "py") if down else ("py", "px")))
+        found |= {"position north": ("x", "m", north), "position east": ("y", "m", east)}
+    if "ux" in names:
+        u, v = topic.column("ux"), sign * topic.column("uy")
+        if "qx" in names:
+            along, across = topic.column("ux"), topic.column("uy")
+            north, east = (along, across) if down else (across, along)
+            turned = north * np.cos(psi) + east * np.sin(psi), east * np.cos(psi) - north * np.sin(psi)
+            declared = topic.body == topic.world != ""
+            if declared or ("px" in names and _fits_better(topic, (u, v), turned, found)):
+                (u, v), world = (
+                    turned,
+                    "; velocities along the axes of the world, "
+                    + ("as it says" if declared else "as its positions show"),
+                )
+        found |= {"linear x": ("u", "m/s", u), "linear y": ("v", "m/s", v)}
+    if "rz" in names:
+        found["angular z"] = ("r", "rad/s", sign * topic.column("rz"))
+    frames = f"{topic.world or 'no frame'}{f', {topic.body}' if topic.body != topic.world else ''}"
+    axes = f"{'north-east-down' if down else 'ENU'}, {'FRD' if starboard else 'FLU'}{world}"
+    columns = {f"{topic.name} {name}": values for name, (_, _, values) in found.items()}
+    means = {f"{topic.name} {name}": Meaning(quantity, unit) for name, (quantity, unit, _) in found.items()}
+    return columns, means, f"{topic.name} ({frames}) {axes}"
+
+
+def _fits_better(
+    topic: Topic, body: tuple[np.ndarray, np.ndarray], turned: tuple[np.ndarray, np.ndarray], found: Mapping[str, Any]
+) -> bool:
+    """Whether the positions in ``found`` move as the ``turned`` velocities (u, v; (N,) each) say, not as those of the
+    ``body``: by their definition messages hold the latter, but some drivers write the former."""
+    t = np.array(topic.stamps if min(topic.stamps) > 0 else topic.received)
+    psi, x, y = (found[name][2] for name in ("orientation", "position north", "position east"))
+    h = np.diff(t)
+    middle = psi[:-1] + 0.5 * np.angle(np.exp(1j * np.diff(psi)))
+    off = []
+    for u, v in (body, turned):
+        u, v = (0.5 * (part[1:] + part[:-1]) for part in (u, v))
+        north, east = u * np.cos(middle) - v * np.sin(middle), u * np.sin(middle) + v * np.cos(middle)
+        apart = np.hypot(np.diff(x) - h * north, np.diff(y) - h * east)
+        off.append(float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else np.inf)
+    return off[1] < 0.5 * off[0]
+
+
+def _heading(q: np.ndarray, down: bool) -> np.ndarray:
+    """Headings (N,) clockwise from north [rad] of quaternions (N, 4) x, y, z, w; NaN where one is none."""
+    q = np.where(np.abs(q) < 2, q, np.nan)  # those of rotations have the length 1
+    x, y, z, w = np.where((np.linalg.norm(q, axis=1) > 0.5)[:, None], q, np.nan).T
+    along, across = w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z)  # the body's x axis in the axes of the world
+    return np.arctan2(across, along) if down else np.arctan2(along, across)
+
+
+def of_topic(topic: str) -> Meaning:
+    """What the words at the end of a ``topic`` mean, the longest that mean something."""
+    parts = [part for part in re.split(r"[/ ]", topic) if part]
+    for first in range(len(parts)):
+        found = meaning("_".join(parts[first:]))
+        if found.quantity or found.may_be:
+            return found
+    return meaning(topic)

@@ -1,0 +1,263 @@
+"""Logs that hold one series a source, each at times of its own, as one table: a row a time, cells empty between."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.importing.clocks import check_forward, within_stamps
+from cases.importing.import_map import ColumnMap, ImportMap, magnetic
+from cases.importing.raw_table import MOST_CELLS, Account, Clock, RawTable
+from cases.importing.vocabulary import Meaning, meaning, turn_in
+from cases.io.units import DEG, factor_of
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData
+from mmg.messages import Message
+
+ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
+"""What the revolutions of an engine may be."""
+STAMP = re.compile(
+    r"(?:(\d{4})-(\d\d)-(\d\d)[-T ])?(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)\s*([Zz]|[+-]\d\d(?::?\d\d)?)?", re.ASCII
+)
+"""A date and time of ISO 8601 (canboat writes a dash between them), or a time of the day."""
+POSITION = {"x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y"}
+"""What says the same in another way."""
+FEW = 20
+"""Times from which a clock is said to jump."""
+MOST_OF_LOG = 0.5
+"""Share of a log over which a series runs whose begin and end are those of the table."""
+
+
+@dataclass(frozen=True)
+class SourceSeries:
+    """What one source of a log says, such as a topic or a sensor.
+
+    name: of the source in the words of the file; t: (N,) seconds; columns: header -> (N,), NaN where it says nothing;
+    means: header -> what the format itself says of it; rank: a source of a lower one is taken where two say the same.
+    """
+
+    name: str
+    t: np.ndarray
+    columns: Mapping[str, np.ndarray]
+    means: Mapping[str, Meaning] = field(default_factory=dict)
+    rank: int = 0
+
+    def quantities(self) -> dict[str, str]:
+        """Header -> quantity that it means, of headers that mean one."""
+        found = {header: (self.means.get(header) or meaning(header)).quantity for header in self.columns}
+        return {header: quantity for header, quantity in found.items() if quantity}
+
+
+class Heard:
+    """What the sources of a log say, message by message, in its order."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[str, int], list[tuple[float, dict[str, float]]]] = {}
+        self._means: dict[str, Meaning] = {}
+
+    def say(self, name: str, t: float, header: str, value: Any, means: Meaning | None = None, rank: int = 0) -> None:
+        """The source ``name`` says at the time t [s] a ``value`` below a ``header``: as of ``SourceSeries``."""
+        rows = self._rows.setdefault((name, rank), [])
+        if not rows or rows[-1][0] != t or header in rows[-1][1]:
+            rows.append((t, {}))
+        rows[-1][1][header] = float(value) if _is_number(value) else np.nan
+        if means is not None:
+            self._means[header] = means
+
+    def series(self) -> list[SourceSeries]:
+        """The series of all sources."""
+        out = []
+        for (name, rank), rows in self._rows.items():
+            headers = dict.fromkeys(header for _, said in rows for header in said)
+            columns = {h: np.array([said.get(h, np.nan) for _, said in rows]) for h in headers}
+            means = {h: self._means[h] for h in headers if h in self._means}
+            out.append(SourceSeries(name, np.array([t for t, _ in rows]), columns, means, rank))
+        return out
+
+
+class Compass:
+    """Magnetic directions of a log, made true by its variation, or that of the map.
+
+    variations: pairs of time [s] and variation, east positive, in the ``unit`` of the directions.
+    """
+
+    def __init__(self, variations: Iterable[tuple[float, Any]], unit: str, chosen: ImportMap) -> None:
+        self._known = np.array([(t, v) for t, v in variations if _is_number(v)], dtype=float).reshape(-1, 2)
+        said = chosen.variation
+        self._of_map = None if said is None else said * DEG / (factor_of("rad", unit) or 1.0)
+        self._unit, self._magnetic = unit, ""
+
+    def say(self, heard: Heard, name: str, t: float, quantity: str, value: Any, *parts: Any) -> None:
+        """The source ``name`` says a magnetic ``quantity``. parts: deviation and variation that it says with it."""
+        deviation, variation = [*parts, None, None][:2]
+        if self._of_map is not None:
+            variation = self._of_map
+        elif not _is_number(variation) and len(self._known):
+            variation = float(np.interp(t, *self._known.T))
+        if not _is_number(value) or not _is_number(variation):
+            self._magnetic = name if quantity == "psi" else self._magnetic
+            return
+        value += variation + (deviation if _is_number(deviation) else 0.0)
+        heard.say(name, t, f"{name} magnetic {quantity}, made true", value, Meaning(quantity, self._unit), rank=1)
+
+    def check(self, path: Path, heard: Heard) -> None:
+        """Raises UserError where headings are magnetic, and nothing makes them true."""
+        if self._magnetic and not any("psi" in one.quantities().values() for one in heard.series()):
+            raise Missing(f"{path}: {magnetic(self._magnetic)}")
+
+
+def seconds_of_stamp(stamp: Any) -> float:
+    """Seconds since 1970 of a ``stamp`` with a date (in UTC where it names no zone), or of the day of one without.
+
+    Raises ValueError for one that is none.
+    """
+    match = STAMP.fullmatch(str(stamp).strip())
+    if match is None:
+        raise ValueError(f"'{str(stamp)[:40]}' is no time")
+    *day, hour, minute, second, zone = match.groups()
+    t = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
+    if match[1]:
+        t += 86400.0 * (datetime.date(*map(int, day)).toordinal() - datetime.date(1970, 1, 1).toordinal())
+    if zone and zone not in "Zz":
+        t -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:] if len(zone) > 3 else 0))
+    return t
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def table_of_series(
+    path: Path,
+    series: Iterable[SourceSeries],
+    chosen: ImportMap,
+    clock: Clock,
+    notices: Sequence[Message] = (),
+    accounts: Sequence[Account] = (),
+    name: str = "",
+) -> RawTable:
+    """The table of all ``series`` of the log ``path``, for as long as those run that span most of it.
+
+    chosen: the map, whose ``ignore`` may name series; notices: of the reader; clock: says how times were read, and
+    whether they are absolute; accounts: of what the reader left out; name: of the table, else the path. Raises
+    UserError where two series of one rank differ, where times run backwards or jump, for no rows and for too many.
+    """
+    name, accounts, ignored = name or str(path), list(accounts), chosen.ignored_in(path)
+    kept = []
+    for one in series:
+        columns = {h: v for h, v in one.columns.items() if np.isfinite(v).any() and not {h, one.name} & ignored}
+        if ignored & {one.name, *one.columns}:
+            accounts.append(Account(one.name, len(one.t), (), "ignored by the map"))
+        if columns and np.ptp(one.t) > 0:
+            kept.append(_ordered(replace(one, columns=columns), name))
+        elif one.name not in ignored:
+            accounts.append(Account(one.name, len(one.t), (), "holds fewer than two values or times"))
+    kept = _one_source(kept, name, chosen.columns_of(path), accounts)
+    if not kept:
+        raise TooFewData(f"{name}: holds no series of numbers that says something of a ship")
+    spans = [one.t[-1] - one.t[0] for one in kept]
+    long = [one for one, span in zip(kept, spans, strict=True) if span >= MOST_OF_LOG * max(spans)]
+    first, last = max(one.t[0] for one in long), min(one.t[-1] for one in long)
+    if last <= first:
+        first, last = min(one.t[0] for one in long), max(one.t[-1] for one in long)
+    t = np.unique(np.concatenate([one.t for one in kept]))
+    at = int(np.argmax(np.diff(t, append=t[-1])))
+    if len(t) > FEW and (jump := t[at + 1] - t[at]) > 0.5 * (t[-1] - t[0]):
+        words = f"the clock jumps by {jump:.6g} s after {t[at] - t[0]:.6g} s, more than the rest of the log lasts"
+        raise BadValue(f"{name}: {words}; divide it there")
+    t = t[(first <= t) & (t <= last)]
+    count = sum(len(one.columns) for one in kept)
+    if len(t) * count > MOST_CELLS:
+        raise OutOfRange(f"{name}: more than {MOST_CELLS} cells; leave out what is not needed in the map (ignore)")
+    if len(t) < 2:
+        raise TooFewData(f"{name}: its series hold fewer than two times in common")
+    return _table(path, name, kept, replace(clock, t=t), notices, accounts)
+
+
+def _table(
+    path: Path,
+    name: str,
+    kept: Sequence[SourceSeries],
+    clock: Clock,
+    notices: Sequence[Message],
+    accounts: list[Account],
+) -> RawTable:
+    """The ``kept`` series at the times of the ``clock``."""
+    import pandas as pd
+
+    headers, units, cells, means = [clock.header], ["s"], [clock.t], {clock.header: Meaning("t")}
+    for one in kept:
+        quantities = one.quantities()
+        inside = (clock.t[0] <= one.t) & (one.t <= clock.t[-1])
+        at = np.searchsorted(clock.t, one.t[inside])
+        for header, values in one.columns.items():
+            column = np.full(len(clock.t), np.nan)
+            column[at] = values[inside]
+            own = one.means.get(header) or meaning(header)
+            used = (quantities[header],) if header in quantities else ()
+            accounts.append(Account(header, int(np.isfinite(values).sum()), used, "" if used else own.may_be))
+            headers, units, cells = [*headers, header], [*units, own.unit], [*cells, column]
+            means[header] = own
+    frame = pd.DataFrame(dict(enumerate(cells)))
+    return RawTable(
+        path, name, tuple(headers), tuple(units), frame, tuple(notices), clock, accounts=tuple(accounts), means=means
+    )
+
+
+def _ordered(one: SourceSeries, name: str) -> SourceSeries:
+    """A series whose times increase: samples of one coarse stamp lie apart, of repeated ones the last is kept."""
+    check_forward(Clock(one.t, False, f"time of {one.name}", ""), name)
+    t = np.round(within_stamps(one.t, one.columns.values())[0], 6)
+    last = np.append(np.diff(t) > 0, True)
+    return replace(one, t=t[last], columns={header: values[last] for header, values in one.columns.items()})
+
+
+def _one_source(
+    kept: Sequence[SourceSeries], name: str, mapped: Mapping[str, ColumnMap], accounts: list[Account]
+) -> list[SourceSeries]:
+    """The series with each quantity in that of the lowest rank only; of several of one rank that say the same, in the
+    first. mapped: columns of the map, which need no choice."""
+    of: dict[str, tuple[SourceSeries, str]] = {}
+    out, said = [], {column.header for column in mapped.values()}
+    for one in sorted(kept, key=lambda one: (one.rank, -len(one.t))):
+        columns = dict(one.columns)
+        for header, quantity in one.quantities().items():
+            if quantity in mapped or header in said:
+                continue
+            other, same = of.get(quantity) or of.get(POSITION.get(quantity, quantity)) or (one, header)
+            if other is one or (quantity not in of and other.rank == one.rank):
+                of.setdefault(quantity, (one, header))
+                continue
+            if other.rank == one.rank and not _agree(one, header, other, same, quantity):
+                raise Conflict(
+                    f"{name}: {quantity} is said by '{other.name}' and by '{one.name}', and they differ; leave one of "
+                    f'them out in the map: ignore = ["{one.name}"]'
+                )
+            accounts.append(Account(header, len(one.t), (), f"{quantity} is taken from {other.name}"))
+            del columns[header]
+        if columns:
+            out.append(replace(one, columns=columns))
+    return out
+
+
+def _agree(one: SourceSeries, header: str, other: SourceSeries, same: str, name: str) -> bool:
+    """Whether columns of the quantity ``name`` say the same, ``header`` of ``one`` and ``same`` of the ``other``: they
+    differ by less than values of each that follow one another."""
+    t, values = (part[np.isfinite(one.columns[header])] for part in (one.t, one.columns[header]))
+    at, known = (part[np.isfinite(other.columns[same])] for part in (other.t, other.columns[same]))
+    if min(len(t), len(at)) < 2:
+        return False
+    period = turn_in(name, one.means[header].unit if header in one.means else "", float(np.abs(values).max()))
+    if period:
+        values, known = np.unwrap(values, period=period), np.unwrap(known, period=period)
+    off = values - np.interp(t, at, known, left=np.nan, right=np.nan)
+    if period:
+        off = np.remainder(off + period / 2, period) - period / 2
+    off = np.abs(off[np.isfinite(off)])
+    step = max(np.abs(np.diff(v)).mean() for v in (values, known))
+    return bool(len(off)) and float(np.median(off)) <= step

@@ -1,0 +1,193 @@
+"""The registry of quantities: what a column of a trial or of a raw log is, in one row each.
+
+Units and signs are those of the product (conventions.md, section 0): north, east, clockwise, starboard are positive.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+from mmg.motion.flow import INPUTS, PODS
+
+TURN = 2 * math.pi
+"""rad."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One row of the registry.
+
+    name: canonical; unit: in a Trial, or of a raw log once it is read; canonical: whether trial files hold it, or only
+    raw logs; period: in ``unit``, after which its values begin anew, 0 of what is no direction; compass: whether it is
+    counted from north, so that it turns with the whole record; mirror: its sign in the record that port and starboard
+    exchange; partner: the one of the other side, which it then becomes, or itself; between: how it runs from sample to
+    sample, along a line or held; limits: within which it is on any ship or model, in ``unit``; headers: regular
+    expression of the words, in lower case with "_" between them, by which logs call it; valid: likewise of the column
+    that says whether it holds.
+    """
+
+    name: str
+    unit: str
+    canonical: bool = True
+    period: float = 0.0
+    compass: bool = False
+    mirror: Literal[1, -1] = 1
+    partner: str = ""
+    between: Literal["line", "held"] = "line"
+    limits: tuple[float, float] = (-math.inf, math.inf)
+    headers: str = ""
+    valid: str = ""
+
+    @property
+    def wraps(self) -> bool:
+        """Whether it is a direction, whose values begin anew after a turn."""
+        return self.period > 0
+
+
+RUDDER_LIMIT = 2.0
+"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg."""
+SPIN_LIMIT = 1.5
+"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
+REVOLUTIONS_LIMIT = 60.0
+"""rps; propellers of models of a metre or more, and of ships, turn more slowly."""
+SPEED_LIMIT = 60.0
+"""m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33)."""
+
+_FIX = r"(gps|gnss|fix|position|nav)?_?(fix|quality|qual|status|mode|valid|validity|ok)(_indicator|_flag|_type)?"
+_direction = partial(Quantity, unit="rad", period=TURN, mirror=-1)
+_speed = partial(Quantity, unit="m/s", limits=(-SPEED_LIMIT, SPEED_LIMIT))
+_amount = partial(Quantity, unit="m/s", limits=(0.0, SPEED_LIMIT))
+_rudder = partial(Quantity, unit="rad", mirror=-1, between="held", limits=(-RUDDER_LIMIT, RUDDER_LIMIT))
+_shaft = partial(Quantity, unit="rps", between="held", limits=(-REVOLUTIONS_LIMIT, REVOLUTIONS_LIMIT))
+_REVS = "rpm|rps|revs|revolutions"
+_REL = "apparent|relative|rel|app"
+
+_ROWS = (
+    Quantity(
+        "t", "s",
+        headers="time|time_?stamp|date_?time|date_and_time|utc|utc_(date_)?time|time_utc|(gps|gnss)_time|clock|epoch|"
+        "unix_?time(stamp)?|elapsed(_time)?|(log|sample|local|system|ship)_time|time_(of_day|since_start|local|gps)|secs?|"
+        "seconds|(header_)?stamp(_secs?)?|date_?num|(gps_|gnss_)?(i?tow|sow|time_of_week|seconds?_of_week)(_m?s)?",
+    ),
+    Quantity("x", "m", headers=r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", valid=_FIX),
+    Quantity("y", "m", mirror=-1, headers=r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", valid=_FIX),
+    _direction(
+        "psi", compass=True,
+        headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi",
+        valid=r"(heading|hdg|hdt|gyro|ths)_(status|mode|valid|validity|ok)",
+    ),
+    _speed(
+        "u",
+        headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal",
+    ),
+    _speed(
+        "v", mirror=-1,
+        headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse",
+    ),
+    Quantity(
+        "r", "rad/s", mirror=-1, limits=(-SPIN_LIMIT, SPIN_LIMIT),
+        headers="rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z",
+        valid="rot_(status|mode|valid|validity|ok)",
+    ),
+    _shaft(
+        "n", partner="n_2",
+        headers=rf"(propeller|prop|shaft|main_engine|engine|me)?_?({_REVS}|n_prop|shaft_speed)"
+        r"|(propeller|prop|shaft)_(speed|rate)",
+        valid="(rpm|shaft|engine)_(status|valid|validity|ok)",
+    ),
+    _shaft("n_2", partner="n"),
+    _rudder(
+        "delta",
+        headers=r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder",
+        valid="(rudder|rsa)_(status|valid|validity|ok)",
+    ),
+    _rudder("delta_port", partner="delta_starboard"),
+    _rudder("delta_starboard", partner="delta_port"),
+    _shaft("n_bow", mirror=-1, headers="bow_thruster(_rpm|_speed)?"),
+    _shaft("n_stern", mirror=-1, headers="stern_thruster(_rpm|_speed)?"),
+    Quantity("pitch", "rad", between="held", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
+    _shaft(
+        "n_azimuth", partner="n_azimuth_2",
+        headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)",
+    ),
+    Quantity("phi", "rad", mirror=-1),
+    Quantity("p", "rad/s", mirror=-1),
+    _direction(
+        "azimuth", between="held", partner="azimuth_2",
+        headers="(azimuth|pod)(_thruster)?(_angle|_direction)?",
+    ),
+    _shaft("n_azimuth_2", partner="n_azimuth"),
+    _direction("azimuth_2", between="held", partner="azimuth"),
+    *(_shaft(f"n_azimuth_{pod}") for pod in range(3, PODS + 1)),
+    *(_direction(f"azimuth_{pod}", between="held") for pod in range(3, PODS + 1)),
+    _amount("wind_speed", headers="true_wind_speed|wind_speed_true|tws"),
+    _direction("wind_direction", compass=True, headers="true_wind_(direction|dir)|wind_(direction|dir)_true|twd"),
+    _amount("apparent_wind_speed", headers=f"({_REL})_wind_speed|wind_speed_({_REL})|aws|rws"),
+    _direction(
+        "apparent_wind_direction",
+        headers=f"({_REL})_wind_(direction|dir|angle)|wind_(direction|dir|angle)_({_REL})|awa|awd|rwd",
+    ),
+    Quantity(
+        "latitude", "deg", False, limits=(-90.0, 90.0), headers="(gps|gnss)?_?(lat|latitude)(_decimal)?", valid=_FIX
+    ),
+    Quantity(
+        "longitude", "deg", False, period=360.0, limits=(-360.0, 360.0),
+        headers="(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?", valid=_FIX,
+    ),
+    _amount(
+        "sog", canonical=False, valid=_FIX,
+        headers="(gps_|gnss_)?(sog|speed_over_ground|ground_speed|gps_speed|speed_made_good)",
+    ),
+    _direction(
+        "cog", canonical=False, compass=True, valid=_FIX,
+        headers="(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true|_t)?",
+    ),
+    _direction("true_wind_angle", canonical=False, headers="true_wind_angle|wind_angle_true|twa"),
+    _direction(
+        "heading_magnetic", canonical=False, compass=True,
+        headers="(magnetic|mag|compass)_(heading|hdg)|(heading|hdg)_(magnetic|mag|m|compass)|hdm|compass",
+        valid=r"(heading|hdg|hdm|compass)_(status|mode|valid|validity|ok)",
+    ),
+    Quantity("variation", "rad", False, headers="(magnetic_|mag_)?(variation|declination|decl)|mag_?var|var_mag"),
+    *(
+        Quantity(f"{name}_{part}", "", False, headers=rf"({short}|{name})_({words})")
+        for name, short in (("latitude", "lat"), ("longitude", "lon|long|lng"))
+        for part, words in (("min", "min|mins|minutes?|mm"), ("s", "secs?|seconds?|ss"))
+    ),
+    Quantity("t_week", "", False, headers="(gps_|gnss_)?(week|wk|wn|week_?number|week_?no)"),
+    Quantity("t_part", "", False, headers="((header_)?stamp_)?(n_?secs?|nano_?secs?|nano_?seconds?|micro_?seconds?|"
+        "milli_?seconds?|u_?secs?|m_?secs?|millis|micros|nanos)"),
+    Quantity("date", "", False, headers="date|day|datum|utc_date"),
+    Quantity("ship", "", False, headers=r"mmsi|imo(_number)?|vessel(_name)?|ship(_name)?|call_?sign"),
+    Quantity("zone", "", False, headers="(utm_)?zone"),
+)  # fmt: skip
+
+QUANTITIES = {row.name: row for row in _ROWS}
+"""By name; of a ship with more than two propellers see ``quantity``."""
+SIGNED = ("latitude", "longitude", *(name for name in INPUTS if name.startswith(("n", "delta"))))
+"""Quantities whose sign another column of a raw log may say, in words."""
+QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}
+QUANTITIES |= {f"{name}_sign": Quantity(f"{name}_sign", "", canonical=False) for name in SIGNED}
+UNITS = {row.name: row.unit for row in _ROWS if row.canonical}
+"""Canonical columns and the unit they have in a Trial."""
+
+
+def quantity(name: str) -> Quantity:
+    """The row of ``name``, "n_3" to "n_9" included. Raises KeyError for what is none."""
+    if re.fullmatch(r"n_[3-9]", name):
+        return replace(QUANTITIES["n_2"], name=name, partner="")
+    return QUANTITIES[name]
+
+
+def is_canonical(name: str) -> bool:
+    """Whether trial files may hold a column of that ``name``."""
+    return name in UNITS or re.fullmatch(r"n_[3-9]", name) is not None
+
+
+def wraps(name: str) -> bool:
+    """Whether the column ``name`` is a direction, whose values begin anew after a turn; False of what is none."""
+    return name in QUANTITIES and QUANTITIES[name].wraps

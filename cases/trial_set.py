@@ -1,0 +1,249 @@
+"""A set of trials and what is known of it: worked out where it is asked for, once, and never changed.
+
+Every command makes one of its files, and every function that takes trials takes one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeAlias, overload
+
+import numpy as np
+
+from cases.checks import CheckReport, check
+from cases.checks.copies import duplicates
+from cases.checks.report import CONTRADICTORY, DOUBTFUL
+from cases.checks.stretches import BrokenStretch, broken_stretches
+from cases.inputs import is_sampled
+from cases.io.campaigns import Campaigns, campaign_labels, campaigns_of, ship_of_campaign
+from cases.io.groups import Groups, group_trials
+from cases.io.leave_out import CODE, left_out, looked_at
+from cases.io.read import read_trials
+from cases.io.sidecar import line_for
+from cases.trial import Trial
+from mmg.errors import Conflict, Missing
+from mmg.messages import Message
+from mmg.ship import Ship
+
+Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
+"""What a set is made of: one or several files, folders or trials."""
+DOUBT = "doubtful"
+"""Code of the notice on what mmg check doubts of a trial."""
+MOST_LISTED = 5
+"""Of names and pairs in one message."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrialSet(Sequence[Trial]):
+    """Trials, in their order, and what is known of them together."""
+
+    trials: tuple[Trial, ...]
+
+    @classmethod
+    def of(cls, given: Given) -> TrialSet:
+        """The set of what is ``given``: itself, trials as they are, files and folders read. Raises UserError for what
+        cannot be read."""
+        if isinstance(given, TrialSet):
+            return given
+        several = [given] if isinstance(given, (str, Path, Trial)) else given
+        return cls(tuple(t for item in several for t in ([item] if isinstance(item, Trial) else read_trials([item]))))
+
+    def __len__(self) -> int:
+        return len(self.trials)
+
+    @overload
+    def __getitem__(self, index: int) -> Trial: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Trial, ...]: ...
+    def __getitem__(self, index: int | slice) -> Trial | tuple[Trial, ...]:
+        return self.trials[index]
+
+    def __iter__(self) -> Iterator[Trial]:
+        return iter(self.trials)
+
+    @cached_property
+    def reports(self) -> tuple[CheckReport, ...]:
+        """What mmg check says of each: units, signs, frames, lags, broken stretches, copies, excitation."""
+        return tuple(check(self.trials))
+
+    @cached_property
+    def copies(self) -> tuple[list[dict[str, Any]], ...]:
+        """For each, the others with which it shares rows."""
+        return tuple(found for found, _ in duplicates(self.trials))
+
+    @cached_property
+    def campaigns(self) -> Campaigns:
+        """Who belongs to which campaign. Raises UserError where sidecar, day and folder contradict each other."""
+        return campaigns_of(self.trials)
+
+    @cached_property
+    def sampled(self) -> tuple[bool | None, ...]:
+        """Whether the actuators of each are as they are at its samples, False: held from there, None: not known."""
+        return tuple(is_sampled(trial) for trial in self.trials)
+
+    @cached_property
+    def roles(self) -> tuple[str, ...]:
+        """The role of each in its sidecar: "train", "validate", "test" or ""."""
+        return tuple(trial.role for trial in self.trials)
+
+    def groups(self, by: str) -> Groups:
+        """The groups ``by`` day, folder, kind ... Raises UserError as ``group_trials``."""
+        return group_trials(self.trials, by)
+
+    def said_campaign(self, name: str | None, ship: Ship) -> TrialSet:
+        """The trials as of the campaign ``name`` of a ``ship``, as they are for None. Raises UserError for a campaign
+        that the ship does not know."""
+        if name is None:
+            return self
+        ship_of_campaign(ship, name)
+        return TrialSet(tuple(replace(trial, meta={**trial.meta, "campaign": name}) for trial in self))
+
+    @property
+    def remarks(self) -> list[Message]:
+        """Messages on what was left out of the trials and what is doubtful about them."""
+        found = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (CODE, DOUBT)]
+        return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
+
+    @cached_property
+    def broken(self) -> tuple[Sequence[BrokenStretch], ...]:
+        """The broken stretches of each; none where it was decided before what is left out."""
+        return tuple([] if looked_at(trial) else broken_stretches(trial) for trial in self.trials)
+
+    @cached_property
+    def sound(self) -> TrialSet:
+        """The trials without their broken stretches, each with a notice on what was left out and why."""
+        return TrialSet(tuple(_without(t, found) for t, found in zip(self.trials, self.broken, strict=True)))
+
+    @property
+    def as_they_are(self) -> TrialSet:
+        """The trials marked as looked at, so that nothing of them is left out later."""
+        return TrialSet(tuple(trial if looked_at(trial) else left_out(trial, [], "") for trial in self.trials))
+
+    @property
+    def by_role(self) -> tuple[TrialSet, TrialSet]:
+        """Those that may train, and those that trials.toml keeps out by their role test or validate."""
+        out = [role in ("test", "validate") for role in self.roles]
+        train, held_out = (tuple(t for t, o in zip(self, out, strict=True) if o is held) for held in (False, True))
+        return TrialSet(train), TrialSet(held_out)
+
+    @cached_property
+    def once(self) -> tuple[TrialSet, list[Message]]:
+        """Each trial once, and messages on copies, which would count as if the run had been made again."""
+        messages: list[Message] = []
+        first_of: dict[bytes, int] = {}
+        copies: dict[int, list[int]] = {}
+        for i, trial in enumerate(self.trials):
+            first = first_of.setdefault(_content(trial), i)
+            if first != i:
+                copies.setdefault(first, []).append(i)
+        campaign = campaign_labels(self.trials) if copies else []
+        for first, others in copies.items():
+            name = self[first].name
+            words = (
+                f"{_listed([self[i].name for i in others])}: copies of {name}, which say nothing more; left out, so "
+            )
+            messages.append(Message(words + "that no run counts twice", "copies_left_out"))
+            for i in others:
+                if campaign[i] != campaign[first]:
+                    words = (
+                        f"{name} of campaign {campaign[first]} and {self[i].name} of campaign {campaign[i]} are the "
+                    )
+                    words += f"same file; it counts for {campaign[first]}: remove the one that is wrong"
+                    messages.append(Message(words, "same_file_in_two_campaigns"))
+        return TrialSet(tuple(self[i] for i in first_of.values())), messages
+
+    def training(self, judges: Sequence[Trial] = ()) -> tuple[TrialSet, list[Message]]:
+        """The trials to train on, and messages on those that trials.toml keeps out by their role, on copies, and on
+        what was left out of trials and ``judges``. Raises UserError when none is left."""
+        kept, out = self.by_role
+        names = ", ".join(t.name for t in out)
+        if out and not kept:
+            line = line_for(out[0].path, out[0].name, 'role = "train"')
+            words = "trials.toml gives them the role test or validate; none is left to train on: write for those to "
+            raise Missing(f"{names}: {words}train on, {line}")
+        messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
+        once, copies = kept.once
+        return once, [*TrialSet((*once, *judges)).remarks, *messages, *copies]
+
+
+def ready(*sets: Given, unchecked: bool = False) -> tuple[TrialSet, ...]:
+    """The ``sets`` as they may be fitted and judged: without broken stretches, doubts among their notices.
+
+    unchecked: leave them as they are. Raises UserError where the data of one of them refute what its file says.
+    """
+    given = [TrialSet.of(some) for some in sets]
+    if unchecked:
+        return tuple(some.as_they_are for some in given)
+    every = TrialSet(tuple(trial for some in given for trial in some))
+    wrong = [report for report in every.reports if report.verdict == CONTRADICTORY]
+    if wrong:
+        text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
+        names = ", ".join(report.path or report.name for report in wrong)
+        advice = "correct it in trials.toml, or add --unchecked"
+        raise Conflict(f"{names}: contradictory, as mmg check says ({text}); {advice}")
+    rows = iter(zip(every, every.reports, strict=True))
+    return tuple(TrialSet(tuple(_judged(*row) for row in islice(rows, len(some)))) for some in given)
+
+
+def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Message]:
+    """Messages on rows that two trials of ``train`` share, or one of them and one of ``held_out``."""
+    trials = TrialSet((*train, *held_out))
+    messages = []
+    for i, copies in enumerate(trials.copies):
+        names, first = {copy["other"] for copy in copies}, trials[i].name
+        for other in [j for j in range(i + 1, len(trials)) if trials[j].name in names]:
+            second = trials[other].name
+            if i < len(train) <= other:
+                words = f"{second} shares rows with {first}: its score is not held out"
+                messages.append(Message(words, "not_held_out"))
+            elif other < len(train):
+                words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
+                messages.append(Message(words, "shared_rows"))
+    found = list(dict.fromkeys(messages))
+    for code in ("not_held_out", "shared_rows"):
+        same = [m for m in found if m.code == code]
+        if len(same) > MOST_LISTED:
+            found = [m for m in found if m.code != code] + same[:MOST_LISTED]
+            more = f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)"
+            found.append(Message(more, code))
+    return found
+
+
+def _judged(trial: Trial, report: CheckReport) -> Trial:
+    """``trial`` without the broken stretches of its ``report``, with a notice on each doubt."""
+    if not looked_at(trial):
+        trial = _without(trial, [BrokenStretch(**row) for row in report.numbers["stretches"]["broken"]])
+    doubts = [f.text for f in report.findings if f.level == DOUBTFUL and f.topic not in ("stretches", "duplicates")]
+    notices = [Message(f"{trial.name}: doubtful: {text}", DOUBT) for text in doubts]
+    return replace(trial, notices=(*trial.notices, *notices)) if notices else trial
+
+
+def _without(trial: Trial, found: Sequence[BrokenStretch]) -> Trial:
+    """``trial`` without the broken stretches that were ``found``, marked as looked at."""
+    if looked_at(trial):
+        return trial
+    spans = [(s.begin_s, s.end_s) for s in found]
+    why = "; ".join(dict.fromkeys(part for s in found for part in s.what.split("; ")))
+    words = f"{why}; to keep all, add to {line_for(trial.path, trial.name, 'exclude = []')}"
+    return left_out(trial, spans, words, [span for span, s in zip(spans, found, strict=True) if s.moved])
+
+
+def _content(trial: Trial) -> bytes:
+    """What is the same for two trials of the same numbers; a clock may begin anywhere."""
+    found = hashlib.sha256()
+    for name, column in sorted(trial.columns.items()):
+        values = column - column[0] if name == "t" else column
+        found.update(name.encode())
+        found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
+    return found.digest()
+
+
+def _listed(names: Sequence[str]) -> str:
+    """The ``names``, of more than MOST_LISTED only the first and how many there are."""
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more

@@ -1,0 +1,119 @@
+"""What was derived from one another is not compared, and said; how a ship moves tells instead."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer import Typer
+from typer.testing import CliRunner
+
+from benchmarks.file_faults.simulated import filtered, judged_sound
+from cases.checks import CheckReport, check
+from cases.io.read import read_trials
+from cases.trial import Trial
+from mmg_ident import simulate
+from mmg_ident.commands.check import check as command
+from tests.support.trial_files import motion_columns, write_csv
+
+TRACK = {"u": ("psi", "x", "y", "sog", "cog"), "v": ("psi", "x", "y", "sog", "cog")}
+ALL = {**TRACK, "r": ("psi",)}
+
+
+def derived(trial: Trial, offset: float = 0.0, arm: float = 0.0) -> Trial:
+    """``trial`` with u, v and r from positions and a heading that is off by ``offset`` [rad], of a point ``arm`` [m]
+    ahead of midship."""
+    psi = trial["psi"] + offset
+    w = (trial["u"] + 1j * (trial["v"] + arm * trial["r"])) * np.exp(-1j * offset)
+    return replace(trial.with_columns(psi=psi, u=w.real, v=w.imag), ancestors=ALL)
+
+
+def codes(report: CheckReport, level: str = "doubtful") -> set[str]:
+    return {f.code for f in report.findings if f.level == level}
+
+
+@pytest.mark.parametrize(("ancestors", "notes"), [({}, 0), (TRACK, 1), ({"r": ("psi",)}, 1), (ALL, 2), ({"v": ()}, 1)])
+def test_a_comparison_of_relatives_is_none(ancestors: dict[str, tuple[str, ...]], notes: int) -> None:
+    trial = Trial("run", motion_columns(), ancestors=ancestors)
+    (report,) = check([trial])
+    assert [f.code for f in report.findings].count("not_checked") == notes
+    assert report.verdict == ("consistent" if notes else "ok")
+
+
+@pytest.mark.parametrize("fault", [{"x": -1.0}, {"u": 1.944, "v": 1.944}, {"y": -1.0}])
+def test_what_relatives_say_of_each_other_is_no_contradiction(fault: dict[str, float]) -> None:
+    c = motion_columns()
+    wrong = {name: factor * c[name] for name, factor in fault.items()}
+    (alone,) = check([Trial("run", {**c, **wrong})])
+    (related,) = check([Trial("run", {**c, **wrong}, ancestors=ALL)])
+    assert alone.verdict == "contradictory" and related.verdict == "consistent"
+
+
+def test_a_rudder_to_port_is_found_beside_relatives_and_its_rival_is_a_mirrored_world() -> None:
+    c = motion_columns()
+    (report,) = check([Trial("run", {**c, "delta": -c["delta"]}, ancestors=ALL)])
+    (text,) = [f.text for f in report.findings if f.level == "contradictory"]
+    assert 'rudder_positive = "port"' in text and "sign = { y = -1, psi = -1, v = -1, r = -1 }" in text
+
+
+def test_a_folder_is_consistent_and_never_ok(tmp_path) -> None:
+    write_csv(tmp_path / "a.csv", motion_columns(seed=1), rows=None)
+    write_csv(tmp_path / "b.csv", motion_columns(seed=2), rows=None)
+    (tmp_path / "trials.toml").write_text('[files."a.csv"]\nderived = { u = ["x", "y"], v = ["x", "y"] }\n')
+    app = Typer()
+    app.command()(command)
+    document = json.loads(CliRunner().invoke(app, [str(tmp_path), "--json"]).output)
+    assert [row["verdict"] for row in document["files"]] == ["consistent", "ok"]
+    assert [row["verdict"] for row in document["folders"]] == ["consistent"]
+    assert "not_checked" not in codes(check(read_trials(tmp_path))[1], "info")
+
+
+@pytest.fixture(scope="module")
+def circle() -> Trial:
+    return simulate("esso_osaka_3m", "turning:20", dt=0.2, duration=300, noise=True)
+
+
+def legs() -> list[Trial]:
+    """Straight legs in four directions, in a current."""
+    out = []
+    for k in range(4):
+        trial = simulate("esso_osaka_3m", "zigzag:2/2", dt=0.2, duration=200, noise=True, seed=k)
+        heading = trial["psi"] + k * np.pi / 2
+        current = 0.05 * np.exp(-1j * (heading - 0.4))
+        out.append(trial.with_columns(psi=heading, u=trial["u"] + current.real, v=trial["v"] + current.imag))
+    return out
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.07, -0.1])
+def test_a_heading_error_is_told_from_a_current_by_legs_both_ways(offset: float) -> None:
+    reports = check([derived(trial, offset) for trial in legs()])
+    assert all(("heading_offset" in codes(report)) == (offset != 0.0) for report in reports)
+    (one,) = check([derived(legs()[0], offset)])
+    assert "heading_offset" not in codes(one)
+
+
+def test_sway_that_goes_with_the_turn_is_that_of_a_point_ahead_of_the_pivot(circle: Trial) -> None:
+    assert "lever_arm" not in codes(check([derived(circle)])[0])
+    assert "lever_arm" not in codes(check([derived(circle, arm=0.5)])[0])
+    assert "lever_arm" in codes(check([derived(circle, arm=3.0)])[0])
+
+
+def test_sternway_under_ahead_revolutions_is_a_doubt(circle: Trial) -> None:
+    turned = derived(circle, np.pi)
+    assert "u_sign" in codes(check([turned])[0]) and "u_sign" not in codes(check([derived(circle)])[0])
+
+
+def test_a_wind_that_turns_with_the_ship_is_none_over_ground(circle: Trial) -> None:
+    speed, rng = np.full(len(circle), 5.0), np.random.default_rng(1)
+    gusts = 0.2 * rng.standard_normal(len(circle))
+    over_ground = circle.with_columns(wind_speed=speed, wind_direction=1.0 + gusts)
+    with_ship = circle.with_columns(wind_speed=speed, wind_direction=circle["psi"] + 1.0 + gusts)
+    assert "wind_direction" not in codes(check([over_ground])[0])
+    assert "wind_direction" in codes(check([with_ship])[0])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 5, 12])
+def test_filtered_velocities_refute_nothing(seed: int) -> None:
+    assert judged_sound(filtered(seed))[0] == "quiet"

@@ -1,0 +1,304 @@
+"""Tables as people export them are read right, or refused with the cause and a line of the map that leads on."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.importing.import_logs import import_logs
+from cases.importing.import_map import ImportMap, read_map
+from cases.importing.written_trials import write_import
+from mmg_ident.commands.main import main
+from tests.support import raw_logs
+from tests.support.raw_logs import BEGIN, answers, bridge, table
+
+pytest.importorskip("pyproj", reason="needs the extra import")
+TRUTH = raw_logs.run()
+N, T = len(TRUTH), TRUTH.t
+LOST = (np.arange(N) > 100) & (np.arange(N) < 130)
+Log = dict[str, Any]
+
+
+def times(form: str, jump: float = 0.0, begin: datetime.datetime = BEGIN) -> list[str]:
+    """Stamps of the run; ``jump`` [s] is added in its second half."""
+    shifted = T + np.where(np.arange(N) >= N // 2, jump, 0.0)
+    return [(begin + datetime.timedelta(seconds=float(t))).strftime(form) for t in shifted]
+
+
+def after(log: Log, header: str, **more: object) -> Log:
+    """The ``log`` with columns right of ``header``."""
+    out: Log = {}
+    for name, values in log.items():
+        out |= {name: values} | (more if name == header else {})
+    return out
+
+
+def lost(log: Log, *headers: str) -> Log:
+    """The ``log`` with zeros in the LOST rows."""
+    return {**log, **{h: np.where(LOST, 0.0, np.asarray(log[h], dtype=float)) for h in headers}}
+
+
+def off(path: Path, chosen: ImportMap | None = None) -> dict[str, float]:
+    """Largest errors of the run in the log ``path``, at its own times, in SI and radians, x and y by their changes."""
+    found = import_logs([path], chosen)
+    assert not found.problems, found.problems
+    run = found.runs[0].columns
+    out = {}
+    for name in ("psi", "n", "delta", "x"):
+        error = run[name] - np.interp(run["t"], T, np.unwrap(TRUTH[name]) if name == "psi" else TRUTH[name])
+        error = np.angle(np.exp(1j * error)) if name == "psi" else error - (error[0] if name == "x" else 0.0)
+        out[name] = float(np.nanmax(np.abs(error)))
+    return out
+
+
+def right(path: Path, chosen: ImportMap | None = None) -> bool:
+    """Whether the run in the log ``path`` is the true one."""
+    errors = off(path, chosen)
+    return errors["psi"] < 0.02 and errors["n"] < 0.02 and errors["delta"] < 0.02 and errors["x"] < 0.5
+
+
+def minutes(degrees: Any, form: str = "{:d}{:09.6f}") -> list[str]:
+    return [form.format(int(d), d % 1 * 60) for d in np.abs(np.asarray(degrees, dtype=float))]
+
+
+def degrees_and_minutes(log: Log) -> Log:
+    for name, short in (("Latitude", "Lat"), ("Longitude", "Lon")):
+        d = np.asarray(log[name], dtype=float)
+        log = after(log, name, **{f"{short} (deg)": np.floor(d), f"{short} (min)": d % 1 * 60})
+        del log[name]
+    return log
+
+
+READ: dict[str, Callable[[Log], Log]] = {
+    "clock of seconds of the week": lambda log: {
+        "GPS TOW": np.round((604710 + T) % 604800, 3), **{k: v for k, v in log.items() if k != "Time"}},
+    "clock set back an hour": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", -3600)},
+    "clock set on an hour": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", 3600)},
+    "1024 weeks": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", -1024 * 604800)},
+    "twelve hours": lambda log: {**log, "Time": times("%I:%M:%S.%f", 0, BEGIN.replace(hour=12, minute=59))},
+    "minutes and seconds": lambda log: {
+        **log, "Time": [s[:-5] for s in times("%M:%S.%f", 0, BEGIN.replace(minute=58))]},
+    "date that stays": lambda log: {
+        "Date": ["4.5.2026"] * N, **log, "Time": times("%H:%M:%S.%f", 0, BEGIN.replace(hour=23, minute=59))},
+    "names of months": lambda log: {**log, "Time": times("%d-%b-%Y %H:%M:%S.%f")},
+    "parts": lambda log: {
+        "Year": [2026] * N, "Month": [5] * N, "Day": [4] * N, "Hour": [9] * N, "Minute": (30 + T // 60).astype(int),
+        "Second": T % 60, **{k: v for k, v in log.items() if k != "Time"}},
+    "nanoseconds beside": lambda log: {
+        "secs": (1777886000 + T // 1).astype(int), "nsecs": (T % 1 * 1e9).astype(int),
+        **{k: v for k, v in log.items() if k != "Time"}},
+    "nanoseconds without zeros": lambda log: {
+        **log, "Time": [f"{1777886000 + int(t)}.{round((t + 0.003) % 1 * 1e9)}" for t in T]},
+    "days of MATLAB": lambda log: {**log, "Time": [f"{739740.4 + t / 86400:.10f}" for t in T]},
+    "ddmm": lambda log: {**log, **{h: minutes(log[h]) for h in ("Latitude", "Longitude")}},
+    "degrees, then minutes": degrees_and_minutes,
+    "dashes": lambda log: {**log, "Latitude": minutes(log["Latitude"], "{:d}-{:09.6f}N")},
+    "typesetter's minus": lambda log: {
+        **log, "Rudder [deg]": [f"{d:.6f}".replace("-", "\u2212") for d in log["Rudder [deg]"]]},
+    "status of the heading": lambda log: after(
+        lost(log, "Heading [deg]"), "Heading [deg]", **{"Gyro state": np.where(LOST, "FAULT", "OK")}),
+    "status behind the time": lambda log: after(
+        lost(log, "Latitude", "Longitude", "SOG [kn]", "COG [deg]"), "Time", Status=np.where(LOST, "V", "A")),
+    "quality of the fix": lambda log: {
+        **lost(log, "Latitude", "Longitude", "SOG [kn]"), "GPS quality": np.where(LOST, 0, 4)},
+    "reference": lambda log: after(log, "Heading [deg]", Ref=["T"] * N),
+    "variation": lambda log: {
+        **{k: v for k, v in log.items() if k != "Heading [deg]"}, "Variation [deg]": [-7.5] * N,
+        "HDG (M)": np.asarray(log["Heading [deg]"]) + 7.5},
+    "orders beside": lambda log: {**log, "Rudder order [deg]": [20.0] * N, "Target heading [deg]": [90.0] * N},
+    "the same twice": lambda log: {**log, "SOG [m/s]": np.asarray(log["SOG [kn]"]) * 1852 / 3600},
+    "French": lambda log: dict(zip(
+        ["Heure", "Latitude", "Longitude", "Vitesse fond (nœuds)", "Route fond (°)", "Cap (°)", "Régime (tr/min)",
+         "Angle de barre (°)"], log.values(), strict=True)),
+    "camels": lambda log: dict(zip(
+        ["timeStamp", "gpsLat", "gpsLon", "speedOverGround_kn", "courseOverGround_deg", "trueHeading_deg", "shaftRPM",
+         "rudderAngle_deg"], log.values(), strict=True)),
+    "newest first": lambda log: {name: list(values)[::-1] for name, values in log.items()},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("make", READ.values(), ids=READ)
+def test_a_table_is_read_as_it_is_meant_and_its_map_repeats_it(tmp_path: Path, make: Callable[[Log], Log]) -> None:
+    path = table(tmp_path / "a.csv", make(bridge(TRUTH)))
+    assert right(path)
+    write_import(import_logs([path]), ImportMap(), tmp_path / "out")
+    assert right(path, read_map(tmp_path / "out" / "import.toml"))
+
+
+ASKED: dict[str, tuple[Callable[[Log], Log], int]] = {
+    "status 0 and 1": (lambda log: after(
+        lost(log, "Heading [deg]"), "Heading [deg]", Status=np.where(LOST, 1, 0)), 0),
+    "two sensors": (lambda log: {**log, "Sensor": np.where(np.arange(N) % 2, "B", "A"), "Heading [deg]": np.asarray(
+        log["Heading [deg]"]) + 3.0 * (np.arange(N) % 2)}, 0),
+    "two headings": (lambda log: {**log, "Gyro [deg]": np.asarray(log["Heading [deg]"]) + 3.0}, 0),
+    "speed in another unit": (lambda log: {**log, "SOG [kn]": np.asarray(log["SOG [kn]"]) * 1.852}, 0),
+    "positions in feet": (lambda log: {
+        "Time": log["Time"], "x [m]": TRUTH["x"] / 0.3048, "y [m]": TRUTH["y"] / 0.3048,
+        **dict(list(log.items())[3:])}, 0),
+    "heading in radians": (lambda log: {**log, "Heading [deg]": TRUTH["psi"]}, 0),
+    "minutes at zero degrees": (lambda log: {
+        **log, "Latitude": 18.0 + 60 * TRUTH["x"] / 110575.0,
+        "Longitude": 18.0 + 60 * TRUTH["y"] / 111319.0}, 0),
+    "1e-7 degrees": (lambda log: {
+        **log, **{h: np.round(np.asarray(log[h]) * 1e7) for h in ("Latitude", "Longitude")}}, 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("make", "answer"), ASKED.values(), ids=ASKED)
+def test_what_stays_open_is_asked_and_the_printed_line_leads_on(
+    tmp_path: Path, make: Callable[[Log], Log], answer: int
+) -> None:
+    path = table(tmp_path / "a.csv", make(bridge(TRUTH)))
+    maps = answers(path)
+    questions = import_logs([path]).questions
+    assert len(maps) == len(questions[0].choices) and right(path, maps[answer])
+    for chosen in maps:  # none asks the same again
+        assert questions[0].words not in [q.words for q in import_logs([path], chosen).questions]
+
+
+def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
+    from mmg_ident import simulate
+
+    log = bridge(simulate("esso_osaka_3m", "crash-stop", dt=0.5, duration=90, seed=1))
+    log["RPM"] = np.abs(np.asarray(log["RPM"]))
+    ordered = np.where(log["RPM"] < 0, 1, -1)
+    for more in ({}, {"RPM order": 700 * ordered}, {"Telegraph": ["FULL ASTERN"] * len(ordered)}):
+        path = table(tmp_path / "a.csv", {**log, **more})
+        assert len(import_logs([path], answers(path)[0]).problems) <= 1
+    found = import_logs([table(tmp_path / "a.csv", {**log, "CPP pitch [deg]": np.linspace(20, -20, len(ordered))})])
+    assert not found.problems  # blades that turn need no sign
+
+
+@pytest.mark.parametrize(
+    ("header", "variation"), [("Heading (M)", None), ("Heading [°M]", None), ("Compass heading [deg]", -7.5)]
+)
+def test_a_magnetic_heading_needs_the_variation(tmp_path: Path, header: str, variation: float | None) -> None:
+    log = {header if name.startswith("Heading") else name: values for name, values in bridge(TRUTH).items()}
+    log[header] = np.asarray(log[header]) + 7.5
+    path = table(tmp_path / "a.csv", log)
+    (problem,) = import_logs([path]).problems
+    assert "variation = " in problem and right(path, ImportMap(variation=-7.5))
+
+
+STYLES = {
+    "tabs": ("\t", ".", "{:,.0f}"), "quoted": (",", ".", '"{:,.1f}"'), "German": (";", ",", "{:_.0f}"),
+    "with decimals": (";", ",", "{:_.2f}"), "blanks": (";", ".", "{:\u202f.1f}"), "decimals": (";", ",", "{:.3f}"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("separator", "decimal", "form"), STYLES.values(), ids=STYLES)
+def test_characters_between_thousands(tmp_path: Path, separator: str, decimal: str, form: str) -> None:
+    """Around 1000 rpm, where the writing changes; and decimal commas with three places in all rows."""
+    rpm = (990 + 25 * np.sin(T / 20)) / (100 if form == "{:.3f}" else 1)
+    if "\u202f" in form:
+        cells = [f"{v:,.1f}".replace(",", "\u202f") for v in rpm]
+    elif "_" in form:
+        cells = [form.format(v).replace(".", ",").replace("_", ".") for v in rpm]
+    else:
+        cells = [form.format(v) if decimal == "." else form.format(v).replace(".", ",") for v in rpm]
+    log = {**bridge(TRUTH), "RPM": cells}
+    lines = [separator.join(log)]
+    for row in zip(*log.values(), strict=True):
+        words = [v if isinstance(v, str) else f"{v:.8f}".replace(".", decimal) for v in row]
+        lines.append(separator.join(words))
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = import_logs([tmp_path / "a.csv"])
+    assert not found.problems and np.abs(found.runs[0].columns["n"] - rpm / 60).max() < 0.02
+
+
+def test_three_places_in_all_columns_are_asked(tmp_path: Path) -> None:
+    log = {"north [m]": TRUTH["x"] + 10, "east [m]": TRUTH["y"] + 300}
+    lines = ["\t".join(["time", *log])]
+    rows = zip(times("%Y-%m-%dT%H:%M:%S"), *log.values(), strict=True)
+    lines += ["\t".join([when, *(f"{v:.3f}".replace(".", ",") for v in row)]) for when, *row in rows]
+    path = tmp_path / "a.txt"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert {chosen.decimal for chosen in answers(path)} == {".", ","}
+
+
+BOOKS: dict[str, tuple[list[list[str | None]], bool]] = {
+    "two lines of headers": ([
+        ["Time", "Position", None, "Speed", None, "Heading", "Shaft", "Rudder"],
+        [None, "Latitude", "Longitude", "SOG [kn]", "COG [deg]", "true [deg]", "RPM", "actual [deg]"]], False),
+    "groups, names and units": ([
+        ["Trial 7", None, None, None, None, None, None, None],
+        ["Zeit", "Position", None, "Fahrt", None, "Steuerkurs", "Welle", "Ruder"],
+        [None, "Breite", "Länge", "SOG", "COG", None, "Drehzahl", "Ist"],
+        [None, "Grad", "Grad", "Knoten", "Grad", "Grad", "U/min", "Grad"]], False),
+    "since 1904": ([
+        ["Time", "Latitude", "Longitude", "SOG [kn]", "COG [deg]", "Heading [deg]", "RPM", "Rudder [deg]"]], True),
+    "Japanese": ([["Time", "Latitude", "Longitude", "SOG", "COG", "Heading", "RPM", "Rudder"],
+                  [None, "度", "度", "ノット", "度", "度", "回転/分", "度"]], False),
+}  # fmt: skip
+
+
+def book(path: Path, heads: list[list[str | None]], since_1904: bool = False) -> Any:
+    """A workbook of the run, saved at ``path``."""
+    openpyxl = pytest.importorskip("openpyxl", reason="needs the extra import")
+    from openpyxl.utils.datetime import CALENDAR_MAC_1904
+
+    made = openpyxl.Workbook()
+    if since_1904:
+        made.epoch = CALENDAR_MAC_1904
+    for head in heads:
+        made.active.append(head)
+    log = bridge(TRUTH)
+    stamps = [(BEGIN + datetime.timedelta(seconds=float(t))).replace(tzinfo=None) for t in T]
+    for i, when in enumerate(stamps):
+        made.active.append([when, *(float(np.asarray(log[name])[i]) for name in list(log)[1:])])
+    made.save(path)
+    return made
+
+
+@pytest.mark.parametrize(("heads", "since_1904"), BOOKS.values(), ids=BOOKS)
+def test_workbooks(tmp_path: Path, heads: list[list[str | None]], since_1904: bool) -> None:
+    book(tmp_path / "a.xlsx", heads, since_1904)
+    found = import_logs([tmp_path / "a.xlsx"])
+    assert right(tmp_path / "a.xlsx") and found.runs[0].day == "2026-05-04"
+
+
+def test_hidden_sheets_are_left_out_and_formulas_without_a_value_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.xlsx"
+    made = book(path, BOOKS["since 1904"][0])
+    made.copy_worksheet(made.active).sheet_state = "hidden"
+    made.active.column_dimensions["H"].hidden = True
+    made.save(path)
+    found = import_logs([path])
+    codes = {notice.code for notice in found.runs[0].notices}
+    assert len(found.runs) == 1 and right(path) and {"hidden_sheets", "hidden"} <= codes
+    made.active["G5"] = "=2*3"
+    made.save(path)
+    (problem,) = import_logs([path]).problems
+    assert "cell G5" in problem
+
+
+def test_every_column_is_accounted_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import json
+
+    more = {"Rudder order [deg]": [1.0] * N, "STW [kn]": [2.0] * N, "Mood": ["good"] * N, "Heading Status": ["A"] * N}
+    path = table(tmp_path / "a.csv", {**bridge(TRUTH), **more})
+    assert main(["import", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    used = {row["what"]: (row["used_as"], bool(row["why"])) for row in run["account"]}
+    assert set(used) == {name.split(" [")[0] for name in [*bridge(TRUTH), *more]}
+    assert used["RPM"] == (["n"], False)
+    assert all(used[name] == ([], True) for name in ("Rudder order", "STW", "Mood", "Heading Status"))
+    assert "# a.csv: Mood" in (tmp_path / "out" / "import.toml").read_text(encoding="utf-8")
+
+
+def test_winds_by_their_reference(tmp_path: Path) -> None:
+    """Rows of relative and of true wind in turns, as MWV gives them."""
+    true = np.arange(N) % 2 == 1
+    angle = np.where(true, np.degrees(1.0 - TRUTH["psi"]) % 360, 20.0)
+    log = {**bridge(TRUTH), "Wind Angle [deg]": angle, "Wind Speed [kn]": np.where(true, 10.0, 12.0)}
+    path = table(tmp_path / "a.csv", {**log, "Wind Reference": np.where(true, "T", "R")})
+    write_import(import_logs([path]), ImportMap(), tmp_path / "out")
+    run = import_logs([path], read_map(tmp_path / "out" / "import.toml")).runs[0].columns
+    assert np.nanmax(np.abs(run["wind_direction"] - 1.0)) < 0.01
+    assert np.nanmax(np.abs(run["apparent_wind_direction"] - np.radians(20))) < 1e-9
+    assert np.nanmax(run["wind_speed"]) < np.nanmin(run["apparent_wind_speed"])
