@@ -163,7 +163,7 @@ def simulate(
     "current:x=0.1"; noise: add sensor noise; duration: longest time [s]; dt: sampling interval [s], default 0.1; seed:
     of gusts, noise and random manoeuvres. Returns the run. Raises UserError for what cannot be simulated.
     """
-    from cases.criteria.simulated_trial import simulated_trial
+    from cases.criteria.standard_runs import simulated_trial
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from mmg.errors import Conflict

@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.file_faults.faults import FAULTS as OF_FILES
 from benchmarks.file_faults.faults import KNOT, Change, both, earth, scaled, swapped
 from cases.checks import check
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial

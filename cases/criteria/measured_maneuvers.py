@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -114,11 +115,12 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
     stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
-    found = _steered(trial, holds, [stop for stop in stops if stop.stopped], unit)
-    if not found and not any(stop.stopped for stop in stops) and (not stops or _held_before(holds, stops[0])):
+    complete = [stop for stop in stops if stop.stopped]
+    found = _steered(trial, holds, complete, unit)
+    first = stops[0].order_time if stops else math.inf
+    if not found and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
         found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
-    if found and not all(stop.stopped for stop in stops):
-        stops = [stop for stop in stops if stop.stopped]
+    stops = complete if found else stops
     found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
     found = [execute for execute in found if kind in ("", execute.kind)]
     if not found:
@@ -159,10 +161,6 @@ def length_by_turns(trial: Trial) -> float:
     if not (fastest > 0 and speed > 0):
         raise Missing(f"{trial.name}: the ship does not turn in this record; no manoeuvre can be found in it")
     return TURN_RATE * speed / fastest
-
-
-def _held_before(holds: Sequence[RudderStep], stop: Stop) -> bool:
-    return any(abs(h.angle) >= LEAST_RUDDER and h.begin < stop.order_time for h in holds)
 
 
 def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
@@ -299,10 +297,8 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
 def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, rudder: float, start: float) -> float:
     """The heading [deg] at which the ``rudder`` [deg] was ordered over, that moved at ``times`` (K,) [s] from
     turns with ``signs`` (K,). unit: L/U [s]; start: heading at the first execute [rad]."""
-    t, good, rows = trial.t - trial.t[0], np.isfinite(trial["r"]), np.isfinite(trial["psi"])
+    t, good, (interval, noise) = trial.t - trial.t[0], np.isfinite(trial["r"]), _interval_and_noise(trial)
     rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
-    interval, steps = _interval(trial), np.diff(trial.psi_unwrapped[rows], 3)
-    noise = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(20) if len(steps) else 0.0  # of 1, -3, 3, -1
     helm = HELM if len(times) < 4 else RESOLUTION  # the scatter of so few is not known from themselves
     errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
     delays = np.linspace(-interval, interval + REACTION * unit, 41)
@@ -310,23 +306,33 @@ def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, ru
     return ordered_heading(headings, delays, signs, errors, rudder)
 
 
-def _interval(trial: Trial) -> float:
+@lru_cache(maxsize=1)
+def _interval_and_noise(trial: Trial) -> tuple[float, float]:
     """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
-    lie on straight lines between the samples."""
-    longest = [math.inf]
-    for values in (trial.psi_unwrapped, trial["r"]):
-        steps = np.diff(values[np.isfinite(values)])
+    lie on straight lines between the samples. And noise of the heading [rad]."""
+    longest, psi = list[float](), _heading_series(trial)[1]
+    for values in (psi, trial["r"][np.isfinite(trial["r"])]):
+        steps = np.diff(values)
         samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
         longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
-    return trial.dt * (min(longest) if len(longest) > 1 else 1.0)
+    noise = (
+        1.4826 * float(np.median(np.abs(np.diff(psi, 3)))) / math.sqrt(20) if len(psi) > 3 else 0.0
+    )  # of 1, -3, 3, -1
+    return trial.dt * min(longest, default=1.0), noise
 
 
 def _headings(trial: Trial, times: Sequence[float] | np.ndarray, longest: float = math.inf) -> np.ndarray:
     """Headings [rad] at times after the first sample [s]; NaN within a gap that is longer than ``longest`` [s]."""
-    good = np.isfinite(trial["psi"])
-    t = trial.t[good] - trial.t[0]
+    t, psi = _heading_series(trial)
     after = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
-    return np.where(t[after] - t[after - 1] > longest, math.nan, np.interp(times, t, trial.psi_unwrapped[good]))
+    return np.where(t[after] - t[after - 1] > longest, math.nan, np.interp(times, t, psi))
+
+
+@lru_cache(maxsize=1)
+def _heading_series(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
+    """Times after the first sample [s] and continuous headings [rad] where there are any, (N,) each."""
+    good = np.isfinite(trial["psi"])
+    return trial.t[good] - trial.t[0], trial.psi_unwrapped[good]
 
 
 def _approached(trial: Trial, length: float, execute: Execute, earliest: float) -> Execute:
@@ -372,8 +378,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     what keeps a criterion from being judged, and what is only to be told, both in words. Speed is NaN where none is
     recorded. trial: the run.
     """
-    t = trial.t - trial.t[0]
-    speed, r = np.hypot(trial["u"], trial["v"]), trial["r"]
+    t, speed, r = trial.t - trial.t[0], np.hypot(trial["u"], trial["v"]), trial["r"]
     good = np.isfinite(speed) & np.isfinite(r)
     if not good.any():
         return math.nan, ["no speed is recorded"], []
@@ -384,29 +389,22 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     stretch = APPROACH_LENGTHS * length / now
     rows = good & (t <= time + 1e-9) & (t >= max(time - stretch, earliest))
     if rows.sum() < 3:
-        return _unrecorded(now, float(np.median(r[near])) * length / now)
+        turn = float(np.median(r[near])) * length / now
+        begun = f"the record begins in the manoeuvre, with r L/V = {turn:.2g}: lengths from the order are not known"
+        unrecorded = f"no approach is recorded: V {now:.4g} m/s is the first speed of the record"
+        return (now, [begun], []) if abs(turn) > TURNING_RATE else (now, [], [unrecorded])
     mean, seconds = float(speed[rows].mean()), float(np.ptp(t[rows]))
     blocking, told = [], []
     if seconds < 0.5 * stretch:
         told.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
-    if rows.sum() > 2 and seconds >= 0.1 * stretch:
-        change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
-        if abs(change) > STEADY_SPEED:
-            words = f"approach not steady: the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
-            blocking.append(words)
+    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
     turn = float(np.abs(r[rows]).mean()) * length / mean
+    if abs(change) > STEADY_SPEED and seconds >= 0.1 * stretch:
+        words = f"the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
+        blocking.append(f"approach not steady: {words}")
     if turn > STEADY_RATE and seconds >= 0.1 * stretch:
         blocking.append(f"approach not straight: mean |r| L/V = {turn:.2g} in the last {seconds:.3g} s")
     return mean, blocking, told
-
-
-def _unrecorded(speed: float, turn: float) -> tuple[float, list[str], list[str]]:
-    """Of a run whose record begins with the order, at this ``speed`` [m/s] and dimensionless rate of ``turn``."""
-    if abs(turn) > TURNING_RATE:
-        words = f"the record begins in the manoeuvre, with r L/V = {turn:.2g}: lengths from the order are not known"
-        return speed, [words], []
-    words = f"no approach is recorded: V {speed:.4g} m/s is the first speed of the record"
-    return speed, [], [words]
 
 
 @dataclass(frozen=True)

@@ -89,11 +89,12 @@ def held_stretches(
         level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)
     shortest = max(2.5 * dt, 0.15 * ship_time)
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    found = _joined(found, t, tolerance, ship_time)
-    begins = [_movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)]
+    begins = {
+        a: _movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)
+    }
     return [
-        RudderStep(begin, float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
-        for k, (begin, (a, b, angle)) in enumerate(zip(begins, found, strict=True))
+        RudderStep(begins[a], float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
+        for k, (a, b, angle) in enumerate(_joined(found, t, tolerance, ship_time))
     ]
 
 

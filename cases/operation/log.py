@@ -33,14 +33,6 @@ PIECE = 100_000
 """Most rows that are held at a time."""
 
 
-@dataclass(frozen=True)
-class Part:
-    """One Parquet file of a log. path: of it; begin: time of its first row [s]."""
-
-    path: Path
-    begin: float
-
-
 @dataclass
 class OperationLog:
     """The readable parts of a ``folder``, in order of time.
@@ -49,7 +41,7 @@ class OperationLog:
     """
 
     folder: Path
-    parts: list[Part] = field(default_factory=list)
+    parts: list[Path] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
@@ -66,27 +58,26 @@ class OperationLog:
                 for columns in self._of(part):
                     names = names or list(columns)
                     if absent := [name for name in names if name not in columns]:
-                        self._say(f"{part.path.name} has no {', '.join(absent)}, which parts before it have")
+                        _once(self.notices, f"{part.name} has no {', '.join(absent)}, which parts before it have")
                     columns = {name: columns.get(name, np.full(len(columns["t"]), math.nan)) for name in names}
                     t = columns["t"]
                     good = np.isfinite(t)
                     good &= t > np.maximum.accumulate(np.concatenate([[last], np.where(good, t, -math.inf)[:-1]]))
                     if not good.all():
-                        self._say(f"{part.path.name}: rows without a time, or at a time that is past, are dropped")
+                        _once(self.notices, f"{part.name}: rows without a time, or at a time that is past, are dropped")
                         columns = {name: values[good] for name, values in columns.items()}
                     if len(columns["t"]):
                         last, any_row = float(columns["t"][-1]), True
                         yield columns
             except UserError as error:
-                self._leave_out(str(error))
+                _once(self.left_out, str(error))
         if not any_row:
             raise Unreadable(f"{self.folder}: no row can be read; {'; '.join(self.left_out[:3])}")
 
-    def _of(self, part: Part) -> Iterator[dict[str, np.ndarray]]:
+    def _of(self, path: Path) -> Iterator[dict[str, np.ndarray]]:
         import pyarrow as pa
 
-        path, notices = part.path, list[Message]()
-        entry = _entry(self.folder, path)
+        notices, entry = list[Message](), _entry(self.folder, path)
         try:
             for columns, factors in _batches(path, entry, notices, PIECE):
                 if entry.sentinels:
@@ -103,15 +94,12 @@ class OperationLog:
             raise Unreadable(f"{path}: is damaged ({_short(error)})") from None
         finally:
             for notice in notices:
-                self._say(str(notice))
+                _once(self.notices, str(notice))
 
-    def _say(self, sentence: str) -> None:
-        if sentence not in self.notices:
-            self.notices.append(sentence)
 
-    def _leave_out(self, sentence: str) -> None:
-        if sentence not in self.left_out:
-            self.left_out.append(sentence)
+def _once(sentences: list[str], sentence: str) -> None:
+    if sentence not in sentences:
+        sentences.append(sentence)
 
 
 def read_log(folder: str | Path) -> OperationLog:
@@ -124,21 +112,21 @@ def read_log(folder: str | Path) -> OperationLog:
     folder = Path(folder)
     if not folder.is_dir():
         raise Missing(f"{folder}: no such folder; give the folder of the Parquet files of the log")
-    log = OperationLog(folder)
+    log, begins = OperationLog(folder), dict[Path, float]()
     files = sorted(path for path in folder.rglob("*.parquet") if path.is_file())
     if not files:
         raise Missing(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
     for path in files:
         try:
             first, _ = next(_batches(path, _entry(folder, path), [], 1000, ["t"]))
-            log.parts.append(Part(path, float(np.nanmin(first["t"], initial=math.inf))))
+            begins[path] = float(np.nanmin(first["t"], initial=math.inf))
         except UserError as error:
             log.left_out.append(str(error))
         except (OSError, ValueError, pa.ArrowException) as error:
             log.left_out.append(f"{path}: is damaged ({_short(error)})")
-    if not log.parts:
+    if not begins:
         raise Unreadable(f"{folder}: no part can be read; {log.left_out[0]}")
-    log.parts.sort(key=lambda part: (part.begin, part.path))
+    log.parts = sorted(begins, key=lambda path: (begins[path], path))
     return log
 
 

@@ -52,8 +52,7 @@ def simulate(
 
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
-    from cases.criteria.simulated_trial import simulated_trial
-    from cases.criteria.standard_runs import figures_of
+    from cases.criteria.standard_runs import figures_of, simulated_trial
     from cases.io.campaigns import ship_of_campaign
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects

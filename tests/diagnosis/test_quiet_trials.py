@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.sensors import SensorNoise, add_noise

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.model_changes import reduced_ship

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.file_faults.simulated import FAULTS, contradictions
 from cases.checks import check
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 

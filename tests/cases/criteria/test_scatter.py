@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.scatter import ManeuverScatter, draw_coefficients, scatter
-from cases.criteria.simulated_trial import simulated_trial
-from cases.criteria.standard_runs import simulated_run
+from cases.criteria.standard_runs import simulated_run, simulated_trial
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import Missing, UserError

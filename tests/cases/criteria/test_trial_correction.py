@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from benchmarks.file_faults.fleet import SETS
 from benchmarks.file_faults.plant import Plant, Weather, circle, run, zigzag
 from cases.criteria.imo import imo_figures_of_trials
-from cases.criteria.simulated_trial import simulated_trial
-from cases.criteria.standard_runs import measured_runs
+from cases.criteria.standard_runs import measured_runs, simulated_trial
 from cases.criteria.trial_correction import current_of
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship

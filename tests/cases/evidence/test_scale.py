@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cases.checks import check
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.evidence.scale import TRACK, TURN, scale
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship

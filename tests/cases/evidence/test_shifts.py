@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.evidence.shifts import LAGS, candidates, nats, nats_of_lags, shifts
 from cases.evidence.signals import Signals, signals
 from cases.shipfiles.ship_file import load_ship

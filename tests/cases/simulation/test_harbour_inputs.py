@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.io.read import read_trials
 from cases.maneuvers.orders import Limits
 from cases.shipfiles.ship_file import load_ship, parse_ship

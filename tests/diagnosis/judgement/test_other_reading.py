@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from cases.criteria.simulated_trial import simulated_trial
+from cases.criteria.standard_runs import simulated_trial
 from cases.shipfiles.effects import with_effects
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.trial import Trial
