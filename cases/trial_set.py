@@ -50,8 +50,12 @@ class TrialSet(Sequence[Trial]):
         cannot be read."""
         if isinstance(given, TrialSet):
             return given
-        several = [given] if isinstance(given, (str, Path, Trial)) else given
-        return cls(tuple(t for item in several for t in ([item] if isinstance(item, Trial) else read_trials([item]))))
+        several = [given] if isinstance(given, (str, Path, Trial)) else list(given)
+        paths = [item for item in several if not isinstance(item, Trial)]
+        if len(paths) == len(several):
+            return cls(tuple(read_trials(paths) if paths else ()))
+        each = ([item] if isinstance(item, Trial) else read_trials(item) for item in several)
+        return cls(tuple(trial for some in each for trial in some))
 
     def __len__(self) -> int:
         return len(self.trials)
