@@ -116,8 +116,7 @@ def without_dropouts(
 
 
 def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
-    """Rows (N,) where ``values`` (N,) jump to zero, and back where they do not end there, by ``jump`` of their larger
-    changes from row to row."""
+    """Rows (N,) where ``values`` (N,) jump to zero and back by ``jump`` of their larger changes from row to row."""
     out = np.zeros(len(values), dtype=bool)
     known = np.flatnonzero(np.isfinite(values))
     zero = values[known] == 0
@@ -128,6 +127,6 @@ def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
     changes = np.abs(np.remainder(np.diff(rest) + turn / 2, turn) - turn / 2) if turn else np.abs(np.diff(rest))
     size = np.minimum(np.abs(rest) % turn, -np.abs(rest) % turn) if turn else np.abs(rest)
     at = np.cumsum(~zero)[zero]  # number of values before each zero
-    sides = np.append(np.inf, size)[at], np.append(size, np.inf)[at]
+    sides = np.append(0.0, size)[at], np.append(size, 0.0)[at]  # a ship may begin and end at rest
     out[known[zero]] = np.minimum(*sides) > jump * max(float(np.quantile(changes, LARGER)), 1e-9)
     return out
