@@ -32,7 +32,6 @@ from diagnosis.estimation.parameters import Priors, get_values, mean_over_window
 from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
@@ -101,8 +100,8 @@ class Prepared:
     """The problem and the fit without any effect.
 
     reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual, is_unsteady_usual: channels of the latent force follow each other, or its size
-    differs with what the ship does, in the trials of the calibration as well.
+    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
+    as well.
     """
 
     problem: SearchProblem
@@ -113,7 +112,6 @@ class Prepared:
     notices: tuple[Message, ...]
     line: tuple[float, float]
     is_order_usual: bool = False
-    is_unsteady_usual: bool = False
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -176,10 +174,10 @@ def prepare(
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap, is_usual = np.zeros(2), initial_noise(full.ship), 0, (False, False)
+    usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
     if reference:
         old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
-        is_usual = not force_order(steps, old, null).is_random, not force_steadiness(steps, old, null).is_random
+        is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, wider(known.noise, full.ship)
@@ -214,7 +212,7 @@ def prepare(
         full = replace(full, candidates=(*full.candidates, *own))
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, factor=factor)
-    return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
+    return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
 
 
 def prepare_with_sensors(

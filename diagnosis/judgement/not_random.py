@@ -1,11 +1,9 @@
-"""What is left at a fit that no random force leaves: lines in a spectrum, forces that follow each other,
-or that are larger in a part of what the ship does."""
+"""What is left at a fit that no random force leaves: lines in a spectrum, forces that follow each other."""
 
 from __future__ import annotations
 
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 
@@ -20,11 +18,6 @@ def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
     """
     p = ready.problem
     rows = [_oscillation(ready)] if ready.line[0] < LINE_PROBABILITY else []
-    size = None if ready.is_unsteady_usual else force_steadiness(p.steps, p.data, fit)
-    if size is not None and not size.is_random:
-        words = f"the unexplained {size.channel} differs in size by {size.parted_by} (p = {size.p_value:.1g})"
-        advice = "as where the model errs in a part of what the ship does: no weather follows that"
-        rows.append(Message(f"{words}, {advice}", "unsteady_force"))
     order = None if ready.is_order_usual else force_order(p.steps, p.data, fit)
     if order is not None and not order.is_random:
         first, then = order.pair
