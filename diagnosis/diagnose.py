@@ -41,7 +41,6 @@ from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.pattern import pattern
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
@@ -155,8 +154,7 @@ def _diagnosed(
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
-    fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
-    remainder, left = left_over(ready, result, wide, gridded, fits)
+    remainder, left = left_over(ready, result, wide, gridded, is_named)
     if left and verdict == "none":
         verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
     reasons += [*left, *limits(ready, found, trials, tests, result.held, wide if is_named else None), *of_width]
@@ -195,7 +193,6 @@ def _diagnosed(
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         chance=result.chance,
-        pattern=fits,
         timings={**timings, "total": time.perf_counter() - began},
         inputs=DiagnosisInputs(),
         ship=after_all,

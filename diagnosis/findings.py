@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.groups.findings import Between
-from diagnosis.hypotheses.left_findings import Chance, Pattern, UnexplainedForce
+from diagnosis.hypotheses.left_findings import Chance, UnexplainedForce
 from fitting.report.run_folder import Real, plain
 from mmg.messages import message_rows
 from mmg.ship import Ship
@@ -208,8 +208,7 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. pattern: of what
-    is named (None: nothing is). between:
+    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. between:
     differences between groups of trials (None: not asked).
     """
 
@@ -233,7 +232,6 @@ class DiagnosisRecord:
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
     chance: Chance | None = None
-    pattern: Pattern | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

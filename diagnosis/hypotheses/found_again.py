@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
@@ -29,8 +28,6 @@ from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from mmg.effects import EFFECTS
 
-SEEN = 1e-6
-"""Share of its information, left after the projection, from which a combination of sizes is tested."""
 ITERATIONS = 5
 """Linearisations of the fit of path and noise."""
 
@@ -133,27 +130,6 @@ class OtherTrials:
             ratio = dispersion(column, white[..., -1], left.g, left.S, lags)
         size = float(np.sqrt(left.S[0, 0] / ratio))
         return FoundAgain(float(left.g[0]) / ratio / size, size)
-
-    @np.errstate(all="ignore")
-    def differs(self, effects: Sequence[Candidate]) -> float:
-        """Probability by chance that these trials ask for other sizes of ``effects`` of the fit than the first did.
-
-        The sizes are given columns once more, beside those that the first trials know with all coefficients.
-        """
-        free = self.point.free
-        here = linearise_and_filter(self.steps, self.data, self.point)
-        own = np.array([free.columns.index(c) for e in effects for c in e.columns])
-        P = len(self.point.p)
-        order = np.array([*range(P), *own, P])
-        flat = here.white.reshape(-1, P + 1)[:, order]
-        logdet = here.logdet_gradient.sum(axis=0)[order[:-1]]
-        rest = projected(flat.T @ flat, logdet, np.zeros(P), self.known)
-        values, vectors = np.linalg.eigh(0.5 * (rest.S + rest.S.T))
-        seen = values > SEEN * np.maximum(np.diag(flat.T @ flat)[own].max(), 1e-300)
-        if not seen.any():
-            return 1.0
-        T = float((((vectors.T @ rest.g)[seen]) ** 2 / values[seen]).sum())
-        return chi2_tail(T, int(seen.sum()))
 
 
 def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:

@@ -9,11 +9,8 @@ import pytest
 
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.time_limit import OutOfTimeError
 from diagnosis.hypotheses.forward_selection import search
 from diagnosis.hypotheses.found_again import other_trials, same_trials
-from diagnosis.hypotheses.pattern import TESTS, pattern
-from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import NOTHING
@@ -102,19 +99,6 @@ def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
     assert alone is not None and alone.again == NOTHING and alone.p_both == alone.p_value
 
 
-def test_sizes_that_test_trials_contradict_part_the_pattern(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
-) -> None:
-    (problem, null), effect = drifting, candidate("wave_drift")
-    start = dict(zip(effect.columns, (0.45, -0.35), strict=True))
-    fit = refit(problem.steps, problem.data, problem.base, null, [effect], start)
-    opposite = gridded(["wave_drift:x=-0.45,y=0.35"], 2, problem)
-    assert other_trials(problem.steps, alike, fit).differs([effect]) > 0.002
-    assert other_trials(problem.steps, opposite, fit).differs([effect]) < 1e-6
-    assert pattern(problem.steps, problem.data, fit, [effect], alike).parted_by != TESTS
-    assert pattern(problem.steps, problem.data, fit, [effect], opposite).parted_by == TESTS
-
-
 def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
     problem, null = problem_of(pushed_trials(1))
     effect = candidate("fouling")  # one with the resistance
@@ -125,18 +109,3 @@ def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
     column = 0.5 * effect.typical[0] * null.free.mean[resistance] / null.free.std[resistance]
     made_up = others.effect(effect, phi, np.where(resistance, -float(column[0]), 0.0))
     assert made_up.expected < 0.3 * alone.expected
-
-
-def test_a_pattern_is_found_without_test_trials_that_cannot_be_followed(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (problem, null), effect = drifting, candidate("wave_drift")
-
-    def late(*_: object) -> None:
-        raise OutOfTimeError("late")
-
-    fit = refit(problem.steps, problem.data, problem.base, null, [effect], {})
-    alone = pattern(problem.steps, problem.data, fit, [effect])
-    monkeypatch.setattr("diagnosis.hypotheses.pattern.other_trials", late)
-    found = pattern(problem.steps, problem.data, fit, [effect], alike)
-    assert found.parted_by == alone.parted_by and found.p_value >= alone.p_value

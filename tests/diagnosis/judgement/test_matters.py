@@ -11,7 +11,6 @@ import pytest
 
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.hypotheses.left_findings import Pattern
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement import judged_search, left_over
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -122,10 +121,10 @@ def test_what_does_not_matter_is_no_remainder_and_nothing_is_said_of_it(
     result = JudgedSearch(
         Selection((candidate("current"),), null, null, ()), unnamed, unnamed, None, "named", (), None, beside=beside
     )  # type: ignore[arg-type]
-    remainder, said = left_over.left_over(ready(), result, null, None, Pattern(1e-9, "run"))
+    remainder, said = left_over.left_over(ready(), result, null, None, True)
     assert remainder is size
-    assert [m.code for m in said] == ["oscillating_residuals", "impossible_size", "pattern"] * size
-    nothing, words = left_over.left_over(ready(), result, null, None, None)
+    assert [m.code for m in said] == ["oscillating_residuals", "impossible_size"] * size
+    nothing, words = left_over.left_over(ready(), result, null, None, False)
     assert not nothing and [m.code for m in words] == ["oscillating_residuals"]
 
 
