@@ -146,7 +146,6 @@ RULES = (
         ("one variable", "no forces of one variable alone", lambda k: " alone " in k),
         ("few variables", "no forces of few variables",
          lambda k: k.startswith(tuple(f"{axis} (" for axis in FORCES))),
-        ("smooth", "no smooth forces", lambda k: k.startswith("smooth ")),
         ("all but forces", "products of velocities and inputs as forces, and nothing else", lambda k: k not in FORCES),
     )),
     Switch("further effects", "one effect at most is named", {f"{SEARCH}:MOST": 1}),

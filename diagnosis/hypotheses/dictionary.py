@@ -1,7 +1,8 @@
 """Dictionary of unnamed forms: what could be wrong with a model in ways that the library of effects does not hold.
 
-Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of them; the action of
-each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
+Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of one of them; the
+action of each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag,
+cross-talk, drift.
 Every column is scaled so that its typical size is that of the latent force or of the sensor's noise.
 
 A force that depends on the state changes how the ship answers to the latent force, and so the log determinant of the
