@@ -28,7 +28,6 @@ from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.estimation.prior_width import MOST, width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
@@ -147,17 +146,14 @@ def _diagnosed(
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named, late = verdict == "named", ready.reading.time_error
-    fitted = found.final if is_named else found.null
-    wide, of_width = p.with_wider(fitted), width_notices(p.width(fitted, MOST).factor, p.width_taken(fitted))
-    found = replace(found, final=wide) if is_named else found
-    final, same = (wide, summary.equivalence_class(found)) if is_named else (found.null, ())
+    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
-    remainder, left = left_over(ready, result, wide, gridded, is_named)
+    remainder, left = left_over(ready, result, final, gridded, is_named)
     if left and verdict == "none":
         verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
-    reasons += [*left, *limits(ready, found, trials, tests, result.held, wide if is_named else None), *of_width]
+    reasons += [*left, *limits(ready, found, trials, tests, result.held, final if is_named else None)]
     named = found.effects if is_named else ()
     effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
     reasons += (doubts := beyond_reported(effects, ship))

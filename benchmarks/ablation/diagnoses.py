@@ -19,7 +19,6 @@ import numpy as np
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
 from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from diagnosis.estimation.prior_width import Width
 from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
@@ -133,8 +132,6 @@ RULES = (
     Switch("other reading", "actuators are not read the other way",
            {f"{JUDGE}.other_reading:read_otherwise": constantly(None),
             f"{JUDGE}.other_reading:read_joined": constantly(None)}),
-    Switch("wider priors", "priors are never widened",
-           {"diagnosis.hypotheses.search_problem:SearchProblem.width": constantly(Width(1.0, 0.0, 0.0))}),
     Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
     *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),

@@ -109,14 +109,6 @@ def widened(base: Priors, factor: float) -> Priors:
     return replace(base, std=np.where(_of_coefficients(base), factor, 1.0) * base.std)
 
 
-def width_notices(likely: float, taken: float) -> tuple[Message, ...]:
-    """A sentence on the ``likely`` factor where the one that was ``taken`` is another than the stated one."""
-    if 1 / TOLD < taken < TOLD:
-        return ()
-    words = f"all together, the coefficients are off by about {likely:.2g} of what their priors state"
-    return (Message(f"{words}: effects are judged with {taken:.2g} of these priors", "prior_width"),)
-
-
 def _of_coefficients(priors: Priors) -> np.ndarray:
     """Which columns (P,) are coefficients of the ship, not parameters of effects."""
     return np.array([c.run is None and "." not in c.symbol for c in priors.columns], dtype=bool)

@@ -11,7 +11,6 @@ import numpy as np
 from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
-from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.found_again import same_trials
 from diagnosis.hypotheses.known_results import KnownResults
@@ -257,8 +256,7 @@ def refitted_effect(
     kept = sum(len(e.columns) for e in named)
     gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
-    by_refit = c.effect in CURVED or problem.width(before).factor > TOLD  # the score knows the stated priors alone
-    p_value = by_chance if by_refit else min(score.p_value, by_chance)
+    p_value = by_chance if c.effect in CURVED else min(score.p_value, by_chance)
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)
 
 

@@ -12,7 +12,7 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.prior_width import TOLD, TWICE, Width, likely_width, refitted_at
+from diagnosis.estimation.prior_width import TWICE, likely_width
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import OtherTrials, other_trials
 from diagnosis.hypotheses.known_results import KnownResults
@@ -64,23 +64,6 @@ class SearchProblem:
     def followed(self, fit: Estimate, tests: GriddedTrials) -> OtherTrials:
         """The trials ``tests`` that took no part, followed by a ``fit``."""
         return self.known.followed(fit, partial(other_trials, self.steps, tests, fit))
-
-    def width(self, found: Estimate, most: float = TWICE) -> Width:
-        """The most likely width of the stated priors at a fit ``found``, up to the factor ``most``."""
-        return Width(1.0, 0.0, 0.0) if self.factor is None else likely_width(found, self.factor, most)
-
-    def with_wider(self, found: Estimate) -> Estimate:
-        """The fit with wider priors than stated, where these are more likely."""
-        factor = self.width_taken(found)
-        if self.factor is None or factor == self.factor:
-            return found
-        return refitted_at(self.steps, self.data, found, factor / self.factor)
-
-    def width_taken(self, found: Estimate) -> float:
-        """The factor on the stated priors with which a hypothesis is judged at last: the most likely one where it is
-        wider than stated, else that of ``base``."""
-        factor = self.width(found).factor
-        return factor if factor > TOLD else self.factor or 1.0
 
     def without(self, found: Estimate, kept: Sequence[Candidate]) -> Estimate:
         """The fit ``found`` as a start of one with the effects ``kept``, the others at neutral values."""

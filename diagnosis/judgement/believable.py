@@ -4,7 +4,6 @@ outliers hide it."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +14,6 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import TIMES
 from diagnosis.estimation.linearisation import TIMING
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.judgement.possible_size import impossible_size
@@ -25,16 +23,12 @@ from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.ship import Ship
 
-FAR_OFF, RARE, ANOTHER = 5.0, 1e-4, 3.0
-"""Prior standard deviations of one coefficient, probability by chance of all of them together, both with priors as wide
-as the trials have them, and factor by which these are wider than stated (by their likelihood and by the sizes alone),
-from which the ship that fits is not the ship that was given, so that no effect is named."""
+FAR_OFF, RARE = 5.0, 1e-4
+"""Prior standard deviations of one coefficient, and probability by chance of all of them together, from which the ship
+that fits is not the ship that was given, so that no effect is named."""
 FAR_WITHOUT = 8.0
 """The same of one coefficient from which even that nothing is missing cannot be said. Where priors are too narrow by
 half, true coefficients are four or five off."""
-FAR_TOGETHER = -math.log(RARE)
-"""Log likelihood that priors more than twice as wide as stated gain over those twice as wide, from which that nothing
-is missing cannot be said either. Effects that act on all coefficients look so, as draft and shallow water together."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
 DELAYS = ("gnss_delay", "control_delay")
@@ -116,31 +110,18 @@ def deviations(fit: Estimate, ship: Ship, factor: float = 1.0) -> dict[str, floa
     return rows
 
 
-def width_by_size(fit: Estimate) -> float:
-    """How far the coefficients of a ``fit`` are off, over what its priors and the trials let expect: root of their sum
-    of squares over the number of coefficients that the trials determine (MacKay 1992). No far extrapolation, as the
-    most likely width of the priors may be."""
-    own = np.flatnonzero([c.run is None and "." not in c.symbol for c in fit.free.columns])
-    determined = float((1 - np.diag(fit.covariance)[own]).sum())
-    return float(np.sqrt((fit.p[own] ** 2).sum() / max(determined, 1.0)))
-
-
 def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     """Why the ship that fits is another one than was given, or nothing."""
     found, ship = result.found, ready.full.ship
     named = result.verdict == "named"
     fit = found.final if named else found.null
-    stated, wide = ready.problem.factor or 1.0, ready.problem.width(fit, MOST)
+    stated = ready.problem.factor or 1.0
     final = deviations(fit, ship, stated)
     sizes = np.abs(list(final.values()))
-    usual = sizes / max(wide.factor, 1.0)
-    together = chi2_tail(float((usual**2).sum()), len(sizes))
+    together = chi2_tail(float((sizes**2).sum()), len(sizes))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
     most = sizes.max(initial=0.0)
-    is_far = usual.max(initial=0.0) > FAR_OFF or together < RARE
-    is_far = is_far or min(wide.factor, width_by_size(fit) * stated) > ANOTHER
-    beyond_twice = wide.gain - ready.problem.width(fit).gain
-    if (named and is_far) or most > FAR_WITHOUT or (not named and beyond_twice > FAR_TOGETHER):
+    if (named and (most > FAR_OFF or together < RARE)) or most > FAR_WITHOUT:
         beside = f"with {' and '.join(c.label for c in found.effects)}" if named else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
     before = deviations(found.null, ship, stated)

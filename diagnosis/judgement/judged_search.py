@@ -162,17 +162,7 @@ def _by_simulation(result: JudgedSearch) -> float:
 
 
 def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to: with wider
-    priors of the coefficients, where these explain more."""
-    left = _forms(p, fit)
-    if 0 < left.beyond_chance <= p.width(fit).gain:
-        wider = p.with_wider(fit)
-        return left if wider is fit else _forms(p, wider)
-    return left
-
-
-def _forms(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """``_left`` with the priors that the ``fit`` has."""
+    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to."""
     left = p.unnamed(fit)
     if p.tests is None or fit.free.by_run:
         return left

@@ -73,12 +73,6 @@ def test_priors_of_effects_and_values_by_run_stay_and_a_ship_of_none_keeps_its_p
     assert likely_width(one, 0.7) == (0.7, DOUBT, 0.0)
 
 
-def test_a_factor_is_said_where_it_makes_a_difference() -> None:
-    assert [len(width_notices(0.7, taken)) for taken in (0.5, 0.9, 1.0, 1.2, 2.0)] == [1, 0, 0, 0, 1]
-    (words,) = width_notices(0.5, 0.6)
-    assert "0.5" in words and "0.6" in words and words.code == "prior_width"
-
-
 def test_a_fit_with_wider_priors_is_what_it_would_have_been_from_the_start() -> None:
     problem, null = problem_of(pushed_trials(4), 0.5)
     wide = refitted_at(problem.steps, problem.data, null, 2.0)
@@ -86,37 +80,6 @@ def test_a_fit_with_wider_priors_is_what_it_would_have_been_from_the_start() -> 
     np.testing.assert_allclose(wide.free.std, 2 * null.free.std)
     np.testing.assert_allclose(wide.p, other.p, atol=0.02)
     assert wide.nll == pytest.approx(other.nll, abs=0.05)
-
-
-def test_an_effect_that_the_coefficients_had_to_make_up_for_narrows_their_priors() -> None:
-    """Without it they seem far off; the search therefore compares each hypothesis with its own width."""
-    problem, null = problem_of(pushed_trials(1, ["current:x=0.05,y=-0.04"]), 0.5)
-    problem = replace(problem, factor=1.0)
-    effect = candidate("current")
-    with_it = refit(problem.steps, problem.data, problem.base, null, [effect], dict.fromkeys(effect.columns, 0.02))
-    before, after = problem.width(null), problem.width(with_it)
-    assert before.factor > 1.25 * after.factor
-    assert problem.gained(null, 0, with_it, 2) == pytest.approx(
-        null.nll - before.gain - (with_it.nll - 0.5 * with_it.p[-2:] @ with_it.p[-2:] - after.gain)
-    )
-    other_way = problem.gained(with_it, 2, null, 0)  # the priors that it asks for itself are no gain
-    assert other_way == pytest.approx(with_it.nll - 0.5 * with_it.p[-2:] @ with_it.p[-2:] - null.nll)
-    assert problem.with_wider(with_it) is with_it
-    assert replace(problem, factor=None).width(null) == (1.0, 0.0, 0.0)
-
-
-def test_a_ship_with_coefficients_far_off_and_nothing_missing_is_fitted_with_wider_priors() -> None:
-    symbols = [s for s in FEW.free if FEW.coefficients[s].std > 0]
-    signs = dict(zip(symbols, (1, -1) * len(symbols), strict=False))
-    other = FEW.with_coefficients(
-        {s: FEW.coefficients[s].with_(value=FEW.coefficients[s].value + 4 * signs[s] * FEW.coefficients[s].std)
-         for s in symbols}
-    )  # fmt: skip
-    problem, null = problem_of(pushed_trials(2, ship=other), 0.5)
-    problem = replace(problem, factor=1.0)
-    wide = problem.with_wider(null)
-    assert problem.width(null).factor > 1.5
-    np.testing.assert_allclose(wide.free.std, problem.width_taken(null) * null.free.std)
 
 
 def test_stated_priors_stay_where_the_ship_explodes_with_narrower_ones(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,15 +11,13 @@ import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
-from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
-from diagnosis.judgement.believable import ANOTHER, believed, beyond_reported, deviations, width_by_size
+from diagnosis.judgement.believable import believed, beyond_reported, deviations
 from diagnosis.judgement.judged_search import JudgedSearch
 from diagnosis.prepare import InputReading
 from mmg.errors import Missing, TooFewData
-from mmg.messages import has_code
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
 from tests.support.diagnosis_cases import FEW, candidate, pushed_trials
 
@@ -66,28 +64,6 @@ def test_a_name_that_leaves_a_ship_far_off_unexplained_needs_test_trials() -> No
     assert believed(judged("named", null, final, left=2.0, held=by_steps), ready())[0] == "named"
     assert believed(judged("named", null, final, left=2.0, held=unsure), ready())[0] == "unknown"
     assert believed(judged("named", off(null, 3.5), final, left=2.0), ready())[0] == "named"
-
-
-@pytest.mark.parametrize(("size", "verdict"), [(0.7, "named"), (1.3, "unknown")])
-def test_coefficients_are_another_ships_only_if_their_sizes_say_so_too(size: float, verdict: str) -> None:
-    """The trials determine them by a tenth: their pull promises much from priors four times
-    as wide, while the coefficients have hardly moved."""
-    null = off(ready().null)
-    final = replace(null, p=np.full(len(null.p), size), covariance=0.9 * np.eye(len(null.p)))
-    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
-    assert prepared.problem.width(final, MOST).factor > ANOTHER
-    assert width_by_size(final) == pytest.approx(size * np.sqrt(len(null.p)))  # as of one that is determined
-    found, reasons, _ = believed(judged("named", null, final), prepared)
-    assert found == verdict and has_code(reasons, "not_described") == (verdict == "unknown")
-
-
-@pytest.mark.parametrize(("size", "verdict"), [(1.5, "none"), (4.0, "unknown")])
-def test_coefficients_more_than_twice_as_far_off_as_stated_are_not_nothing(size: float, verdict: str) -> None:
-    null = off(ready().null)
-    final = replace(null, p=np.full(len(null.p), size), covariance=0.5 * np.eye(len(null.p)))
-    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
-    found, reasons, _ = believed(judged("none", null, final), prepared)
-    assert found == verdict and has_code(reasons, "not_described") == (verdict == "unknown")
 
 
 def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
