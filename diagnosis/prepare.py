@@ -29,7 +29,6 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
-from diagnosis.estimation.prior_width import narrowed
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
@@ -201,9 +200,6 @@ def prepare(
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
     LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
-    factor = None
-    if not (reference or other_trials):
-        null, base, factor = narrowed(steps, data, null, base, MAX_FITS)
     if not null.converged:
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     runs = np.unique(data.run).tolist()
@@ -211,7 +207,7 @@ def prepare(
         own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
         full = replace(full, candidates=(*full.candidates, *own))
     expected, of_null = (data.samples * usual).tolist()
-    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, factor=factor)
+    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
 
 
@@ -277,7 +273,7 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     if not null.converged:
         null = estimate(steps, data, null, MAX_FITS)
-    return narrowed(steps, data, null, base, MAX_FITS)[0]
+    return null
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

@@ -41,8 +41,6 @@ REMEMBERED = (
     "diagnosis.estimation.first_fit:fit_without_effects",
     "diagnosis.estimation.map_estimate:estimate",
     "diagnosis.estimation.residual_checks:with_correlation_time",
-    "diagnosis.estimation.prior_width:likely_width",
-    "diagnosis.estimation.prior_width:refitted_at",
     "diagnosis.estimation.force_order:force_order",
     "diagnosis.estimation.gusts:trials_in_gusts",
     "diagnosis.hypotheses.found_again:other_trials",
@@ -158,9 +156,6 @@ RULES = (
 SOME = 4
 """Of so many cases one is also replayed with RARE, which change all fits."""
 RARE = (
-    Switch("narrower priors", "priors are never narrowed",
-           {"diagnosis.estimation.prior_width:narrowed": lambda steps, data, null, base, n: (null, base, 1.0)},
-           inside=FIRST),
     Switch("correlated samples", "neighbouring samples are compared though their errors are correlated",
            {"diagnosis.estimation.first_fit:CORRELATED": 9.0}, inside=(*FIRST, "fit_without_effects")),
     Switch("sensor faults", "faults of sensors that the columns show are not modelled",

@@ -20,8 +20,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import gained
+from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import fit_as_read, priors_before
 from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow

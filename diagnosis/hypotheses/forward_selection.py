@@ -14,7 +14,7 @@ from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estima
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.found_again import same_trials
 from diagnosis.hypotheses.known_results import KnownResults
-from diagnosis.hypotheses.refit import followed_without, refit, robust_p, wald_p
+from diagnosis.hypotheses.refit import followed_without, gained, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
@@ -254,7 +254,7 @@ def refitted_effect(
     """What the ``fit`` of a candidate says of it. problem, before, named, score, count: as of ``refit_candidate``."""
     c = score.candidate
     kept = sum(len(e.columns) for e in named)
-    gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
+    gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
     p_value = by_chance if c.effect in CURVED else min(score.p_value, by_chance)
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)
@@ -317,7 +317,7 @@ def pruned(
         start = followed_without(now, c)
         without = refit(problem.steps, problem.data, problem.base, problem.without(now, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
-        lost = 2 * problem.gained(without, kept, now, every)
+        lost = 2 * gained(without, kept, now, every)
         if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now

@@ -12,25 +12,10 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.estimation.prior_width import TWICE, likely_width
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.found_again import OtherTrials, other_trials
 from diagnosis.hypotheses.known_results import KnownResults
-from diagnosis.hypotheses.refit import likelihood
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-
-
-def gained(fewer: Estimate, kept: int, more: Estimate, every: int, present: float | None = 1.0) -> float:
-    """Log likelihood that the fit ``more`` gains over ``fewer``, whose last ``every`` and ``kept`` columns are of
-    effects, each with the most likely width of the coefficients' priors, which have the factor ``present`` on those
-    stated, None where none are: coefficients that are farther off than stated are no effect, and one that explains why
-    they seemed so counts for less. An effect that asks for wider priors itself gains nothing by these: coefficients so
-    far off that nothing is linear there would have to follow.
-    """
-    gain = likelihood(fewer, kept) - likelihood(more, every)
-    if present is None:
-        return gain
-    return gain + min(likely_width(more, present, TWICE).gain - likely_width(fewer, present, TWICE).gain, 0.0)
 
 
 @dataclass(frozen=True)
@@ -39,8 +24,7 @@ class SearchProblem:
 
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
     expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
-    in any fit, or None; factor: by which ``base`` is narrower than stated (``prior_width``), None where these are no
-    stated priors but another calibration; known: what searches have found, with whatever candidates.
+    in any fit, or None; known: what searches have found, with whatever candidates.
     """
 
     steps: TransitionModel
@@ -50,12 +34,7 @@ class SearchProblem:
     expected_unnamed: float = 0.0
     expected_unnamed_null: float = 0.0
     tests: GriddedTrials | None = None
-    factor: float | None = None
     known: KnownResults = field(default_factory=KnownResults, compare=False, repr=False)
-
-    def gained(self, fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
-        """``gained`` by the fit ``more`` with ``every`` columns of effects over ``fewer`` with those ``kept``."""
-        return gained(fewer, kept, more, every, self.factor)
 
     def unnamed(self, fit: Estimate) -> UnnamedForms:
         """What unnamed forms explain at a ``fit``; the last one is kept."""

@@ -96,17 +96,16 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
     return rows
 
 
-def deviations(fit: Estimate, ship: Ship, factor: float = 1.0) -> dict[str, float]:
+def deviations(fit: Estimate, ship: Ship) -> dict[str, float]:
     """Coefficient of the ship -> how far it is by ``fit`` from its prior mean, in stated prior standard deviations.
 
-    ship: as given; factor: of the priors of the fit, over stated ones. Where the ship's calibration is the prior, the
-    wider one from before the calibration is the measure.
+    ship: as given. Where its calibration is the prior, the wider one from before the calibration is the measure.
     """
     rows = {}
     for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
         if "." not in symbol and symbol in ship.coefficients:
             before = ship.coefficients[symbol].prior_std or 0.0
-            rows[symbol] = float(p * std / max(std / factor, before))
+            rows[symbol] = float(p * std / max(std, before))
     return rows
 
 
@@ -115,8 +114,7 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     found, ship = result.found, ready.full.ship
     named = result.verdict == "named"
     fit = found.final if named else found.null
-    stated = ready.problem.factor or 1.0
-    final = deviations(fit, ship, stated)
+    final = deviations(fit, ship)
     sizes = np.abs(list(final.values()))
     together = chi2_tail(float((sizes**2).sum()), len(sizes))
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
@@ -124,7 +122,7 @@ def _another_ship(result: JudgedSearch, ready: Prepared) -> str:
     if (named and (most > FAR_OFF or together < RARE)) or most > FAR_WITHOUT:
         beside = f"with {' and '.join(c.label for c in found.effects)}" if named else "without any effect"
         return f"{beside} the trials need coefficients that are not this ship's, {_listed(final)}; {advice}"
-    before = deviations(found.null, ship, stated)
+    before = deviations(found.null, ship)
     left = result.after.beyond_chance > ready.problem.expected_unnamed
     confirmed = result.held is not None and (confirms(result.held) or surely_confirms(result.held))
     if named and left and not confirmed and max(map(abs, before.values()), default=0) > FAR_BEFORE:

@@ -102,7 +102,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
         return fit_of(effects, made.nll["".join(names)])
 
     monkeypatch.setattr(hypotheses, "refit", refitted)
-    monkeypatch.setattr(SearchProblem, "gained", lambda self, fewer, kept, more, every: fewer.nll - more.nll)
+    monkeypatch.setattr(hypotheses, "gained", lambda fewer, kept, more, every: fewer.nll - more.nll)
     monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
     monkeypatch.setattr(SearchProblem, "without", lambda self, found, kept: found)
     return made
