@@ -54,10 +54,9 @@ from diagnosis.inputs import (
     told_of_predictions,
 )
 from diagnosis.judgement.believable import believed, beyond_reported
-from diagnosis.judgement.judged_search import JudgedSearch, judged_search
+from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.left_over import left_over
 from diagnosis.judgement.no_answer import no_answer
-from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
@@ -138,7 +137,8 @@ def _diagnosed(
     began = time.perf_counter()
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
-    ready, gridded, result = _searched(ready, trials, tests, options, progress)
+    gridded = _like_training(tests, ready)
+    result = judged_search(ready, gridded, options, progress)
     if faults := [sensors.form_of(c.effect) for c in result.found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     p, found, before, after = ready.problem, result.found, result.before, result.after
@@ -198,35 +198,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-
-
-def _searched(
-    ready: Prepared,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> tuple[Prepared, GriddedTrials | None, JudgedSearch]:
-    """The search and its verdict; again where what was found is likelier with the actuators read the other way, or
-    where something without a name is left of held ones. Returns the problem as it was read, the test trials read so,
-    and the search."""
-    gridded = _like_training(tests, ready)
-    result = judged_search(ready, gridded, options, progress)
-    ready = as_shown(ready, result.found)
-    other = read_otherwise(ready, trials, result.found)
-    is_likelier = other is not None
-    if other is None and result.verdict == "unknown":
-        other = read_joined(ready, trials)
-    if other is None:
-        return ready, gridded, result
-    LOGGER.info("searching again with the actuators read the other way")
-    like = _like_training(tests, other)
-    again = judged_search(other, like, options, progress)
-    other = as_shown(other, again.found)
-    is_better = again.verdict == "named" or result.verdict != "named"
-    if is_better and (is_likelier or explains_lateness(result.found, again.found)):
-        return other, like, again
-    return ready, gridded, result
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

@@ -54,28 +54,24 @@ class InputReading:
     """How samples of the actuators were read.
 
     straight: joined by lines, not held; gain: how much more likely than the other way (logarithm), None where
-    there was no choice; sample: longest sampling time [s]; length: of the ship [m]; visible: delay of the actuators
-    from which these trials show one [s], infinite before it is known.
+    there was no choice; sample: longest sampling time [s]; length: of the ship [m].
     """
 
     straight: bool
     gain: float | None
     sample: float
     length: float
-    visible: float = math.inf
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether half a sample matters, by its length or in trials that show so short a delay, and nobody said
-        how the samples are to be read."""
-        matters = self.sample > COARSE * time_scale(self.length) or 0.5 * self.sample > self.visible
-        return self.gain is not None and matters
+        """Whether half a sample matters, and nobody said how the samples are to be read."""
+        return self.gain is not None and self.sample > COARSE * time_scale(self.length)
 
     @property
     def time_error(self) -> float:
         """Standard uncertainty [s] of the time of the actuators: uniform over half a sample where nobody said how they
         are read (type B, GUM 2008, 4.3.7)."""
-        return 0.5 * self.sample / math.sqrt(3.0) if self.is_doubtful else 0.0
+        return 0.5 * self.sample / math.sqrt(3.0) if self.gain is not None else 0.0
 
     @property
     def chosen(self) -> bool | None:

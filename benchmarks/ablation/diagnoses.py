@@ -127,9 +127,6 @@ RULES = (
            {"diagnosis.estimation.force_order:ForceOrder.is_random": property(constantly(True))}),
     Switch("matters", "a remainder counts whatever its size", {f"{JUDGE}.matters:remainder_matters": constantly(True)}),
     Switch("remainder", "unnamed forms leave no remainder", {f"{JUDGE}.verdict:has_remainder": constantly(False)}),
-    Switch("other reading", "actuators are not read the other way",
-           {f"{JUDGE}.other_reading:read_otherwise": constantly(None),
-            f"{JUDGE}.other_reading:read_joined": constantly(None)}),
     Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
     *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),
