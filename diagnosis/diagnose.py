@@ -155,7 +155,7 @@ def _diagnosed(
         verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
     reasons += [*left, *limits(ready, found, trials, tests, result.held, final if is_named else None)]
     named = found.effects if is_named else ()
-    effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
+    effects = tuple(summary.named_effect(ready.full, found, c, late) for c in named)
     reasons += (doubts := beyond_reported(effects, ship))
     remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
@@ -251,7 +251,6 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
     else:
         best = found.searches[0].refitted[:2]
         rivals = [r.candidate for r in best if r.p_value < LEVEL and r.delta_bic > 0]
-    rivals = list(dict.fromkeys(find(p.candidates, c.effect, c.form) for c in rivals))  # the same in all runs
     if not rivals:
         return ""
     return next_test(

@@ -41,8 +41,7 @@ class NamedEffect:
     """An effect that the data name.
 
     p_value: of its test among all candidates; delta_bic: gain over the model without it (positive is better);
-    absorbed_share: of its information that the coefficients could have imitated; by_run: run -> parameter -> value, if
-    it differs from run to run (parameters: the mean).
+    absorbed_share: of its information that the coefficients could have imitated.
     """
 
     name: str
@@ -50,11 +49,6 @@ class NamedEffect:
     p_value: Real
     delta_bic: Real
     absorbed_share: Real
-    by_run: Mapping[str, Mapping[str, Real]] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of the part "effects" of ``diagnosis.json``."""
-        return {name: value for name, value in vars(self).items() if value or name != "by_run"}
 
 
 @dataclass(frozen=True)

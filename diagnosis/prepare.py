@@ -14,7 +14,6 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import (
     FITTED_ALONG,
-    LOCAL,
     Candidate,
     Column,
     FullModel,
@@ -28,7 +27,7 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
-from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
+from diagnosis.estimation.parameters import Priors, get_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
@@ -45,8 +44,6 @@ from mmg.ship import Ship
 
 CLEAR = 3.0
 """Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
-RUNS = 3
-"""Runs from which effects of the surroundings may differ from run to run."""
 
 
 @dataclass(frozen=True)
@@ -198,10 +195,6 @@ def prepare(
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
     if not null.converged:
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
-    runs = np.unique(data.run).tolist()
-    if len(runs) >= RUNS:
-        own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
-        full = replace(full, candidates=(*full.candidates, *own))
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
     return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
@@ -263,7 +256,7 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     BrokenModelError."""
     steps, base = few.problem.steps, priors_before(ship)
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
-    theta = mean_over_windows(few.null.theta)
+    theta = few.null.theta
     p = (get_values(steps.ship, data, theta, base.columns) - base.mean) / base.std
     noise = wider(few.null.noise, ship).with_(prior=None)
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)

@@ -108,7 +108,6 @@ RULES = (
            {f"{JUDGE}.verdict:_inexact": constantly("")}),
     Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
     Switch("searched again", "no search without names that were withdrawn", {f"{JUDGE}.judged_search:OTHERS": 0}),
-    Switch("values by run", "no effect differs from run to run", {"diagnosis.prepare:RUNS": 10**9}, inside=FIRST),
     Switch("more than chance", "a candidate that does not pay is no unknown",
            {f"{JUDGE}.judged_search:_rarest": constantly(1.0)}),
     Switch("clock", "delays within the clock's error are named",

@@ -98,7 +98,7 @@ def _freed(ship: Ship, result: FitResult, name: str) -> Candidate:
     """The parameters of an effect that the fit freed, as a candidate."""
     free = [p for p in parameters(ship, name) if f"{name}.{p.symbol}" in result.coefficients]
     sizes = (np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper"))
-    return Candidate(name, "", False, tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
+    return Candidate(name, "", tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
 
 
 def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> EffectTest:

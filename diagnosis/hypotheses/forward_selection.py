@@ -166,10 +166,7 @@ def search(
     rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
     scores = score_tests(p.known.slopes(before, rest, partial(slopes, p.steps, p.data, before)), rest, seed)
     excited = [s for s in scores if s.excited]
-    by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:SHORT]
-    by_p = [s for s in excited if not s.candidate.by_run]
-    local = [s for s in by_bic if s.candidate.by_run]
-    chosen = by_p[:SHORT] + local + [s for s in by_p[SHORT:] if s.candidate.effect in CURVED]
+    chosen = excited[:SHORT] + [s for s in excited[SHORT:] if s.candidate.effect in CURVED]
     fits = {s.candidate: p.known.refit(before, named, s.candidate) for s in chosen}
     done: list[RefittedEffect] = []
 
@@ -196,7 +193,7 @@ def search(
 def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> FoundAgain:
     """What the test trials say of the ``best`` candidate, of the size that its refit gives it."""
     c = best.candidate
-    if p.tests is None or c.by_run or before.free.by_run or c.effect in CURVED:
+    if p.tests is None or c.effect in CURVED:
         return NOTHING
     with_it = dict(zip(best.fit.free.columns, best.fit.p, strict=True))
     kept = dict(zip(before.free.columns, before.p, strict=True))
@@ -218,7 +215,7 @@ def in_order(refitted: Sequence[RefittedEffect], scores: Mapping[Candidate, Scor
         s = scores[r.candidate]
         return chi2_tail(2 * r.gain, s.degrees) if r.candidate.effect in CURVED else s.p_single
 
-    return sorted(by_bic, key=lambda r: (r.candidate.by_run, chance(r)))
+    return sorted(by_bic, key=chance)
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:

@@ -129,11 +129,8 @@ def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     steps: the transition model; data: the trials; found: the fit.
 
     The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
-    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with
-    parameters of its own in each run.
+    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this.
     """
-    if effect.by_run:
-        return 0.0
     linearised = linearise_and_filter(steps, data, found)
     own = np.array([found.free.columns.index(c) for c in effect.columns])
     rest = np.setdiff1d(np.arange(len(found.p)), own)

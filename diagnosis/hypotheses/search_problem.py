@@ -51,8 +51,6 @@ class SearchProblem:
             if c.effect not in remains:
                 for s, value in zip(c.symbols, c.neutral, strict=True):
                     theta[self.steps.ship.symbols.index(s)] = value
-        if theta.ndim > 1 and np.ptp(theta, axis=1).max() == 0:
-            theta = theta[:, 0].copy()
         return replace(found, theta=theta)
 
     @property

@@ -142,7 +142,7 @@ def _within_the_clock(result: JudgedSearch, ready: Prepared) -> str:
     """Why delays that were named alone are none: they are as short as times of a log are off. Or nothing."""
     found, limit, delays = result.found, TIMING * ready.problem.data.sample, []
     for c in found.effects:
-        if c.effect not in DELAYS or c.by_run:
+        if c.effect not in DELAYS:
             return ""
         delays += [found.final.value(x.symbol) for x in c.columns]
     if not delays or max(map(abs, delays)) > limit:
@@ -159,7 +159,7 @@ def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:
     final, half = result.found.final, 0.5 * ready.problem.data.sample
     for c in result.found.effects:
         symbol = f"{c.effect}.{TIMES.get(c.effect, '')}"
-        if c.by_run or symbol not in final.free.symbols:
+        if symbol not in final.free.symbols:
             continue
         value, std = final.value(symbol), final.std(symbol)
         if abs(value) <= half + 2 * std:

@@ -17,7 +17,6 @@ from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_cha
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.matters import runs_differ
 from diagnosis.judgement.on_test_trials import OnTestTrials
 from diagnosis.judgement.possible_size import impossible_size
 from diagnosis.judgement.verdict import confirms, contradicts, decide, supports
@@ -61,8 +60,8 @@ class JudgedSearch:
 def judged_search(
     ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
 ) -> JudgedSearch:
-    """Select effects and judge them. Where values by run are withdrawn, or do not matter, search again with the same in
-    all runs; where a name is withdrawn and something is left, search without it for one that test trials confirm.
+    """Select effects and judge them. Where a name is withdrawn and something is left, search without it for one that
+    test trials confirm.
 
     ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
     called as the work goes on. Returns the selection with its verdict.
@@ -76,14 +75,6 @@ def judged_search(
         simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress, store)
         before = replace(before, chance=simulated.unnamed)
     result = _judged(ready, p, before, simulated, on_tests, options, progress)
-    if result.found.final.free.by_run and not (
-        result.verdict == "named" and runs_differ(p, result.found, tests, result.held)
-    ):
-        LOGGER.info("searching again with the same surroundings in all runs")
-        p = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(ready, p, before, simulated, on_tests, options, progress)
-        if again.verdict == "named" or result.verdict != "named":
-            result = replace(again, reasons=(*result.reasons, *again.reasons))
     other = result
     for _ in range(OTHERS):
         withdrawn = {c.effect for c in other.found.effects}
@@ -164,7 +155,7 @@ def _by_simulation(result: JudgedSearch) -> float:
 def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
     """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to."""
     left = p.unnamed(fit)
-    if p.tests is None or fit.free.by_run:
+    if p.tests is None:
         return left
     try:
         return replace(left, again=p.followed(fit, p.tests).force(estimated_force(left)))
@@ -173,12 +164,11 @@ def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
 
 
 def _rarest(result: JudgedSearch) -> float:
-    """Probability that chance gives any candidate, with one value in all runs, what the best has after its refit.
+    """Probability that chance gives any candidate what the best has after its refit.
 
-    A score to first order alone does not count: that of an effect with a memory promises gains that no refit finds, and
-    values of all runs add up what each is off by.
+    A score to first order alone does not count: that of an effect with a memory promises gains that no refit finds.
     """
     refitted = result.found.searches[0].refitted if result.found.searches else ()
-    by_refit = min((r.p_refit for r in refitted if not r.candidate.by_run), default=1.0)
+    by_refit = min((r.p_refit for r in refitted), default=1.0)
     by_simulation = result.chance.largest_candidate if result.simulated is not None else None
     return max(by_refit, by_simulation or 0.0)

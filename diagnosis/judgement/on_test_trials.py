@@ -17,16 +17,14 @@ class OnTestTrials:
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, seed: int) -> None:
         self.steps, self.data, self.seed = steps, data, seed
-        self._known: dict[tuple[int, bool], tuple[Estimate, PredictionErrors | None]] = {}
+        self._known: dict[int, tuple[Estimate, PredictionErrors | None]] = {}
 
-    def errors(self, fit: Estimate, second_half: bool = False) -> PredictionErrors | None:
-        """Errors by a ``fit``. second_half: as of ``prediction_errors``."""
-        key = id(fit), second_half
-        if key not in self._known:  # the fit is kept, so that no other takes its number
-            self._known[key] = fit, prediction_errors(self.steps, self.data, fit, second_half)
-        return self._known[key][1]
+    def errors(self, fit: Estimate) -> PredictionErrors | None:
+        """Errors by a ``fit``."""
+        if id(fit) not in self._known:  # the fit is kept, so that no other takes its number
+            self._known[id(fit)] = fit, prediction_errors(self.steps, self.data, fit)
+        return self._known[id(fit)][1]
 
     def compare(self, before: Estimate, after: Estimate) -> HeldOut | None:
         """How far the errors fall from the fit ``before`` to the fit ``after``; None without a whole window."""
-        by_run = before.free.by_run or after.free.by_run
-        return compare(self.data, self.errors(before, by_run), self.errors(after, by_run), self.seed)
+        return compare(self.data, self.errors(before), self.errors(after), self.seed)

@@ -151,12 +151,6 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
     extreme = _at_bound(found)
     if extreme:
         return f"{names} {part}, but only with {extreme} at the end of what is possible"
-    local = [c.effect for c in found.effects if c.by_run]
-    if local and (held is not None or after > limit):
-        return (
-            f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
-            "trials that they predict"
-        )
     best = [s.best for s in found.searches if s.best is not None]
     again = {r.candidate for r in best if r.by_others.p_value < SHOWN}  # other trials agree on it
     apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE and c not in again]
@@ -165,7 +159,7 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
 
 def _inexact(found: Selection, after: float) -> str:
     """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
-    forms = [c for c in found.effects if c.form and not c.by_run]
+    forms = [c for c in found.effects if c.form]
     gain, part = _explained(found)
     if not forms or after <= max(BESIDE_INSTRUMENT_FAULT[0], BESIDE_INSTRUMENT_FAULT[1] * gain):
         return ""
@@ -213,7 +207,7 @@ def limits(
     training, tests: to check on, held: that check, named: the fit with what was named, None: nothing was. Returns one
     sentence for each reason."""
     rows: list[tuple[str, str]] = []
-    every = [s for s in found.searches[0].scores if not s.candidate.form and not s.candidate.by_run]
+    every = [s for s in found.searches[0].scores if not s.candidate.form]
     quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
         rows.append(("not_excited", f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}"))

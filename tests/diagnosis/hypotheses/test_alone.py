@@ -75,7 +75,7 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     (problem, found), c = searched(form), candidate_of(form)
     assert found.effects == (c,)
-    row = summary.named_effect(problem, full_model(), found, c)
+    row = summary.named_effect(full_model(), found, c)
     assert row.name == c.effect and set(row.parameters) == set(FORMS[form])
     for k, size in FORMS[form].items():
         got = row.parameters[k]

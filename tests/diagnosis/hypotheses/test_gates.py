@@ -40,7 +40,7 @@ NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 def candidate(name: str, degrees: int = 1, neutral: float = 0.0) -> Candidate:
     zero = np.zeros(degrees)
     columns = tuple(Column(f"{name}.{j}") for j in range(degrees))
-    return Candidate(name, "", False, columns, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
+    return Candidate(name, "", columns, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
 
 
 def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | None = None) -> Estimate:

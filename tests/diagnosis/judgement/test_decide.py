@@ -153,23 +153,6 @@ def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
 
 
 @pytest.mark.parametrize(
-    ("after", "test", "verdict"),
-    [
-        (-1.0, None, "named"),
-        (2 * LIMIT, None, "unknown"),
-        (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
-        (2 * LIMIT, held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
-    ],
-)
-def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
-    after: float, test: HeldOut | None, verdict: str
-) -> None:
-    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, LIMIT, test)
-    assert found == verdict and bool(reasons) == (verdict == "unknown")
-    assert all("current" in reason for reason in reasons)
-
-
-@pytest.mark.parametrize(
     "test",
     [
         held(

@@ -12,21 +12,19 @@ from tests.diagnosis.judgement.test_verdict import ready
 from tests.support.diagnosis_cases import candidate
 
 CASES = {
-    "chance": (0.3, False, "none"),
-    "hardly chance": (2 * CERTAIN, False, "none"),
-    "more than chance": (0.5 * CERTAIN, False, "unknown"),
-    "more than chance, with a value by run": (0.5 * CERTAIN, True, "none"),
-    "a score that no refit bears out": (1.0, False, "none"),
+    "chance": (0.3, "none"),
+    "hardly chance": (2 * CERTAIN, "none"),
+    "more than chance": (0.5 * CERTAIN, "unknown"),
+    "a score that no refit bears out": (1.0, "none"),
 }
-"""What is found -> probability by its refit, with values by run, verdict."""
+"""What is found -> probability by its refit, verdict."""
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_candidate_beyond_chance_that_does_not_pay_is_unknown(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    p_refit, by_run, verdict = CASES[case]
+    p_refit, verdict = CASES[case]
     prepared = ready()
     one = candidate("current")
-    one = one.in_each([0, 1]) if by_run else one
     refitted = RefittedEffect(one, prepared.null, 3.0, -4.0, 1e-4, p_refit)
     found = Selection((), prepared.null, prepared.null, (Search((), (refitted,), prepared.null),))
     monkeypatch.setattr(judged_search, "select_effects", lambda *_: found)
