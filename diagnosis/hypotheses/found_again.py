@@ -1,7 +1,7 @@
-"""Whether trials that took no part show again what was found in others: an effect, or a force without a name.
+"""Whether trials that took no part show again an effect that was found in others.
 
 What is found in some trials is the most of many directions in which they may err, so that chance alone makes it large.
-Other trials are asked about that direction alone: no further correction for the number of candidates or forms is due
+Other trials are asked about that direction alone: no further correction for the number of candidates is due
 (Cox 1975, A note on data-splitting for the evaluation of significance levels). The direction holds the coefficients as
 well: what they made up for without the effect is seen nowhere. Their values by the first trials are open as far as
 those left them, which is projected out.
@@ -25,7 +25,6 @@ from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, se
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
-from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from mmg.effects import EFFECTS
 
 ITERATIONS = 5
@@ -78,32 +77,6 @@ class OtherTrials:
         logdet[-1] = logdet[: len(along)] @ along
         rest = [*range(len(shift)), *range(len(along), len(logdet) - 1)]
         return self._last(here, logdet, rest, EFFECTS[c.effect].measures)
-
-    @np.errstate(all="ignore")
-    def force(self, found: ForceEstimate) -> FoundAgain:
-        """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
-        steps, at = self.steps, self.point
-        data = acting(steps, self.data, at.theta)
-        active = active_states(steps, at.free.symbols, at.theta)
-        timing = timing_columns(steps, data, at, active)
-        middle = 0.5 * (at.path.z[:-1] + at.path.z[1:])
-        force, gradient = found.with_gradient_on(data, middle)
-
-        def columns_of(linear: LinearModel) -> list[DrivenColumns]:
-            size = at.free.std * (found.taken @ found.mean.ravel())
-            pushed = np.einsum("krac,krc->kra", linear.force, force) - linear.G @ size
-            both = DrivenColumns.dense(pushed[..., None], -(linear.D @ size)[..., None])
-            return [DrivenColumns.pushing(timing), both]
-
-        here = linearise_and_filter(steps, data, at, active, columns_of)
-        K, R = data.inputs.shape[:2]
-        every = steps.coefficients(at.theta, at.path.push[:-1].reshape(-1, 3).T)
-        _, J = steps.rates(middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every)
-        by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
-        pull = np.einsum("kraf,krab->krfb", by_force, here.by_rates[..., : len(active)])[..., :6]
-        logdet, P = here.logdet_gradient.sum(axis=0), len(at.p)
-        logdet[-1] = (pull * gradient).sum() - logdet[:P] @ (found.taken @ found.mean.ravel())
-        return self._last(here, logdet, [*range(len(logdet) - 1)], False)
 
     def _last(self, here: Linearisation, logdet: np.ndarray, rest: Sequence[int], measures: bool) -> FoundAgain:
         """The slope of a linearisation along the last of its C columns, those of ``rest`` projected out: P

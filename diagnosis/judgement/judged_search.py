@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection, select_effects
 from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
-from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.on_test_trials import OnTestTrials
@@ -68,7 +64,7 @@ def judged_search(
     """
     p = replace(ready.problem, tests=tests)
     on_tests = OnTestTrials(p.steps, tests, options.seed) if tests is not None else None
-    before, simulated = _left(p, ready.null), None
+    before, simulated = p.unnamed(ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
         store = options.store.part("campaigns") if options.store is not None else None
@@ -114,7 +110,7 @@ def _judged(
         found = fewer
     held = tests.compare(found.null, found.final) if tests is not None else None
     stands = bool(found.effects) and not (held is not None and contradicts(found, held))
-    after = _left(p, found.final) if stands else before
+    after = p.unnamed(found.final) if stands else before
     result = _answer(found, (before, after), held, p, simulated)
     return replace(result, beside=tuple(beside))
 
@@ -150,17 +146,6 @@ def _by_simulation(result: JudgedSearch) -> float:
     """Probability that chance gives a candidate as good, by simulated campaigns and the test trials."""
     best, share = result.found.searches[0].best, result.chance.largest_candidate or 0.0
     return min(share, 2 * both_by_weight(share, best.gain, best.again)) if best is not None else share
-
-
-def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to."""
-    left = p.unnamed(fit)
-    if p.tests is None:
-        return left
-    try:
-        return replace(left, again=p.followed(fit, p.tests).force(estimated_force(left)))
-    except (BrokenModelError, np.linalg.LinAlgError):
-        return left
 
 
 def _rarest(result: JudgedSearch) -> float:

@@ -14,8 +14,6 @@ from diagnosis.hypotheses.found_again import other_trials, same_trials
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import NOTHING
-from diagnosis.hypotheses.unexplained_force import estimated_force
-from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
 from tests.support.quick import first_quick
 
@@ -66,25 +64,6 @@ def test_the_trials_themselves_show_what_is_expected_of_a_linear_effect_and_less
     there = other_trials(problem.steps, gridded([text], 2, problem), null).effect(effect, phi, shift)
     assert best.again == there.scaled(own) and abs(best.again.z - best.again.expected) < 3
     assert linear or best.again.expected < 0.7 * there.expected
-
-
-def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
-) -> None:
-    problem, null = drifting
-    left = unnamed_forms(problem.steps, problem.data, null)
-    force = estimated_force(left)
-    same = other_trials(problem.steps, alike, null).force(force)
-    gone = other_trials(problem.steps, gridded([], 2, problem), null).force(force)
-    assert same.z > 2.5 and abs(gone.z) < 2.5
-    nowhere = replace(force, mean=np.zeros_like(force.mean))
-    assert other_trials(problem.steps, alike, null).force(nowhere) == NOTHING
-    rarer = np.where(np.arange(100) < 5, 1.0, -1.0)  # five of a hundred draws have more: not enough in these alone
-    before = replace(left, chance=np.stack([left.log_bayes + rarer, left.single + rarer], axis=1))
-    assert before.beyond_chance < 0 < replace(before, again=same).beyond_chance
-    assert replace(before, again=same).p_value < 5e-3 < before.p_value
-    steep = replace(same, z=6.0, expected=6.0)  # which these trials would have shown as well
-    assert not replace(before, again=steep).is_found_again and replace(before, again=steep).beyond_chance < 0
 
 
 def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
