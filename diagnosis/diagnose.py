@@ -142,7 +142,7 @@ def _diagnosed(
     if faults := [sensors.form_of(c.effect) for c in result.found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     p, found, before, after = ready.problem, result.found, result.before, result.after
-    verdict, reasons, doubt = believed(result, ready, trials)
+    verdict, reasons, doubt = believed(result, ready)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named, late = verdict == "named", ready.reading.time_error

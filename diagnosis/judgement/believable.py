@@ -1,6 +1,5 @@
-"""Whether an answer is believed: no effect of a size that it cannot have, not where the coefficients are those of
-another ship, no delay that may be the way in which the inputs were sampled, and not that nothing is missing where
-outliers hide it."""
+"""Whether an answer is believed: no effect of a size that it cannot have, and not where the coefficients are those of
+another ship."""
 
 from __future__ import annotations
 
@@ -8,11 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.checks.single import VELOCITIES, spikes
 from cases.evidence.tails import chi2_tail
-from cases.trial import Trial
-from diagnosis.estimation.candidates import TIMES
-from diagnosis.estimation.linearisation import TIMING
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import NamedEffect
 from diagnosis.judgement.judged_search import JudgedSearch
@@ -31,55 +26,32 @@ FAR_WITHOUT = 8.0
 half, true coefficients are four or five off."""
 FAR_BEFORE = 4.0
 """The same of one coefficient without any effect, where something is left beside a name that no test trial confirms."""
-DELAYS = ("gnss_delay", "control_delay")
-"""Effects that are nothing but times."""
-SPIKY = 2e-3
-"""Share of single samples far off both neighbours from which they decide the noise that is found."""
 SHOWN = 4
 """Coefficients listed."""
 
 
-def believed(result: JudgedSearch, ready: Prepared, trials: Sequence[Trial] = ()) -> tuple[str, list[Message], str]:
+def believed(result: JudgedSearch, ready: Prepared) -> tuple[str, list[Message], str]:
     """The verdict of ``result`` with its reasons, or "unknown" where it is not believed, and a sentence on why.
 
-    result: the selection judged; ready: the problem and its fit without effects; trials: as they were logged. A
-    ship whose coefficients are wrong throughout still follows the trials once all of them are free, and an effect
-    makes up for the rest: then neither its name nor that nothing is missing is true. Outliers are taken for noise,
-    beside which no effect shows. Returns (verdict, reasons, sentence or "").
+    result: the selection judged; ready: the problem and its fit without effects. A ship whose coefficients are wrong
+    throughout still follows the trials once all of them are free, and an effect makes up for the rest: then neither its
+    name nor that nothing is missing is true. Returns (verdict, reasons, sentence or "").
     """
     reasons = list(result.reasons)
     if result.verdict == "unknown":
         return result.verdict, reasons, ""
     named = result.verdict == "named"
-    if named and (words := _within_the_clock(result, ready)):
-        return "none", [*reasons, Message(f"{words}: the name is withdrawn", "name_withdrawn")], ""
     found = result.found
     sizes = [impossible_size(ready.full, found.final, c) for c in found.effects]
     if named and any(sizes):
         acts = f"it acts like {' and '.join(filter(None, sizes))}"
         sentence = f"Something is missing in the model, but no known effect of a possible size explains it: {acts}."
         return "unknown", [*reasons, Message(f"{acts}: the name is withdrawn", "impossible_size")], sentence
-    doubt, code = _another_ship(result, ready), "not_described"
-    outliers = _outliers(trials)
-    if outliers and not doubt and not named:
-        doubt, code, outliers = outliers, "spikes", ""
-    reasons += [Message(outliers, "spikes")] if outliers else []
-    if not doubt and named and ready.reading.is_doubtful:
-        doubt, code = _half_a_sample(result, ready), "half_a_sample"
+    doubt = _another_ship(result, ready)
     if not doubt:
         return result.verdict, reasons, ""
     outcome = "the name is withdrawn" if named else "that nothing is missing cannot be said"
-    return "unknown", [*reasons, Message(f"{doubt}: {outcome}", code)], f"No cause can be named: {doubt}."
-
-
-def _outliers(trials: Sequence[Trial]) -> str:
-    """What is to be said of the outliers in ``trials``, or nothing where they are too few to matter."""
-    counts = {t.name: sum(spikes(t[c]) for c in VELOCITIES if c in t) for t in trials}
-    if sum(counts.values()) <= SPIKY * sum(len(t) for t in trials):
-        return ""
-    names = ", ".join(f"{count} in {name}" for name, count in counts.items() if count)
-    words = f"single samples of {', '.join(VELOCITIES)} are far off both neighbours ({names})"
-    return f"{words}, and so much noise hides what the model lacks; leave these cells empty"
+    return "unknown", [*reasons, Message(f"{doubt}: {outcome}", "not_described")], f"No cause can be named: {doubt}."
 
 
 def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
@@ -136,33 +108,3 @@ def _listed(rows: dict[str, float]) -> str:
     """The coefficients that are farthest off, in words."""
     worst = sorted(rows.items(), key=lambda row: -abs(row[1]))[:SHOWN]
     return ", ".join(f"{symbol} ({off:+.1f})" for symbol, off in worst) + " prior standard deviations off"
-
-
-def _within_the_clock(result: JudgedSearch, ready: Prepared) -> str:
-    """Why delays that were named alone are none: they are as short as times of a log are off. Or nothing."""
-    found, limit, delays = result.found, TIMING * ready.problem.data.sample, []
-    for c in found.effects:
-        if c.effect not in DELAYS:
-            return ""
-        delays += [found.final.value(x.symbol) for x in c.columns]
-    if not delays or max(map(abs, delays)) > limit:
-        return ""
-    names = " and ".join(c.label for c in found.effects)
-    return f"{names} of {max(delays, key=abs):.2g} s is shorter than the times of the log are sure to ({limit:.2g} s)"
-
-
-def _half_a_sample(result: JudgedSearch, ready: Prepared) -> str:
-    """Why a delay that was named may be how the actuators were sampled, or nothing. Held samples act later than joined
-    ones: where they are taken as held, the other way would ask for a longer delay, not for none."""
-    if not ready.reading.straight:
-        return ""
-    final, half = result.found.final, 0.5 * ready.problem.data.sample
-    for c in result.found.effects:
-        symbol = f"{c.effect}.{TIMES.get(c.effect, '')}"
-        if symbol not in final.free.symbols:
-            continue
-        value, std = final.value(symbol), final.std(symbol)
-        if abs(value) <= half + 2 * std:
-            words = f"{c.label} of {value:.2g} +- {std:.1g} s may be half a sample of the actuators ({half:.2g} s)"
-            return f"{words}, which nobody says to be held or joined in between (inputs in trials.toml)"
-    return ""
