@@ -15,7 +15,7 @@ from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement.on_test_trials import OnTestTrials
 from diagnosis.judgement.possible_size import impossible_size
-from diagnosis.judgement.verdict import confirms, contradicts, decide, supports
+from diagnosis.judgement.verdict import confirms, contradicts, decide
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
@@ -95,19 +95,9 @@ def _judged(
 ) -> JudgedSearch:
     """One search and its verdict. Beside a name that the ``tests`` contradict it does not matter what else is left."""
     found, beside = select_effects(p, ready.null, options.seed, options.workers, progress), list[Message]()
-    while len(found.effects) > 1:
-        impossible = impossible_size(ready.full, found.final, found.effects[-1])
-        if not impossible and tests is None:
-            break
-        fewer = found.without_last(p)
-        if impossible:
-            beside.append(Message(f"what is left beside the name acts like {impossible}", "impossible_size"))
-        elif tests is not None:
-            with_it = tests.compare(fewer.final, found.final)
-            if with_it is None or supports(with_it, found):
-                break
-            LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
-        found = fewer
+    while len(found.effects) > 1 and (impossible := impossible_size(ready.full, found.final, found.effects[-1])):
+        beside.append(Message(f"what is left beside the name acts like {impossible}", "impossible_size"))
+        found = found.without_last(p)
     held = tests.compare(found.null, found.final) if tests is not None else None
     stands = bool(found.effects) and not (held is not None and contradicts(found, held))
     after = p.unnamed(found.final) if stands else before
