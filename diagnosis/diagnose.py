@@ -178,7 +178,7 @@ def _diagnosed(
         instruments=instruments,
         equivalence_class=same,
         remainder=remainder,
-        candidates=summary.ranking(ready.full, found, result.withdrawn),
+        candidates=summary.ranking(ready.full, found.searches[0]),
         where=place,
         held_out=result.held,
         next_test=advice,

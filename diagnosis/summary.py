@@ -136,17 +136,9 @@ def usual_values(full: FullModel, effect: str) -> dict[str, float]:
     return {k: value for k, value in named.items() if value != neutral(full.ship, effect, k)}
 
 
-def ranking(full: FullModel, found: Selection, withdrawn: Selection | None = None) -> tuple[RankedCandidate, ...]:
-    """All candidates of the ``full`` model by the first search of ``found``: those refitted first, the others behind
-    them by their score; each effect once. withdrawn: an earlier selection, with candidates that were not searched
-    again, which come last."""
-    rows = _ranked(full, found.searches[0])
-    earlier = _ranked(full, withdrawn.searches[0]) if withdrawn is not None else {}
-    return tuple((rows | {name: row for name, row in earlier.items() if name not in rows}).values())
-
-
-def _ranked(full: FullModel, first: Search) -> dict[str, RankedCandidate]:
-    """The candidates of one search by name, the best first."""
+def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
+    """All candidates of the ``full`` model by the ``first`` search: those refitted first, the others behind them by
+    their score; each effect once."""
     rows: dict[str, RankedCandidate] = {}
     for r in first.refitted:
         s, name = first.score(r.candidate), r.candidate.effect
@@ -159,4 +151,4 @@ def _ranked(full: FullModel, first: Search) -> dict[str, RankedCandidate]:
         visible = visible_from(first, name)
         usual = usual_values(full, name)
         rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible, usual))
-    return rows
+    return tuple(rows.values())

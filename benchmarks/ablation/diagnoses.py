@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,6 @@ import numpy as np
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
 from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
 
@@ -33,9 +30,8 @@ forms from which the answer is "unknown"."""
 
 SEARCH, JUDGE = "diagnosis.hypotheses.forward_selection", "diagnosis.judgement"
 FORMS = "diagnosis.hypotheses.unnamed:UnnamedSlopes.statistics"
-PREPARED = "diagnosis.prepare:prepare_with_sensors"
 REMEMBERED = (
-    PREPARED,
+    "diagnosis.prepare:prepare_with_sensors",
     "diagnosis.prepare:TransitionModel",
     "diagnosis.estimation.candidates:ship_with_all_effects",
     "diagnosis.estimation.first_fit:fit_without_effects",
@@ -98,10 +94,7 @@ RULES = (
            {f"{JUDGE}.verdict:contradicts": constantly(False)}),
     Switch("doubts", "no doubt in a name that test trials do not confirm",
            {f"{JUDGE}.verdict:_doubt": constantly("")}),
-    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
-    Switch("searched again", "no search without names that were withdrawn", {f"{JUDGE}.judged_search:OTHERS": 0}),
-    Switch("more than chance", "a candidate that does not pay is no unknown",
-           {f"{JUDGE}.judged_search:_rarest": constantly(1.0)}),
+    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0}),
     Switch("possible sizes", "effects of an impossible size are named",
            {f"{JUDGE}.possible_size:impossible_size": constantly("")}),
     Switch("another ship", "coefficients may be those of another ship",
@@ -130,7 +123,6 @@ RULES = (
     Switch("order by score", "BIC alone says which candidate is the best", {f"{SEARCH}:CLEAR": -1e9}),
     Switch("pruning", "effects that became superfluous stay",
            {f"{SEARCH}:pruned": lambda problem, named, now, again: (named, now)}),
-    Switch("further doubts", "no doubt in further effects", {f"{SEARCH}:_doubtful": constantly(False)}),
     Switch("immaterial faults", "small faults of instruments count", {f"{SEARCH}:IMMATERIAL": 0.0}),
     Switch("memory refitted", "the force's memory stays as without effects",
            {f"{SEARCH}:with_correlation_time": lambda steps, data, found, least=0.0: found}),
@@ -168,7 +160,6 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
     ask = question(case.folder)
     found: dict[str, Any] = {}
     whole, remembered = WHOLE, {target: memo.of(target) for target in REMEMBERED}
-    remembered[PREPARED] = partial(_anew, remembered[PREPARED])
     with replaced(remembered | TOLD_ONLY):
         WHOLE = UnnamedSlopes.statistics
         try:
@@ -185,9 +176,3 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
         "truth": list(case.truth), "strength": case.strength, "answer": first[:3], "evidence": first[3],
         "without": kept, "processor": round(time.process_time() - used, 1), "each": seconds,
     }  # fmt: skip
-
-
-def _anew(prepared: Callable[..., tuple[Any, ...]], *given: Any) -> tuple[Any, ...]:
-    """What ``prepared`` gives, with a search that knows nothing yet."""
-    *rest, ready = prepared(*given)
-    return *rest, replace(ready, problem=replace(ready.problem, known=KnownResults()))

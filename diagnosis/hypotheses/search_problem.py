@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,9 +12,6 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.found_again import OtherTrials, other_trials
-from diagnosis.hypotheses.known_results import KnownResults
-from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 
 
 @dataclass(frozen=True)
@@ -24,7 +20,7 @@ class SearchProblem:
 
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
     expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
-    in any fit, or None; known: what searches have found, with whatever candidates.
+    in any fit, or None.
     """
 
     steps: TransitionModel
@@ -34,15 +30,6 @@ class SearchProblem:
     expected_unnamed: float = 0.0
     expected_unnamed_null: float = 0.0
     tests: GriddedTrials | None = None
-    known: KnownResults = field(default_factory=KnownResults, compare=False, repr=False)
-
-    def unnamed(self, fit: Estimate) -> UnnamedForms:
-        """What unnamed forms explain at a ``fit``; the last one is kept."""
-        return self.known.unnamed(fit, partial(unnamed_forms, self.steps, self.data, fit))
-
-    def followed(self, fit: Estimate, tests: GriddedTrials) -> OtherTrials:
-        """The trials ``tests`` that took no part, followed by a ``fit``."""
-        return self.known.followed(fit, partial(other_trials, self.steps, tests, fit))
 
     def without(self, found: Estimate, kept: Sequence[Candidate]) -> Estimate:
         """The fit ``found`` as a start of one with the effects ``kept``, the others at neutral values."""

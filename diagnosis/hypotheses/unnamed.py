@@ -200,15 +200,6 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, see
     return UnnamedForms(float(mixture[0]), here, float(single[0]), np.stack([mixture[1:], single[1:]], axis=1), slopes)
 
 
-def left_and_limit(steps: TransitionModel, data: GriddedTrials, found: Point) -> tuple[float, float]:
-    """Of ``unnamed_forms`` at a fit ``found``: the log Bayes factor, and what it exceeds hardly by chance.
-
-    steps: the transition model; data: the trials.
-    """
-    rest = unnamed_forms(steps, data, found)
-    return rest.log_bayes, rest.limit
-
-
 def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:
     """The slopes along all columns of the dictionary at a fit.
 

@@ -92,7 +92,7 @@ def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
 
 
 def test_the_ranking_has_each_effect_once() -> None:
-    ranked = summary.ranking(full_model(), searched("heading_bias alone")[1])
+    ranked = summary.ranking(full_model(), searched("heading_bias alone")[1].searches[0])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"

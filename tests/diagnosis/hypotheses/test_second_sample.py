@@ -59,7 +59,7 @@ def test_only_a_size_that_other_trials_would_show_is_denied_by_them() -> None:
 
 def refitted(p_value: float, gain: float, again: FoundAgain) -> RefittedEffect:
     """A candidate with these probability, gain and test trials; its fit takes no part."""
-    return RefittedEffect(candidate("current"), None, gain, 1.0, p_value, p_value, again)  # type: ignore[arg-type]
+    return RefittedEffect(candidate("current"), None, gain, 1.0, p_value, again)  # type: ignore[arg-type]
 
 
 def test_test_trials_speak_against_a_weak_effect_and_may_only_help_a_sure_one() -> None:
