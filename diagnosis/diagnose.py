@@ -28,7 +28,6 @@ from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.estimation.prior_width import MOST, width_notices
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     DiagnosisInputs,
@@ -41,7 +40,6 @@ from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
 from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.pattern import pattern
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import UnnamedForms
@@ -56,10 +54,9 @@ from diagnosis.inputs import (
     told_of_predictions,
 )
 from diagnosis.judgement.believable import believed, beyond_reported
-from diagnosis.judgement.judged_search import JudgedSearch, judged_search
+from diagnosis.judgement.judged_search import judged_search
 from diagnosis.judgement.left_over import left_over
 from diagnosis.judgement.no_answer import no_answer
-from diagnosis.judgement.other_reading import as_shown, explains_lateness, read_joined, read_otherwise
 from diagnosis.judgement.verdict import limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
@@ -140,28 +137,25 @@ def _diagnosed(
     began = time.perf_counter()
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
-    ready, gridded, result = _searched(ready, trials, tests, options, progress)
+    gridded = _like_training(tests, ready)
+    result = judged_search(ready, gridded, options, progress)
     if faults := [sensors.form_of(c.effect) for c in result.found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     p, found, before, after = ready.problem, result.found, result.before, result.after
-    verdict, reasons, doubt = believed(result, ready, trials)
+    verdict, reasons, doubt = believed(result, ready)
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
     is_named, late = verdict == "named", ready.reading.time_error
-    fitted = found.final if is_named else found.null
-    wide, of_width = p.with_wider(fitted), width_notices(p.width(fitted, MOST).factor, p.width_taken(fitted))
-    found = replace(found, final=wide) if is_named else found
-    final, same = (wide, summary.equivalence_class(found)) if is_named else (found.null, ())
+    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
-    fits = pattern(p.steps, p.data, found.final, found.effects, gridded) if is_named else None
-    remainder, left = left_over(ready, result, wide, gridded, fits)
+    remainder, left = left_over(ready, result, final, gridded, is_named)
     if left and verdict == "none":
         verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
-    reasons += [*left, *limits(ready, found, trials, tests, result.held, wide if is_named else None), *of_width]
+    reasons += [*left, *limits(ready, found, trials, tests, result.held, final if is_named else None)]
     named = found.effects if is_named else ()
-    effects = tuple(summary.named_effect(p, ready.full, found, c, late) for c in named)
+    effects = tuple(summary.named_effect(ready.full, found, c, late) for c in named)
     reasons += (doubts := beyond_reported(effects, ship))
     remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
@@ -184,7 +178,7 @@ def _diagnosed(
         instruments=instruments,
         equivalence_class=same,
         remainder=remainder,
-        candidates=summary.ranking(ready.full, found, result.withdrawn),
+        candidates=summary.ranking(ready.full, found.searches[0]),
         where=place,
         held_out=result.held,
         next_test=advice,
@@ -195,7 +189,6 @@ def _diagnosed(
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         chance=result.chance,
-        pattern=fits,
         timings={**timings, "total": time.perf_counter() - began},
         inputs=DiagnosisInputs(),
         ship=after_all,
@@ -205,35 +198,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-
-
-def _searched(
-    ready: Prepared,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> tuple[Prepared, GriddedTrials | None, JudgedSearch]:
-    """The search and its verdict; again where what was found is likelier with the actuators read the other way, or
-    where something without a name is left of held ones. Returns the problem as it was read, the test trials read so,
-    and the search."""
-    gridded = _like_training(tests, ready)
-    result = judged_search(ready, gridded, options, progress)
-    ready = as_shown(ready, result.found)
-    other = read_otherwise(ready, trials, result.found)
-    is_likelier = other is not None
-    if other is None and result.verdict == "unknown":
-        other = read_joined(ready, trials)
-    if other is None:
-        return ready, gridded, result
-    LOGGER.info("searching again with the actuators read the other way")
-    like = _like_training(tests, other)
-    again = judged_search(other, like, options, progress)
-    other = as_shown(other, again.found)
-    is_better = again.verdict == "named" or result.verdict != "named"
-    if is_better and (is_likelier or explains_lateness(result.found, again.found)):
-        return other, like, again
-    return ready, gridded, result
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
@@ -287,7 +251,6 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
     else:
         best = found.searches[0].refitted[:2]
         rivals = [r.candidate for r in best if r.p_value < LEVEL and r.delta_bic > 0]
-    rivals = list(dict.fromkeys(find(p.candidates, c.effect, c.form) for c in rivals))  # the same in all runs
     if not rivals:
         return ""
     return next_test(

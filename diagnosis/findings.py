@@ -11,7 +11,7 @@ from pydantic import BeforeValidator
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.groups.findings import Between
-from diagnosis.hypotheses.left_findings import Chance, Pattern, UnexplainedForce
+from diagnosis.hypotheses.left_findings import Chance, UnexplainedForce
 from fitting.report.run_folder import Real, plain
 from mmg.messages import message_rows
 from mmg.ship import Ship
@@ -41,8 +41,7 @@ class NamedEffect:
     """An effect that the data name.
 
     p_value: of its test among all candidates; delta_bic: gain over the model without it (positive is better);
-    absorbed_share: of its information that the coefficients could have imitated; by_run: run -> parameter -> value, if
-    it differs from run to run (parameters: the mean).
+    absorbed_share: of its information that the coefficients could have imitated.
     """
 
     name: str
@@ -50,11 +49,6 @@ class NamedEffect:
     p_value: Real
     delta_bic: Real
     absorbed_share: Real
-    by_run: Mapping[str, Mapping[str, Real]] = field(default_factory=dict)
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of the part "effects" of ``diagnosis.json``."""
-        return {name: value for name, value in vars(self).items() if value or name != "by_run"}
 
 
 @dataclass(frozen=True)
@@ -208,8 +202,7 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. pattern: of what
-    is named (None: nothing is). between:
+    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. between:
     differences between groups of trials (None: not asked).
     """
 
@@ -233,7 +226,6 @@ class DiagnosisRecord:
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
     chance: Chance | None = None
-    pattern: Pattern | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,6 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis.estimation.candidates import (
     FITTED_ALONG,
-    LOCAL,
     Candidate,
     Column,
     FullModel,
@@ -28,11 +27,9 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
-from diagnosis.estimation.parameters import Priors, get_values, mean_over_windows
-from diagnosis.estimation.prior_width import narrowed
+from diagnosis.estimation.parameters import Priors, get_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.forward_selection import LEVEL, MOST
 from diagnosis.hypotheses.reference import fit_reference
 from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
@@ -47,8 +44,6 @@ from mmg.ship import Ship
 
 CLEAR = 3.0
 """Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
-RUNS = 3
-"""Runs from which effects of the surroundings may differ from run to run."""
 
 
 @dataclass(frozen=True)
@@ -56,28 +51,24 @@ class InputReading:
     """How samples of the actuators were read.
 
     straight: joined by lines, not held; gain: how much more likely than the other way (logarithm), None where
-    there was no choice; sample: longest sampling time [s]; length: of the ship [m]; visible: delay of the actuators
-    from which these trials show one [s], infinite before it is known.
+    there was no choice; sample: longest sampling time [s]; length: of the ship [m].
     """
 
     straight: bool
     gain: float | None
     sample: float
     length: float
-    visible: float = math.inf
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether half a sample matters, by its length or in trials that show so short a delay, and nobody said
-        how the samples are to be read."""
-        matters = self.sample > COARSE * time_scale(self.length) or 0.5 * self.sample > self.visible
-        return self.gain is not None and matters
+        """Whether half a sample matters, and nobody said how the samples are to be read."""
+        return self.gain is not None and self.sample > COARSE * time_scale(self.length)
 
     @property
     def time_error(self) -> float:
         """Standard uncertainty [s] of the time of the actuators: uniform over half a sample where nobody said how they
         are read (type B, GUM 2008, 4.3.7)."""
-        return 0.5 * self.sample / math.sqrt(3.0) if self.is_doubtful else 0.0
+        return 0.5 * self.sample / math.sqrt(3.0) if self.gain is not None else 0.0
 
     @property
     def chosen(self) -> bool | None:
@@ -101,8 +92,8 @@ class Prepared:
     """The problem and the fit without any effect.
 
     reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual, is_unsteady_usual: channels of the latent force follow each other, or its size
-    differs with what the ship does, in the trials of the calibration as well.
+    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
+    as well.
     """
 
     problem: SearchProblem
@@ -113,7 +104,6 @@ class Prepared:
     notices: tuple[Message, ...]
     line: tuple[float, float]
     is_order_usual: bool = False
-    is_unsteady_usual: bool = False
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -176,10 +166,10 @@ def prepare(
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
-    usual, noise, gap, is_usual = np.zeros(2), initial_noise(full.ship), 0, (False, False)
+    usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
     if reference:
         old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
-        is_usual = not force_order(steps, old, null).is_random, not force_steadiness(steps, old, null).is_random
+        is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
         values, noise = known.theta, wider(known.noise, full.ship)
@@ -203,18 +193,11 @@ def prepare(
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
     LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
-    factor = None
-    if not (reference or other_trials):
-        null, base, factor = narrowed(steps, data, null, base, MAX_FITS)
     if not null.converged:
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
-    runs = np.unique(data.run).tolist()
-    if len(runs) >= RUNS:
-        own = [c.in_each(runs) for c in full.candidates if c.effect in LOCAL]
-        full = replace(full, candidates=(*full.candidates, *own))
     expected, of_null = (data.samples * usual).tolist()
-    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, factor=factor)
-    return Prepared(problem, full, null, reading, gap, tuple(notices), line, *is_usual)
+    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
+    return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
 
 
 def prepare_with_sensors(
@@ -273,13 +256,13 @@ def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
     BrokenModelError."""
     steps, base = few.problem.steps, priors_before(ship)
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
-    theta = mean_over_windows(few.null.theta)
+    theta = few.null.theta
     p = (get_values(steps.ship, data, theta, base.columns) - base.mean) / base.std
     noise = wider(few.null.noise, ship).with_(prior=None)
     null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
     if not null.converged:
         null = estimate(steps, data, null, MAX_FITS)
-    return narrowed(steps, data, null, base, MAX_FITS)[0]
+    return null
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

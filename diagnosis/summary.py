@@ -11,11 +11,9 @@ import numpy as np
 from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import FITTED_ALONG, TIMES, Candidate, FullModel, neutral, parameters
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
 from diagnosis.hypotheses.score_test import SHOWS
-from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
@@ -26,9 +24,9 @@ SHOWN = 1e-3
 def fitted_ship(
     ship: Ship, full: FullModel, fit: Estimate, effects: Sequence[Candidate], time_error: float = 0.0
 ) -> Ship:
-    """``ship`` with the coefficients of a ``fit`` of the ``full`` model and with these ``effects``. Returns a ship in
-    which an effect that differs by run has the mean of its values. time_error: as of ``parameters_of``."""
-    at = dict(zip(full.ship.symbols, mean_over_windows(fit.theta), strict=True))
+    """``ship`` with the coefficients of a ``fit`` of the ``full`` model and with these ``effects``. time_error: as of
+    ``parameters_of``."""
+    at = dict(zip(full.ship.symbols, fit.theta, strict=True))
     after, names = ship, [c.effect for c in effects]
     for name in names:
         after = after.with_effect(name, {p.symbol: float(at[f"{name}.{p.symbol}"]) for p in parameters(ship, name)})
@@ -45,11 +43,8 @@ def fitted_ship(
 
 
 def estimated(fit: Estimate, symbol: str, unit: str = "") -> EstimatedParameter:
-    """The parameter ``symbol`` [``unit``] of a ``fit``, or its mean over the runs, with the standard error."""
-    i = [j for j, s in enumerate(fit.free.symbols) if s == symbol]
-    weight = fit.free.std[i] / len(i)
-    value = float(np.mean([fit.value(*fit.free.columns[j]) for j in i]))
-    return EstimatedParameter(value, float(np.sqrt(weight @ fit.covariance[np.ix_(i, i)] @ weight)), unit)
+    """The parameter ``symbol`` [``unit``] of a ``fit`` with the standard error."""
+    return EstimatedParameter(fit.value(symbol), fit.std(symbol), unit)
 
 
 def parameters_of(
@@ -83,20 +78,13 @@ def fit_with(found: Selection, candidate: Candidate) -> Estimate:
     return next(r.fit for r in every if (r.candidate.effect, r.candidate.form) == wanted)
 
 
-def named_effect(
-    problem: SearchProblem, full: FullModel, found: Selection, candidate: Candidate, time_error: float = 0.0
-) -> NamedEffect:
-    """The result on a named effect: ``candidate`` of the selection ``found`` in ``problem`` with the ``full`` model;
-    time_error: as of ``parameters_of``."""
+def named_effect(full: FullModel, found: Selection, candidate: Candidate, time_error: float = 0.0) -> NamedEffect:
+    """The result on a named effect: ``candidate`` of the selection ``found`` with the ``full`` model; time_error: as of
+    ``parameters_of``."""
     search, refitted = _named_in(found, candidate)
     sizes = parameters_of(full, found.final, candidate, time_error)
-    runs: dict[str, dict[str, float]] = {}
-    for symbol, run in candidate.columns:
-        if run is not None:
-            value = found.final.value(symbol, run)
-            runs.setdefault(problem.data.trials[run], {})[symbol.split(".", 1)[1]] = value
     absorbed = search.score(candidate).absorbed
-    return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed, runs)
+    return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed)
 
 
 def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:
@@ -134,7 +122,7 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
     sizes: dict[str, float] = {}
     for s in first.scores:
         c = s.candidate
-        if c.effect == effect and not c.by_run:
+        if c.effect == effect:
             sizes |= dict(zip((x.split(".", 1)[1] for x in c.symbols), SHOWS * s.errors * c.typical, strict=True))
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
@@ -148,17 +136,9 @@ def usual_values(full: FullModel, effect: str) -> dict[str, float]:
     return {k: value for k, value in named.items() if value != neutral(full.ship, effect, k)}
 
 
-def ranking(full: FullModel, found: Selection, withdrawn: Selection | None = None) -> tuple[RankedCandidate, ...]:
-    """All candidates of the ``full`` model by the first search of ``found``: those refitted first, the others behind
-    them by their score; each effect once. withdrawn: an earlier selection, with candidates that were not searched
-    again, which come last."""
-    rows = _ranked(full, found.searches[0])
-    earlier = _ranked(full, withdrawn.searches[0]) if withdrawn is not None else {}
-    return tuple((rows | {name: row for name, row in earlier.items() if name not in rows}).values())
-
-
-def _ranked(full: FullModel, first: Search) -> dict[str, RankedCandidate]:
-    """The candidates of one search by name, the best first."""
+def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
+    """All candidates of the ``full`` model by the ``first`` search: those refitted first, the others behind them by
+    their score; each effect once."""
     rows: dict[str, RankedCandidate] = {}
     for r in first.refitted:
         s, name = first.score(r.candidate), r.candidate.effect
@@ -166,9 +146,9 @@ def _ranked(full: FullModel, first: Search) -> dict[str, RankedCandidate]:
             sizes, visible = parameters_of(full, r.fit, r.candidate), visible_from(first, name)
             usual = usual_values(full, name)
             rows[name] = RankedCandidate(name, s.T, r.p_value, r.delta_bic, True, s.absorbed, sizes, visible, usual)
-    for s in sorted(first.scores, key=lambda s: s.candidate.by_run):
+    for s in first.scores:
         name = s.candidate.effect
         visible = visible_from(first, name)
         usual = usual_values(full, name)
         rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible, usual))
-    return rows
+    return tuple(rows.values())

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +17,6 @@ import numpy as np
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
 from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from diagnosis.estimation.prior_width import Width
-from diagnosis.hypotheses.known_results import KnownResults
 from diagnosis.hypotheses.second_sample import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
 
@@ -34,29 +30,22 @@ forms from which the answer is "unknown"."""
 
 SEARCH, JUDGE = "diagnosis.hypotheses.forward_selection", "diagnosis.judgement"
 FORMS = "diagnosis.hypotheses.unnamed:UnnamedSlopes.statistics"
-PREPARED = "diagnosis.prepare:prepare_with_sensors"
 REMEMBERED = (
-    PREPARED,
+    "diagnosis.prepare:prepare_with_sensors",
     "diagnosis.prepare:TransitionModel",
     "diagnosis.estimation.candidates:ship_with_all_effects",
     "diagnosis.estimation.first_fit:fit_without_effects",
     "diagnosis.estimation.map_estimate:estimate",
     "diagnosis.estimation.residual_checks:with_correlation_time",
-    "diagnosis.estimation.prior_width:likely_width",
-    "diagnosis.estimation.prior_width:refitted_at",
     "diagnosis.estimation.force_order:force_order",
     "diagnosis.estimation.gusts:trials_in_gusts",
-    "diagnosis.hypotheses.force_steadiness:force_steadiness",
     "diagnosis.hypotheses.found_again:other_trials",
     "diagnosis.hypotheses.found_again:same_trials",
     "diagnosis.hypotheses.found_again:OtherTrials.effect",
-    "diagnosis.hypotheses.found_again:OtherTrials.force",
-    "diagnosis.hypotheses.pattern:pattern",
     "diagnosis.hypotheses.refit:refit",
     "diagnosis.hypotheses.refit:robust_p",
     "diagnosis.hypotheses.score_test:score_tests",
     "diagnosis.hypotheses.score_test:slopes",
-    "diagnosis.hypotheses.unexplained_force:estimated_force",
     "diagnosis.hypotheses.unnamed:UnnamedSlopes.by_chance",
     "diagnosis.hypotheses.unnamed:unnamed_forms",
     "diagnosis.hypotheses.unnamed:unnamed_slopes",
@@ -101,45 +90,22 @@ RULES = (
     Switch("as it is", "nothing"),
     Switch("names found again", "test trials say nothing of candidates",
            {f"{SEARCH}:_found_again": constantly(NOTHING)}),
-    Switch("forces found again", "test trials say nothing of unnamed forces",
-           {f"{JUDGE}.judged_search:_forms": lambda p, fit: p.unnamed(fit)}),
     Switch("tests contradict", "test trials never contradict names",
            {f"{JUDGE}.verdict:contradicts": constantly(False)}),
-    Switch("tests support", "further names need no support by test trials",
-           {f"{JUDGE}.verdict:supports": constantly(True)}),
     Switch("doubts", "no doubt in a name that test trials do not confirm",
            {f"{JUDGE}.verdict:_doubt": constantly("")}),
-    Switch("exact instruments", "a fault of an instrument may leave much",
-           {f"{JUDGE}.verdict:_inexact": constantly("")}),
-    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
-    Switch("searched again", "no search without names that were withdrawn", {f"{JUDGE}.judged_search:OTHERS": 0}),
-    Switch("values by run", "no effect differs from run to run", {"diagnosis.prepare:RUNS": 10**9}, inside=FIRST),
-    Switch("more than chance", "a candidate that does not pay is no unknown",
-           {f"{JUDGE}.judged_search:_rarest": constantly(1.0)}),
-    Switch("clock", "delays within the clock's error are named",
-           {f"{JUDGE}.believable:_within_the_clock": constantly("")}),
-    Switch("half a sample", "delays of half a sample are named",
-           {f"{JUDGE}.believable:_half_a_sample": constantly("")}),
+    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0}),
     Switch("possible sizes", "effects of an impossible size are named",
            {f"{JUDGE}.possible_size:impossible_size": constantly("")}),
     Switch("another ship", "coefficients may be those of another ship",
            {f"{JUDGE}.believable:_another_ship": constantly("")}),
-    Switch("outliers", "outliers do not matter", {f"{JUDGE}.believable:_outliers": constantly("")}),
-    Switch("not random", "none of the three tests of what is left",
-           {f"{JUDGE}.not_random:not_random": constantly([])}),
-    Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.not_random:LINE_PROBABILITY": 0.0}),
+    Switch("not random", "neither test of what is left",
+           {f"{JUDGE}.left_over:not_random": constantly([])}),
+    Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.left_over:LINE_PROBABILITY": 0.0}),
     Switch("force order", "no test of forces that follow each other",
            {"diagnosis.estimation.force_order:ForceOrder.is_random": property(constantly(True))}),
-    Switch("force steadiness", "no test of forces that differ in size",
-           {"diagnosis.hypotheses.force_steadiness:ForceSteadiness.is_random": property(constantly(True))}),
-    Switch("pattern", "no test of one size in all parts", {f"{JUDGE}.left_over:LEVEL_OF_PATTERN": 0.0}),
     Switch("matters", "a remainder counts whatever its size", {f"{JUDGE}.matters:remainder_matters": constantly(True)}),
     Switch("remainder", "unnamed forms leave no remainder", {f"{JUDGE}.verdict:has_remainder": constantly(False)}),
-    Switch("other reading", "actuators are not read the other way",
-           {f"{JUDGE}.other_reading:read_otherwise": constantly(None),
-            f"{JUDGE}.other_reading:read_joined": constantly(None)}),
-    Switch("wider priors", "priors are never widened",
-           {"diagnosis.hypotheses.search_problem:SearchProblem.width": constantly(Width(1.0, 0.0, 0.0))}),
     Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
     *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),
@@ -151,14 +117,12 @@ RULES = (
         ("one variable", "no forces of one variable alone", lambda k: " alone " in k),
         ("few variables", "no forces of few variables",
          lambda k: k.startswith(tuple(f"{axis} (" for axis in FORCES))),
-        ("smooth", "no smooth forces", lambda k: k.startswith("smooth ")),
         ("all but forces", "products of velocities and inputs as forces, and nothing else", lambda k: k not in FORCES),
     )),
     Switch("further effects", "one effect at most is named", {f"{SEARCH}:MOST": 1}),
     Switch("order by score", "BIC alone says which candidate is the best", {f"{SEARCH}:CLEAR": -1e9}),
     Switch("pruning", "effects that became superfluous stay",
            {f"{SEARCH}:pruned": lambda problem, named, now, again: (named, now)}),
-    Switch("further doubts", "no doubt in further effects", {f"{SEARCH}:_doubtful": constantly(False)}),
     Switch("immaterial faults", "small faults of instruments count", {f"{SEARCH}:IMMATERIAL": 0.0}),
     Switch("memory refitted", "the force's memory stays as without effects",
            {f"{SEARCH}:with_correlation_time": lambda steps, data, found, least=0.0: found}),
@@ -167,9 +131,6 @@ RULES = (
 SOME = 4
 """Of so many cases one is also replayed with RARE, which change all fits."""
 RARE = (
-    Switch("narrower priors", "priors are never narrowed",
-           {"diagnosis.estimation.prior_width:narrowed": lambda steps, data, null, base, n: (null, base, 1.0)},
-           inside=FIRST),
     Switch("correlated samples", "neighbouring samples are compared though their errors are correlated",
            {"diagnosis.estimation.first_fit:CORRELATED": 9.0}, inside=(*FIRST, "fit_without_effects")),
     Switch("sensor faults", "faults of sensors that the columns show are not modelled",
@@ -199,7 +160,6 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
     ask = question(case.folder)
     found: dict[str, Any] = {}
     whole, remembered = WHOLE, {target: memo.of(target) for target in REMEMBERED}
-    remembered[PREPARED] = partial(_anew, remembered[PREPARED])
     with replaced(remembered | TOLD_ONLY):
         WHOLE = UnnamedSlopes.statistics
         try:
@@ -216,9 +176,3 @@ def answers(case: Case, rules: tuple[Switch, ...] = RULES) -> dict[str, Any]:
         "truth": list(case.truth), "strength": case.strength, "answer": first[:3], "evidence": first[3],
         "without": kept, "processor": round(time.process_time() - used, 1), "each": seconds,
     }  # fmt: skip
-
-
-def _anew(prepared: Callable[..., tuple[Any, ...]], *given: Any) -> tuple[Any, ...]:
-    """What ``prepared`` gives, with a search that knows nothing yet."""
-    *rest, ready = prepared(*given)
-    return *rest, replace(ready, problem=replace(ready.problem, known=KnownResults()))

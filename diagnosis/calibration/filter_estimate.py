@@ -10,7 +10,6 @@ from cases.evidence.kinematics import consistency
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import possible_readings
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
-from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import fit_of_more, prepare, with_sensor_faults
 from fitting.nlp.grid import default_step
@@ -51,7 +50,7 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
         found, null = _fitted(ship, kept, few if default_step(few, ship.particulars["L"]) == step else kept)
     except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
         return f"a filter could not be fitted ({error})"
-    values = dict(zip(found.symbols, mean_over_windows(null.theta).tolist(), strict=True))
+    values = dict(zip(found.symbols, null.theta.tolist(), strict=True))
     return {s: values[s] for s in null.free.symbols if "." not in s}
 
 

@@ -20,8 +20,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import gained
+from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import fit_as_read, priors_before
 from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
@@ -99,7 +98,7 @@ def _freed(ship: Ship, result: FitResult, name: str) -> Candidate:
     """The parameters of an effect that the fit freed, as a candidate."""
     free = [p for p in parameters(ship, name) if f"{name}.{p.symbol}" in result.coefficients]
     sizes = (np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper"))
-    return Candidate(name, "", False, tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
+    return Candidate(name, "", tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
 
 
 def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> EffectTest:

@@ -29,17 +29,15 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that the ship's model may lack. Two candidates are equal if effect, form and by_run are.
+    """An effect that the ship's model may lack. Two candidates are equal if effect and form are.
 
-    form: another form of the effect, with parameters of its own ("" for the usual one); by_run: its parameters differ
-    from run to run. columns: its p free parameters, those of a run together; neutral, lower, upper: (p,) value without
-    effect and bounds [unit of the parameter]; typical: (p,) sizes that show in a trial; start: (p,) first values of a
-    refit, or None.
+    form: another form of the effect, with parameters of its own ("" for the usual one); columns: its p free parameters,
+    those of a run together; neutral, lower, upper: (p,) value without effect and bounds [unit of the parameter];
+    typical: (p,) sizes that show in a trial; start: (p,) first values of a refit, or None.
     """
 
     effect: str
     form: str
-    by_run: bool
     columns: tuple[Column, ...] = field(compare=False)
     neutral: np.ndarray = field(compare=False, repr=False)
     typical: np.ndarray = field(compare=False, repr=False)
@@ -50,7 +48,7 @@ class Candidate:
     @property
     def label(self) -> str:
         """Its name for people."""
-        return " ".join([self.effect, *([self.form] if self.form else []), *(["by run"] if self.by_run else [])])
+        return f"{self.effect} {self.form}".rstrip()
 
     @property
     def measures(self) -> bool:
@@ -67,15 +65,15 @@ class Candidate:
         columns = tuple(Column(s, r) for r in runs for s in self.symbols)
         count = len(columns) // len(self.columns)
         sizes = (np.tile(x, count) for x in (self.neutral, self.typical, self.lower, self.upper))
-        return Candidate(self.effect, self.form, True, columns, *sizes)
+        return Candidate(self.effect, self.form, columns, *sizes)
 
 
-def find(candidates: Iterable[Candidate], effect: str, form: str = "", by_run: bool = False) -> Candidate:
-    """The one of the ``candidates`` with this ``effect``, ``form`` and ``by_run``. Raises KeyError without it."""
+def find(candidates: Iterable[Candidate], effect: str, form: str = "") -> Candidate:
+    """The one of the ``candidates`` with this ``effect`` and ``form``. Raises KeyError without it."""
     for c in candidates:
-        if (c.effect, c.form, c.by_run) == (effect, form, by_run):
+        if (c.effect, c.form) == (effect, form):
             return c
-    raise KeyError((effect, form, by_run))
+    raise KeyError((effect, form))
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ def _candidate(effect: str, form: str, free: list[Parameter], start: Mapping[str
     columns = tuple(Column(f"{effect}.{p.symbol}") for p in free)
     sizes = [np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper")]
     first = [np.array([start.get(p.symbol, p.neutral) for p in free])] if start else []
-    return Candidate(effect, form, False, columns, *sizes, *first)
+    return Candidate(effect, form, columns, *sizes, *first)
 
 
 def ship_with_all_effects(

@@ -41,11 +41,6 @@ class Priors:
         """Lower and upper bounds (P,) less the mean, in std."""
         return (self.lower - self.mean) / self.std, (self.upper - self.mean) / self.std
 
-    @property
-    def by_run(self) -> bool:
-        """Whether a parameter belongs to one run."""
-        return any(c.run is not None for c in self.columns)
-
     def only(self, kept: Sequence[bool]) -> Priors:
         """Those columns that are marked in ``kept`` (P,)."""
         columns = tuple(c for c, k in zip(self.columns, kept, strict=True) if k)
@@ -116,8 +111,3 @@ def get_values(ship: Ship, data: GriddedTrials, theta: np.ndarray, columns: Sequ
         own = data.run == c.run if c.run is not None and len(row) > 1 else np.ones(len(row), dtype=bool)
         rows.append(float(row[own].mean()))
     return np.array(rows)
-
-
-def mean_over_windows(theta: np.ndarray) -> np.ndarray:
-    """Coefficients (all,) from ``theta`` (all,) or by window (all, R)."""
-    return theta.mean(axis=1) if theta.ndim > 1 else theta.copy()

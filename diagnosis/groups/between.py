@@ -154,7 +154,7 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     problem: with the effects and the priors of the coefficients. Returns candidates, the same in all runs.
     """
     ship, base = problem.steps.ship, problem.base
-    rows = [c for c in problem.candidates if not c.by_run]
+    rows = list(problem.candidates)
     known = {s for c in rows for s in c.symbols}
     more = {}
     for s, *sizes in zip(base.symbols, base.mean, base.std, base.lower, base.upper, strict=True):
@@ -166,7 +166,7 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     for s, values in more.items():
         if s not in known:
             effect, _, form = s.partition(".")
-            rows.append(Candidate(effect, form, False, (Column(s),), *(np.array([float(v)]) for v in values)))
+            rows.append(Candidate(effect, form, (Column(s),), *(np.array([float(v)]) for v in values)))
     return tuple(rows)
 
 

@@ -1,7 +1,8 @@
 """Dictionary of unnamed forms: what could be wrong with a model in ways that the library of effects does not hold.
 
-Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of them; the action of
-each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
+Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of one of them; the
+action of each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag,
+cross-talk, drift.
 Every column is scaled so that its typical size is that of the latent force or of the sensor's noise.
 
 A force that depends on the state changes how the ship answers to the latent force, and so the log determinant of the
@@ -20,7 +21,7 @@ from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import DIFFERENCE, Linearisation, Point
-from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
+from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
 from diagnosis.hypotheses.smooth_basis import Forms, evaluated
 from mmg.motion.flow import INPUTS
@@ -88,8 +89,7 @@ class Dictionary:
         self.place = self.force_forms.by_place(data, middle)
         self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
-        theta = spread(found.theta, (K + 1) * R) if found.theta.ndim > 1 else found.theta
-        all_theta = steps.coefficients(theta, found.path.push.reshape(-1, 3).T)
+        all_theta = steps.coefficients(found.theta, found.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
         self.rate = rate[:, active].reshape(K + 1, R, -1)
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)

@@ -1,9 +1,4 @@
-"""Forms of an unnamed force: products of velocities, inputs and wind, and smooth functions of them and of their past.
-
-The smooth functions are random features (Rahimi & Recht 2007) of one to three variables each, so that their span holds
-additive functions and interactions of low order (Duvenaud et al. 2011), put into the order of what they contribute on
-the trials (principal components): an orthogonal basis whose size falls from component to component.
-"""
+"""Forms of an unnamed force: products of velocities, inputs and wind, and smooth functions of one variable alone."""
 
 from __future__ import annotations
 
@@ -20,16 +15,10 @@ from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import relative_air
 from mmg.motion.froude import time_scale
 
-COMPONENTS, TOGETHER = 16, (1, 3)
-"""Smooth functions that are kept, and of how many variables each is."""
-SCALE = 1.0
-"""Length over which a smooth function changes, in standard deviations of its variables."""
 OF_ONE, FINE = 8, 0.35
-"""Functions of each variable alone that are kept, and the length over which they change."""
+"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
 OF_PLACE, PLACE = 12, 2.0
 """Functions of the place that are kept, and the length over which they change [lengths of the ship]."""
-PASTS = (4.0, 12.0)
-"""Memory [s of a 3 m model] of the past of rudders and propellers."""
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 """Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
 DAMPING = 0.07
@@ -79,8 +68,7 @@ class ForceForms:
     """The forms, their units taken from trials.
 
     steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. products: names
-    of those forms that are products; the others are smooth functions, of several variables or of one alone; own: all of
-    them on these trials.
+    of those forms that are products; the others are smooth functions of one variable; own: all of them on these trials.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
@@ -91,13 +79,10 @@ class ForceForms:
         known = self._variables(data, middle)
         inside = known.values[:, data.inside]
         spread = spread_of(inside)
-        self._smooth = SmoothBasis(inside, SCALE * spread, COMPONENTS, TOGETHER)
-        scale = np.full(2, PLACE * float(steps.ship.particulars["L"]))
-        self._place = SmoothBasis(_places(middle).values[:, data.inside], scale, OF_PLACE, (2, 2))
+        scale = PLACE * float(steps.ship.particulars["L"])
+        self._place = SmoothBasis(_places(middle).values[:, data.inside], scale, OF_PLACE)
         self._alone = {
-            name: SmoothBasis(inside[[i]], FINE * spread[[i]], OF_ONE, (1, 1))
-            for i, name in enumerate(known.names)
-            if spread[i] and not name.startswith("air") and " over " not in name
+            name: SmoothBasis(inside[[i]], FINE * spread[i], OF_ONE) for i, name in enumerate(known.names) if spread[i]
         }
         self.own = self._with_smooth(products, known, data.inside)
 
@@ -109,7 +94,7 @@ class ForceForms:
     def _with_smooth(self, products: Forms, known: Forms, inside: np.ndarray) -> Forms:
         """The ``products``, and the smooth functions of the ``known`` variables where a step is ``inside`` (K, R)."""
         alone = [basis.on(known.only((name,)), f"{name} alone", inside) for name, basis in self._alone.items()]
-        return Forms.together([products, self._smooth.on(known, "smooth", inside), *alone])
+        return Forms.together([products, *alone])
 
     def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """Smooth functions of the place of trials ``data`` with states ``middle`` (K, R, S)."""
@@ -167,24 +152,10 @@ class ForceForms:
         return evaluated(forms, [six, held, time], [middle[..., :6], data.inputs, data.t[:-1]], data.inside)
 
     def _variables(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
-        """What the smooth forms are functions of: velocities, air, inputs, and the inputs' past."""
+        """What the smooth forms are functions of: velocities and inputs."""
         arguments, motion, inputs = self._arguments()
-        found = evaluated(
-            motion | inputs, arguments, [middle[..., :6], data.inputs, data.t[:-1]], np.asarray(data.inside)
-        )
-        pasts = {}
-        for name in (name for name in inputs if name in (*RUDDERS, *PROPELLERS)):
-            x = data.inputs[..., self.steps.model.controls.index(name)]
-            for memory in PASTS:
-                left = np.exp(-data.h / (memory * time_scale(float(self.steps.ship.particulars["L"]))))
-                past = np.empty_like(x)
-                past[0] = x[0]
-                for k in range(1, len(x)):
-                    past[k] = left * past[k - 1] + (1 - left) * x[k - 1]
-                pasts[f"{name} over {memory:g} s"] = past
-        still = np.zeros((len(pasts), *data.inside.shape, 6))
-        values = np.stack([*found.values, *pasts.values()])
-        return Forms((*found.names, *pasts), values, np.concatenate([found.gradients, still]))
+        variables = {name: x for name, x in motion.items() if not name.startswith("air")} | inputs
+        return evaluated(variables, arguments, [middle[..., :6], data.inputs, data.t[:-1]], np.asarray(data.inside))
 
 
 def _mean(inputs: list[ca.SX]) -> ca.SX:

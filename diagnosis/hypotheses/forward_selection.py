@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
-from diagnosis.estimation.prior_width import TOLD
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.found_again import same_trials
-from diagnosis.hypotheses.known_results import KnownResults
-from diagnosis.hypotheses.refit import followed_without, refit, robust_p, wald_p
+from diagnosis.hypotheses.found_again import other_trials, same_trials
+from diagnosis.hypotheses.refit import followed_without, gained, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
-from diagnosis.hypotheses.unnamed import left_and_limit
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
@@ -41,9 +37,8 @@ parameters too much (of 102 weak effects 80 % come first, by BIC 72)."""
 FURTHER, FURTHER_LEVEL = 5.0, 0.01
 """Minimum gain in BIC of every effect after the first, and largest probability of it by chance. Where the first differs
 somewhat from its model in the library, small further effects seem to help."""
-NEUTRAL, AGREE = 0.05, 0.05
-"""Probability of an effect by its own standard errors above which it counts as neutral, and largest probability, by the
-agreement of the runs, with which it is named."""
+NEUTRAL = 0.05
+"""Probability of an effect by its own standard errors above which it counts as neutral."""
 MOST = 3
 """Effects named at the most."""
 MAX_FITS = 12
@@ -55,8 +50,8 @@ class RefittedEffect:
     """A candidate added to a hypothesis and refitted.
 
     gain: of log likelihood, over the dispersion of its slopes; delta_bic: gain in BIC; p_value: probability that chance
-    gives such a gain to any of the candidates, by the score test or by the refit; p_refit: by the refit alone; again:
-    what trials that took no part say of it.
+    gives such a gain to any of the candidates, by the score test or by the refit; again: what
+    trials that took no part say of it.
     """
 
     candidate: Candidate
@@ -64,7 +59,6 @@ class RefittedEffect:
     gain: float
     delta_bic: float
     p_value: float
-    p_refit: float = 1.0
     again: FoundAgain = NOTHING
 
     @property
@@ -165,29 +159,20 @@ def search(
     """
     p = problem
     rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
-    scores = score_tests(p.known.slopes(before, rest, partial(slopes, p.steps, p.data, before)), rest, seed)
+    scores = score_tests(slopes(p.steps, p.data, before, rest), rest, seed)
     excited = [s for s in scores if s.excited]
-    by_bic = sorted(excited, key=lambda s: s.degrees * p.cost - s.T)[:SHORT]
-    by_p = [s for s in excited if not s.candidate.by_run]
-    local = [s for s in by_bic if s.candidate.by_run]
-    chosen = by_p[:SHORT] + local + [s for s in by_p[SHORT:] if s.candidate.effect in CURVED]
-    fits = {s.candidate: p.known.refit(before, named, s.candidate) for s in chosen}
+    chosen = excited[:SHORT] + [s for s in excited[SHORT:] if s.candidate.effect in CURVED]
     done: list[RefittedEffect] = []
 
     def note(one: RefittedEffect) -> None:
         done.append(one)
-        p.known.keep(before, named, one.candidate, one.fit)
         if progress:
             task = f"refits of search {len(named) + 1}"
             progress(Progress(task, len(done), len(chosen), {"gain in BIC": one.delta_bic}))
 
-    kept_ones = [refitted_effect(p, before, named, s, len(excited), fit) for s in chosen if (fit := fits[s.candidate])]
-    for one in kept_ones:
-        note(one)
-    alone = replace(p, tests=None, known=KnownResults())  # processes need no other trials
-    tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen if not fits[s.candidate]]
-    place = {s.candidate: i for i, s in enumerate(chosen)}
-    refitted = sorted([*kept_ones, *run_all(refit_task, tasks, workers, note)], key=lambda one: place[one.candidate])
+    alone = replace(p, tests=None)  # processes need no other trials
+    tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
+    refitted = run_all(refit_task, tasks, workers, note)
     ordered = in_order([one for one in refitted if one.is_material], {s.candidate: s for s in scores})
     if ordered:
         ordered[0] = replace(ordered[0], again=_found_again(p, before, ordered[0]))
@@ -197,14 +182,14 @@ def search(
 def _found_again(p: SearchProblem, before: Estimate, best: RefittedEffect) -> FoundAgain:
     """What the test trials say of the ``best`` candidate, of the size that its refit gives it."""
     c = best.candidate
-    if p.tests is None or c.by_run or before.free.by_run or c.effect in CURVED:
+    if p.tests is None or c.effect in CURVED:
         return NOTHING
     with_it = dict(zip(best.fit.free.columns, best.fit.p, strict=True))
     kept = dict(zip(before.free.columns, before.p, strict=True))
     shift = np.array([with_it.get(column, value) - value for column, value in kept.items()])
     try:
         own = same_trials(p.steps, p.data, before).effect(c, best.size, shift)
-        return p.followed(before, p.tests).effect(c, best.size, shift).scaled(own)
+        return other_trials(p.steps, p.tests, before).effect(c, best.size, shift).scaled(own)
     except (BrokenModelError, np.linalg.LinAlgError):
         return NOTHING
 
@@ -219,7 +204,7 @@ def in_order(refitted: Sequence[RefittedEffect], scores: Mapping[Candidate, Scor
         s = scores[r.candidate]
         return chi2_tail(2 * r.gain, s.degrees) if r.candidate.effect in CURVED else s.p_single
 
-    return sorted(by_bic, key=lambda r: (r.candidate.by_run, chance(r)))
+    return sorted(by_bic, key=chance)
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:
@@ -246,20 +231,11 @@ def refit_candidate(
         start |= followed(before, score, first)
     start |= dict(zip(c.columns, first, strict=True))
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
-    return refitted_effect(problem, before, named, score, count, fit)
-
-
-def refitted_effect(
-    problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int, fit: Estimate
-) -> RefittedEffect:
-    """What the ``fit`` of a candidate says of it. problem, before, named, score, count: as of ``refit_candidate``."""
-    c = score.candidate
     kept = sum(len(e.columns) for e in named)
-    gain = problem.gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
+    gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
-    by_refit = c.effect in CURVED or problem.width(before).factor > TOLD  # the score knows the stated priors alone
-    p_value = by_chance if by_refit else min(score.p_value, by_chance)
-    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value, by_chance)
+    p_value = by_chance if c.effect in CURVED else min(score.p_value, by_chance)
+    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
 
 
 def select_effects(
@@ -276,7 +252,7 @@ def select_effects(
         searches.append(s)
         if s.best is None or not s.significant:
             break
-        if named and (not _is_further(s.best) or _doubtful(problem, s.best)):
+        if named and not _is_further(s.best):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -297,14 +273,6 @@ def _is_further(best: RefittedEffect) -> bool:
     return best.bic_of_both > FURTHER and best.p_both < FURTHER_LEVEL
 
 
-def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
-    """Whether the runs do not agree on the ``best`` effect, or unnamed forms explain more than it does."""
-    if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
-        return True
-    left, limit = left_and_limit(problem.steps, problem.data, best.fit)
-    return left - problem.expected_unnamed > max(limit, best.gain)
-
-
 def pruned(
     problem: SearchProblem, named: list[Candidate], now: Estimate, again: Mapping[Candidate, float]
 ) -> tuple[list[Candidate], Estimate]:
@@ -319,7 +287,7 @@ def pruned(
         start = followed_without(now, c)
         without = refit(problem.steps, problem.data, problem.base, problem.without(now, rest), rest, start)
         every, kept = (sum(len(e.columns) for e in some) for some in (named, rest))
-        lost = 2 * problem.gained(without, kept, now, every)
+        lost = 2 * gained(without, kept, now, every)
         if lost + again.get(c, 0.0) < (every - kept) * problem.cost or wald_p(now, c) > NEUTRAL:
             return pruned(problem, rest, without, again) if rest else (rest, without)
     return named, now

@@ -1,7 +1,7 @@
-"""Whether trials that took no part show again what was found in others: an effect, or a force without a name.
+"""Whether trials that took no part show again an effect that was found in others.
 
 What is found in some trials is the most of many directions in which they may err, so that chance alone makes it large.
-Other trials are asked about that direction alone: no further correction for the number of candidates or forms is due
+Other trials are asked about that direction alone: no further correction for the number of candidates is due
 (Cox 1975, A note on data-splitting for the evaluation of significance levels). The direction holds the coefficients as
 well: what they made up for without the effect is seen nowhere. Their values by the first trials are open as far as
 those left them, which is projected out.
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.dispersion import dispersion, memory_steps
@@ -26,11 +25,8 @@ from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states, se
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.projection import projected
 from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain
-from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from mmg.effects import EFFECTS
 
-SEEN = 1e-6
-"""Share of its information, left after the projection, from which a combination of sizes is tested."""
 ITERATIONS = 5
 """Linearisations of the fit of path and noise."""
 
@@ -82,32 +78,6 @@ class OtherTrials:
         rest = [*range(len(shift)), *range(len(along), len(logdet) - 1)]
         return self._last(here, logdet, rest, EFFECTS[c.effect].measures)
 
-    @np.errstate(all="ignore")
-    def force(self, found: ForceEstimate) -> FoundAgain:
-        """A force that was ``found`` as a function of motion, inputs and wind, less what coefficients make up for."""
-        steps, at = self.steps, self.point
-        data = acting(steps, self.data, at.theta)
-        active = active_states(steps, at.free.symbols, at.theta)
-        timing = timing_columns(steps, data, at, active)
-        middle = 0.5 * (at.path.z[:-1] + at.path.z[1:])
-        force, gradient = found.with_gradient_on(data, middle)
-
-        def columns_of(linear: LinearModel) -> list[DrivenColumns]:
-            size = at.free.std * (found.taken @ found.mean.ravel())
-            pushed = np.einsum("krac,krc->kra", linear.force, force) - linear.G @ size
-            both = DrivenColumns.dense(pushed[..., None], -(linear.D @ size)[..., None])
-            return [DrivenColumns.pushing(timing), both]
-
-        here = linearise_and_filter(steps, data, at, active, columns_of)
-        K, R = data.inputs.shape[:2]
-        every = steps.coefficients(at.theta, at.path.push[:-1].reshape(-1, 3).T)
-        _, J = steps.rates(middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every)
-        by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
-        pull = np.einsum("kraf,krab->krfb", by_force, here.by_rates[..., : len(active)])[..., :6]
-        logdet, P = here.logdet_gradient.sum(axis=0), len(at.p)
-        logdet[-1] = (pull * gradient).sum() - logdet[:P] @ (found.taken @ found.mean.ravel())
-        return self._last(here, logdet, [*range(len(logdet) - 1)], False)
-
     def _last(self, here: Linearisation, logdet: np.ndarray, rest: Sequence[int], measures: bool) -> FoundAgain:
         """The slope of a linearisation along the last of its C columns, those of ``rest`` projected out: P
         coefficients, as far as they are open, and errors in the time of the inputs.
@@ -133,27 +103,6 @@ class OtherTrials:
             ratio = dispersion(column, white[..., -1], left.g, left.S, lags)
         size = float(np.sqrt(left.S[0, 0] / ratio))
         return FoundAgain(float(left.g[0]) / ratio / size, size)
-
-    @np.errstate(all="ignore")
-    def differs(self, effects: Sequence[Candidate]) -> float:
-        """Probability by chance that these trials ask for other sizes of ``effects`` of the fit than the first did.
-
-        The sizes are given columns once more, beside those that the first trials know with all coefficients.
-        """
-        free = self.point.free
-        here = linearise_and_filter(self.steps, self.data, self.point)
-        own = np.array([free.columns.index(c) for e in effects for c in e.columns])
-        P = len(self.point.p)
-        order = np.array([*range(P), *own, P])
-        flat = here.white.reshape(-1, P + 1)[:, order]
-        logdet = here.logdet_gradient.sum(axis=0)[order[:-1]]
-        rest = projected(flat.T @ flat, logdet, np.zeros(P), self.known)
-        values, vectors = np.linalg.eigh(0.5 * (rest.S + rest.S.T))
-        seen = values > SEEN * np.maximum(np.diag(flat.T @ flat)[own].max(), 1e-300)
-        if not seen.any():
-            return 1.0
-        T = float((((vectors.T @ rest.g)[seen]) ** 2 / values[seen]).sum())
-        return chi2_tail(T, int(seen.sum()))
 
 
 def same_trials(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> OtherTrials:

@@ -10,18 +10,6 @@ from fitting.report.run_folder import Real
 
 
 @dataclass(frozen=True)
-class Pattern:
-    """Whether what is named acts with one size in all parts of the trials, by run, phase, motion and inputs.
-
-    p_value: probability that chance makes the parts differ as much, over all ways of parting; parted_by: the way in
-    which they differ most.
-    """
-
-    p_value: Real
-    parted_by: str
-
-
-@dataclass(frozen=True)
 class Chance:
     """Probabilities that chance leaves as much in trials of a ship that lacks nothing: of all unnamed forms
     (anything_left), and of any candidate (largest_candidate); None without candidates.

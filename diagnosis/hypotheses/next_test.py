@@ -9,7 +9,6 @@ largest is named. With one explanation only, it is the one that would make its s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +21,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import get_values, mean_over_windows, priors_of_effects
+from diagnosis.estimation.parameters import get_values, priors_of_effects
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
@@ -45,11 +44,6 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
 
     problem: the search; first: a fit with the first candidate; ship: with that effect.
     """
-    theta = mean_over_windows(first.theta)
-    for s in {c.symbol for c in first.free.columns if c.run is not None}:  # of one that differs by run, its usual size
-        own = [first.value(*c) for c in first.free.columns if c.symbol == s]
-        theta[problem.steps.ship.symbols.index(s)] = float(np.sqrt(np.mean(np.square(own))))
-    first = replace(first, theta=theta)
     k = time_scale(ship.particulars["L"])
     options, trials = _simulated(problem, ship)
     if not options:
@@ -86,7 +80,6 @@ def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, sh
     options, trials = _simulated(problem, ship)
     if not options:
         return ""
-    fit = replace(fit, theta=mean_over_windows(fit.theta))
     misfits = np.concatenate([_shown(problem, fit, found, some) for some in _together(trials)])
     best = int(np.argmax(misfits))
     seconds = SECONDS * time_scale(ship.particulars["L"])
@@ -169,8 +162,7 @@ def _misfits(
     data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]
     more = priors_of_effects(effects)
-    by_run = {c.symbol for c in first.free.columns if c.run is not None}
-    acting = {s.partition(".")[0] for s in by_run} | {c.effect for c in effects}
+    acting = {c.effect for c in effects}
     kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more

@@ -21,9 +21,11 @@ SHARES = (1.0, 0.3, 0.0)
 """Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""
 
 
-def likelihood(found: Estimate, own: int) -> float:
-    """Negative log likelihood of the fit ``found`` without the prior of the last ``own`` columns, the effects'."""
-    return found.nll - 0.5 * float(found.p[len(found.p) - own :] @ found.p[len(found.p) - own :])
+def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
+    """Log likelihood that the fit ``more`` gains over ``fewer``, without the priors of their last ``kept`` and
+    ``every`` columns, which are of effects."""
+    of_effects = [found.p[len(found.p) - own :] for found, own in ((fewer, kept), (more, every))]
+    return fewer.nll - more.nll - 0.5 * float(of_effects[0] @ of_effects[0] - of_effects[1] @ of_effects[1])
 
 
 def refit(
@@ -127,11 +129,8 @@ def robust_p(steps: TransitionModel, data: GriddedTrials, found: Estimate, effec
     steps: the transition model; data: the trials; found: the fit.
 
     The covariance of the estimate is taken from the scatter of the clusters' slopes about the fit instead of from the
-    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this, nor one with
-    parameters of its own in each run.
+    model of the noise (Liang & Zeger 1986). An effect that one run alone shows is not doubted by this.
     """
-    if effect.by_run:
-        return 0.0
     linearised = linearise_and_filter(steps, data, found)
     own = np.array([found.free.columns.index(c) for c in effect.columns])
     rest = np.setdiff1d(np.arange(len(found.p)), own)

@@ -80,10 +80,3 @@ def both_by_weight(p_value: float, gain: float, again: FoundAgain) -> float:
         return p_value
     deviate = normal_quantile(min(max(p_value, 1e-300), 1 - 1e-9))
     return normal_tail((first * deviate + second * again.z) / math.hypot(first, second))
-
-
-def both_by_product(p_value: float, again: FoundAgain) -> float:
-    """Probability that chance gives so small a product of ``p_value`` and that of ``again`` (Fisher's method), for what
-    has no size that could weigh the two."""
-    product = max(p_value * again.p_value, 1e-300)
-    return min(1.0, product * (1 - math.log(product)))

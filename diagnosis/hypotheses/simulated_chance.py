@@ -58,7 +58,6 @@ def simulated_chance(
     workers: processes; progress: called after each campaign; store: of finished campaigns, which are not simulated
     again. Returns the tests.
     """
-    candidates = tuple(c for c in problem.candidates if not c.by_run)
     children = np.random.SeedSequence(seed).spawn(draws)
     done = 0
 
@@ -70,7 +69,7 @@ def simulated_chance(
 
     if store is not None:
         store.open()
-    tasks = [(problem.steps, problem.data, null, candidates, child) for child in children]
+    tasks = [(problem.steps, problem.data, null, problem.candidates, child) for child in children]
     jobs = [(task, store, f"campaign_{k}") for k, task in enumerate(tasks)]
     rows = np.array(run_all(_kept_tests, jobs, workers, note))
     return SimulatedChance(rows[:, :2], rows[:, 2])

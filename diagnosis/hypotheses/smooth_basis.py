@@ -65,18 +65,14 @@ def spread_of(values: np.ndarray) -> np.ndarray:
 class SmoothBasis:
     """Smooth functions of variables, whose units and order are taken from trials.
 
-    values: (m, M) of the variables; scale: (m,) length over which a function changes, 0 for a variable that is left
-    out; components: how many of the functions are kept; together: least and most variables of one function.
+    values: (m, M) of the variables; scale: length over which a function changes; components: how many of the functions
+    are kept.
     """
 
-    def __init__(self, values: np.ndarray, scale: np.ndarray, components: int, together: tuple[int, int]) -> None:
+    def __init__(self, values: np.ndarray, scale: float, components: int) -> None:
         rng = np.random.default_rng(0)
         self._centre = values.mean(axis=1)
-        where, self._weight = np.flatnonzero(scale), np.zeros((FEATURES, len(values)))
-        least, most = (min(len(where), n) for n in together)
-        for row in self._weight:
-            chosen = rng.choice(where, int(rng.integers(least, most + 1)), replace=False)
-            row[chosen] = rng.standard_normal(len(chosen)) / scale[chosen]
+        self._weight = rng.standard_normal((FEATURES, len(values))) / scale
         self._phase = rng.uniform(0, 2 * np.pi, FEATURES)
         features = np.cos(self._weight @ (values - self._centre[:, None]) + self._phase[:, None])
         self._mean = features.mean(axis=1)
@@ -88,16 +84,12 @@ class SmoothBasis:
 
     def on(self, known: Forms, name: str, mask: np.ndarray) -> Forms:
         """The functions of the variables ``known``, by ``name`` and number; mask: (K, R) where they exist, else 0."""
-        own = np.flatnonzero(self._weight.any(axis=0))
         angle = self._weight @ (known.values[:, mask] - self._centre[:, None]) + self._phase[:, None]
         found = self._mix @ (np.cos(angle) - self._mean[:, None])
-        steep = -np.sin(angle, out=angle)
         slope = np.zeros((*found.shape, known.gradients.shape[-1]))
-        for v in own:
-            along = known.gradients[v][mask]
-            if along.any():  # the past of an input has none
-                rows = np.flatnonzero(self._weight[:, v])
-                slope += ((self._mix[:, rows] * self._weight[rows, v]) @ steep[rows])[..., None] * along
+        for weight, along in zip(self._weight.T, known.gradients[:, mask], strict=True):
+            if along.any():  # an input has none
+                slope -= ((self._mix * weight) @ np.sin(angle))[..., None] * along
         values, gradients = (np.zeros((len(found), *mask.shape, *x.shape[2:])) for x in (found, slope))
         values[:, mask], gradients[:, mask] = found, slope
         return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)

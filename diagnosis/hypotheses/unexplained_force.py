@@ -58,14 +58,8 @@ class ForceEstimate:
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> np.ndarray:
         """The force (K, R, 3) [N, N, N m] on trials ``data`` with states ``middle`` (K, R, S) of each step."""
-        return self.with_gradient_on(data, middle)[0]
-
-    def with_gradient_on(self, data: GriddedTrials, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The force ``on`` trials ``data`` with states ``middle``, and its derivative (K, R, 3, 6) by the logged
-        states."""
-        forms, unit = self.dictionary.force_forms.on(data, middle), self.dictionary.noise.force
-        force = np.einsum("cm,mkr->krc", self.mean, forms.values) * unit
-        return force, np.einsum("cm,mkrs->krcs", self.mean, forms.gradients) * unit[:, None]
+        forms = self.dictionary.force_forms.on(data, middle)
+        return np.einsum("cm,mkr->krc", self.mean, forms.values) * self.dictionary.noise.force
 
 
 def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:

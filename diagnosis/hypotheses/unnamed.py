@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.linalg import block_diag
 
-from cases.evidence.tails import normal_quantile
 from diagnosis.estimation.dispersion import dispersion, memory_steps
 from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -24,7 +23,6 @@ from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.projection import projected
-from diagnosis.hypotheses.second_sample import EXCESS, NOTHING, FoundAgain, both_by_product
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
@@ -47,11 +45,6 @@ SEEN = 0.01
 DRAWS, LEVEL = 2000, 0.02
 """Draws of the law by chance, and the probability of a false alarm of both tests together (all kinds; the best force
 alone)."""
-LEVEL_AGAIN = 0.005
-"""Probability of a false alarm of both together with what trials that took no part say."""
-LARGE = 5.0
-"""Log Bayes factor beyond chance from which trials that took no part do not speak against a force: what they would show
-of a large one is not linear in its size."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +135,7 @@ class UnnamedForms:
     """What the unnamed forms explain: log Bayes factor of each kind, and of their mixture in equal parts.
 
     single: log Bayes factor of the best force alone, less the log of their number. chance: (draws, 2) both by chance,
-    from the law of the fitted model on these trials; slopes: of the likelihood along all columns; again: what trials
-    that took no part say of the force that these point to.
+    from the law of the fitted model on these trials; slopes: of the likelihood along all columns.
     """
 
     log_bayes: float
@@ -151,7 +143,6 @@ class UnnamedForms:
     single: float
     chance: np.ndarray
     slopes: UnnamedSlopes
-    again: FoundAgain = NOTHING
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
@@ -173,31 +164,12 @@ class UnnamedForms:
 
     @property
     def beyond_chance(self) -> float:
-        """By how much the mixture, or the best force alone, exceeds its limit; where the force is found again in trials
-        that took no part, at least the log likelihood that these gain by it; at most 0 where these exclude it."""
-        here = max(self.log_bayes - self.limit, self.single - self.single_limit)
-        if 0 < here < LARGE and self.again.denies(max(self.log_bayes, self.single)):
-            return 0.0
-        return max(here, 0.5 * self.again.z**2) if self.is_found_again else here
-
-    @property
-    def is_found_again(self) -> bool:
-        """Whether these trials and those that took no part together are beyond chance, where the response on which that
-        hangs can be believed."""
-        shown = max(normal_quantile(self.p_value_here), 1.0)
-        if self.again.expected > EXCESS * shown:
-            return False
-        return self.again.z > 0 and both_by_product(self.p_value_here, self.again) < LEVEL_AGAIN
-
-    @property
-    def p_value(self) -> float:
-        """Probability that chance leaves as much, in these trials or in both."""
-        both = both_by_product(self.p_value_here, self.again) if self.is_found_again else 1.0
-        return min(self.p_value_here, both)
+        """By how much the mixture, or the best force alone, exceeds its limit."""
+        return max(self.log_bayes - self.limit, self.single - self.single_limit)
 
     @cached_property
-    def p_value_here(self) -> float:
-        """Probability that chance leaves as much in these trials: of the smaller probability of the two tests."""
+    def p_value(self) -> float:
+        """Probability that chance leaves as much: of the smaller probability of the two tests."""
         both = np.vstack([self.chance, [self.log_bayes, self.single]])
         rarest = np.minimum(*(_as_large(x) for x in both.T))
         return float((rarest <= rarest[-1]).mean())
@@ -226,15 +198,6 @@ def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, see
     mixture, single, by_kind = slopes.statistics(np.vstack([slopes.g, slopes.by_chance(seed)]))
     here = {kind: float(logs[0]) for kind, logs in by_kind.items()}
     return UnnamedForms(float(mixture[0]), here, float(single[0]), np.stack([mixture[1:], single[1:]], axis=1), slopes)
-
-
-def left_and_limit(steps: TransitionModel, data: GriddedTrials, found: Point) -> tuple[float, float]:
-    """Of ``unnamed_forms`` at a fit ``found``: the log Bayes factor, and what it exceeds hardly by chance.
-
-    steps: the transition model; data: the trials.
-    """
-    rest = unnamed_forms(steps, data, found)
-    return rest.log_bayes, rest.limit
 
 
 def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:

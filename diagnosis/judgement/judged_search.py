@@ -4,36 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection, select_effects
 from diagnosis.hypotheses.left_findings import Chance
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import CERTAIN, both_by_weight
+from diagnosis.hypotheses.second_sample import both_by_weight
 from diagnosis.hypotheses.simulated_chance import SimulatedChance, simulated_chance
-from diagnosis.hypotheses.unexplained_force import estimated_force
-from diagnosis.hypotheses.unnamed import UnnamedForms
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement.matters import runs_differ
-from diagnosis.judgement.on_test_trials import OnTestTrials
 from diagnosis.judgement.possible_size import impossible_size
-from diagnosis.judgement.verdict import confirms, contradicts, decide, supports
+from diagnosis.judgement.verdict import contradicts, decide
 from diagnosis.prepare import Prepared
+from diagnosis.validation.held_out import compare, prediction_errors
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
-
-OTHERS = 2
-"""Searches without the effects whose names were withdrawn."""
 
 
 @dataclass(frozen=True)
 class JudgedSearch:
     """Of a search: the selection, tests of unnamed forces without and with it, the check on test trials, the verdict,
-    and why a name was withdrawn. withdrawn: the search before, whose names were withdrawn, where another came of it;
-    beside: sentences on effects that were left out beside others, for a size that they cannot have."""
+    and why a name was withdrawn. beside: sentences on effects that were left out beside others, for a size that they
+    cannot have."""
 
     found: Selection
     before: UnnamedForms
@@ -42,7 +34,6 @@ class JudgedSearch:
     verdict: str
     reasons: tuple[Message, ...]
     simulated: SimulatedChance | None
-    withdrawn: Selection | None = None
     beside: tuple[Message, ...] = ()
 
     @property
@@ -61,71 +52,29 @@ class JudgedSearch:
 def judged_search(
     ready: Prepared, tests: GriddedTrials | None, options: DiagnosisOptions, progress: OnProgress | None
 ) -> JudgedSearch:
-    """Select effects and judge them. Where values by run are withdrawn, or do not matter, search again with the same in
-    all runs; where a name is withdrawn and something is left, search without it for one that test trials confirm.
+    """Select effects and judge them. Beside a name that the ``tests`` contradict it does not matter what else is left.
 
     ready: the problem and its fit without effects; tests: trials to check on; options: of the diagnosis; progress:
     called as the work goes on. Returns the selection with its verdict.
     """
     p = replace(ready.problem, tests=tests)
-    on_tests = OnTestTrials(p.steps, tests, options.seed) if tests is not None else None
-    before, simulated = _left(p, ready.null), None
+    before, simulated = unnamed_forms(p.steps, p.data, ready.null), None
     if options.bootstrap:
         LOGGER.info(f"simulating {options.bootstrap} campaigns in which nothing is missing")
         store = options.store.part("campaigns") if options.store is not None else None
         simulated = simulated_chance(p, ready.null, options.bootstrap, options.seed, options.workers, progress, store)
         before = replace(before, chance=simulated.unnamed)
-    result = _judged(ready, p, before, simulated, on_tests, options, progress)
-    if result.found.final.free.by_run and not (
-        result.verdict == "named" and runs_differ(p, result.found, tests, result.held)
-    ):
-        LOGGER.info("searching again with the same surroundings in all runs")
-        p = replace(p, candidates=tuple(c for c in p.candidates if not c.by_run))
-        again = _judged(ready, p, before, simulated, on_tests, options, progress)
-        if again.verdict == "named" or result.verdict != "named":
-            result = replace(again, reasons=(*result.reasons, *again.reasons))
-    other = result
-    for _ in range(OTHERS):
-        withdrawn = {c.effect for c in other.found.effects}
-        if other.verdict != "unknown" or not withdrawn or tests is None:
-            break
-        LOGGER.info(f"searching without {' and '.join(sorted(withdrawn))}")
-        p = replace(p, candidates=tuple(c for c in p.candidates if c.effect not in withdrawn))
-        other = _judged(ready, p, before, simulated, on_tests, options, progress)
-        if other.verdict == "named" and other.held is not None and confirms(other.held):
-            return replace(other, reasons=(*result.reasons, *other.reasons), withdrawn=result.found)
-    return result
-
-
-def _judged(
-    ready: Prepared,
-    p: SearchProblem,
-    before: UnnamedForms,
-    simulated: SimulatedChance | None,
-    tests: OnTestTrials | None,
-    options: DiagnosisOptions,
-    progress: OnProgress | None,
-) -> JudgedSearch:
-    """One search and its verdict. Beside a name that the ``tests`` contradict it does not matter what else is left."""
     found, beside = select_effects(p, ready.null, options.seed, options.workers, progress), list[Message]()
-    while len(found.effects) > 1:
-        impossible = impossible_size(ready.full, found.final, found.effects[-1])
-        if not impossible and tests is None:
-            break
-        fewer = found.without_last(p)
-        if impossible:
-            beside.append(Message(f"what is left beside the name acts like {impossible}", "impossible_size"))
-        elif tests is not None:
-            with_it = tests.compare(fewer.final, found.final)
-            if with_it is None or supports(with_it, found):
-                break
-            LOGGER.info(f"{found.effects[-1].label} does not predict the test trials better: left out again")
-        found = fewer
-    held = tests.compare(found.null, found.final) if tests is not None else None
+    while len(found.effects) > 1 and (impossible := impossible_size(ready.full, found.final, found.effects[-1])):
+        beside.append(Message(f"what is left beside the name acts like {impossible}", "impossible_size"))
+        found = found.without_last(p)
+    held = None
+    if tests is not None:
+        without, with_it = (prediction_errors(p.steps, tests, fit) for fit in (found.null, found.final))
+        held = compare(tests, without, with_it, options.seed)
     stands = bool(found.effects) and not (held is not None and contradicts(found, held))
-    after = _left(p, found.final) if stands else before
-    result = _answer(found, (before, after), held, p, simulated)
-    return replace(result, beside=tuple(beside))
+    after = unnamed_forms(p.steps, p.data, found.final) if stands else before
+    return replace(_answer(found, (before, after), held, p, simulated), beside=tuple(beside))
 
 
 def _answer(
@@ -141,12 +90,6 @@ def _answer(
     beyond = before.beyond_chance - p.expected_unnamed_null
     verdict, reasons = decide(found, beyond, after.log_bayes - p.expected_unnamed, after.limit, held)
     result = JudgedSearch(found, before, after, held, verdict, tuple(reasons), simulated)
-    rarest = _rarest(result)
-    if verdict == "none" and not found.effects and rarest < CERTAIN:
-        words = (
-            f"one of the known effects fits better than chance (p = {rarest:.1g}), but does not pay for its parameters"
-        )
-        return replace(result, verdict="unknown", reasons=(*reasons, Message(words, "more_than_chance")))
     if verdict == "named" and simulated is not None and _by_simulation(result) > LEVEL:
         share = f"{_by_simulation(result):.2g}"
         words = f"simulated campaigns without any effect give a candidate as good with probability {share}"
@@ -159,36 +102,3 @@ def _by_simulation(result: JudgedSearch) -> float:
     """Probability that chance gives a candidate as good, by simulated campaigns and the test trials."""
     best, share = result.found.searches[0].best, result.chance.largest_candidate or 0.0
     return min(share, 2 * both_by_weight(share, best.gain, best.again)) if best is not None else share
-
-
-def _left(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """What unnamed forms explain at a ``fit``, and what the test trials say of the force that they point to: with wider
-    priors of the coefficients, where these explain more."""
-    left = _forms(p, fit)
-    if 0 < left.beyond_chance <= p.width(fit).gain:
-        wider = p.with_wider(fit)
-        return left if wider is fit else _forms(p, wider)
-    return left
-
-
-def _forms(p: SearchProblem, fit: Estimate) -> UnnamedForms:
-    """``_left`` with the priors that the ``fit`` has."""
-    left = p.unnamed(fit)
-    if p.tests is None or fit.free.by_run:
-        return left
-    try:
-        return replace(left, again=p.followed(fit, p.tests).force(estimated_force(left)))
-    except (BrokenModelError, np.linalg.LinAlgError):
-        return left
-
-
-def _rarest(result: JudgedSearch) -> float:
-    """Probability that chance gives any candidate, with one value in all runs, what the best has after its refit.
-
-    A score to first order alone does not count: that of an effect with a memory promises gains that no refit finds, and
-    values of all runs add up what each is off by.
-    """
-    refitted = result.found.searches[0].refitted if result.found.searches else ()
-    by_refit = min((r.p_refit for r in refitted if not r.candidate.by_run), default=1.0)
-    by_simulation = result.chance.largest_candidate if result.simulated is not None else None
-    return max(by_refit, by_simulation or 0.0)

@@ -10,7 +10,6 @@ import numpy as np
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import mean_over_windows
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import Selection
@@ -36,18 +35,9 @@ def remainder_matters(p: SearchProblem, found: Selection, tests: GriddedTrials |
     p: the problem; tests: trials that took no part; held: the check on these, None without any: then the trials of
     ``p`` themselves are predicted. Returns True where these hold no whole window either.
     """
-    data, half = (p.data, False) if held is None or tests is None else (tests, found.final.free.by_run)
+    data = p.data if held is None or tests is None else tests
     before, after = _before_and_after(p, found, held)
-    return not after or matters(after, sensor_error(p.steps, data, found.final, half), before)
-
-
-def runs_differ(p: SearchProblem, found: Selection, tests: GriddedTrials | None, held: HeldOut | None) -> bool:
-    """Whether values by run of the effects ``found`` predict better than their means in all runs, by what matters. p,
-    tests, held: as of ``remainder_matters``. Returns True where nothing can be predicted."""
-    same = mean_over_windows(found.final.theta)
-    before, own = _before_and_after(p, found, held)
-    data, half = (p.data, False) if held is None or tests is None else (tests, True)
-    return not own or matters(_mean_error(p.steps, data, same, half), own, before)
+    return not after or matters(after, sensor_error(p.steps, data, found.final), before)
 
 
 def _before_and_after(p: SearchProblem, found: Selection, held: HeldOut | None) -> tuple[float, float]:
@@ -57,17 +47,17 @@ def _before_and_after(p: SearchProblem, found: Selection, held: HeldOut | None) 
     return _mean_error(p.steps, p.data, found.null.theta), _mean_error(p.steps, p.data, found.final.theta)
 
 
-def _mean_error(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, second_half: bool = False) -> float:
+def _mean_error(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> float:
     """Mean squared error of 30 s windows, 0 without any."""
-    windows, _ = errors(steps, data, theta, window_length(steps.ship), second_half)
+    windows, _ = errors(steps, data, theta, window_length(steps.ship))
     return float(windows.mean()) if len(windows) else 0.0
 
 
-def sensor_error(steps: TransitionModel, data: GriddedTrials, fit: Estimate, second_half: bool = False) -> float:
+def sensor_error(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> float:
     """Error of predictions of a flawless model, which begin at noisy rows and are compared with such: of the paths that
-    ``fit`` predicts for the trials ``data``, logged with its noise. steps: the transition model; second_half: of each
-    run only. Returns the mean over windows and draws, 0 where the ship cannot be followed."""
-    theta = mean_over_windows(fit.theta)
+    ``fit`` predicts for the trials ``data``, logged with its noise. steps: the transition model. Returns the mean over
+    windows and draws, 0 where the ship cannot be followed."""
+    theta = fit.theta
     acted = acting(steps, data, theta)
     first = start_states(steps, acted, theta)[:1]
     path = steps.logged(steps.follow(np.repeat(first, len(data.y), axis=0), acted.controls, theta), theta)
@@ -75,4 +65,4 @@ def sensor_error(steps: TransitionModel, data: GriddedTrials, fit: Estimate, sec
         return 0.0
     noise, rng = np.hypot(fit.noise.white, fit.noise.coloured), np.random.default_rng(0)
     drawn = (replace(data, y=path + noise * rng.standard_normal(path.shape)) for _ in range(DRAWS))
-    return float(np.mean([_mean_error(steps, one, theta, second_half) for one in drawn]))
+    return float(np.mean([_mean_error(steps, one, theta) for one in drawn]))

@@ -11,21 +11,20 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import AGREE, Selection
+from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, SHOWN
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 from mmg.states import STATES
 
+AGREE = 0.05
+"""Largest probability of an effect, by the agreement of the runs, with which it is named."""
 CONFIRMING_REDUCTION = 0.1
 """Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05
 """Unexplained-to-explained ratio of log likelihood above which test trials must confirm a name; and where their longer
 predictions become worse. Where test trials show no gain beyond chance at all, nothing may be left unexplained."""
-BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
-"""Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
-alone. A constant error of v, for example, is nearly one of the heading alone."""
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
 """Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
 even if they do."""
@@ -56,9 +55,7 @@ def decide(
     if held is not None and contradicts(found, held):
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     else:
-        reason = _inexact(found, after)
-    if not reason and not (held is not None and confirms(held)):
-        reason = _doubt(found, after, limit, held)
+        reason = "" if held is not None and confirms(held) else _doubt(found, after, limit, held)
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
@@ -74,18 +71,6 @@ def _measures(found: Selection) -> bool:
     """Whether a named effect is one of the instruments. A window of the test trials begins at a logged row, which is
     then itself late or off: only predictions over one step, from a state filtered over the past, tell."""
     return any(c.measures for c in found.effects)
-
-
-def supports(held: HeldOut, found: Selection) -> bool:
-    """Whether test trials speak for the effect found last: with it (``held``: compared with the fit before it) they
-    become more predictable, over windows or surely over single steps. Where single steps gain somewhat, or chance is
-    excluded, the test trials must not surely become less predictable.
-
-    found: the selection with it."""
-    certain = _is_certain(found, found.effects[-1:])
-    maybe = (held.likelihood_gain or 0.0) > 0 or certain
-    worse = _worse(held) and not (certain and _may_be_there(found, found.effects[-1:], held))
-    return held.reduction > 0 or _surely_gains(held) or (maybe and not worse)
 
 
 def _surely_gains(held: HeldOut) -> bool:
@@ -151,25 +136,10 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
     extreme = _at_bound(found)
     if extreme:
         return f"{names} {part}, but only with {extreme} at the end of what is possible"
-    local = [c.effect for c in found.effects if c.by_run]
-    if local and (held is not None or after > limit):
-        return (
-            f"{' and '.join(local)} could differ from run to run and so {part}, but so many parameters need test "
-            "trials that they predict"
-        )
     best = [s.best for s in found.searches if s.best is not None]
     again = {r.candidate for r in best if r.by_others.p_value < SHOWN}  # other trials agree on it
     apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE and c not in again]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
-
-
-def _inexact(found: Selection, after: float) -> str:
-    """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
-    forms = [c for c in found.effects if c.form and not c.by_run]
-    gain, part = _explained(found)
-    if not forms or after <= max(BESIDE_INSTRUMENT_FAULT[0], BESIDE_INSTRUMENT_FAULT[1] * gain):
-        return ""
-    return f"{_names(forms)} {part}, but such a fault leaves little over, and here much is left ({after:.0f})"
 
 
 def _at_bound(found: Selection) -> str:
@@ -213,7 +183,7 @@ def limits(
     training, tests: to check on, held: that check, named: the fit with what was named, None: nothing was. Returns one
     sentence for each reason."""
     rows: list[tuple[str, str]] = []
-    every = [s for s in found.searches[0].scores if not s.candidate.form and not s.candidate.by_run]
+    every = [s for s in found.searches[0].scores if not s.candidate.form]
     quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
         rows.append(("not_excited", f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}"))

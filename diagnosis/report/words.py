@@ -209,8 +209,7 @@ def unnamed_words(d: Findings) -> str:
 
 def amount(effect: NamedEffect) -> str:
     """The parameters of an ``effect`` in words."""
-    parts = [f"{s} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for s, p in effect.parameters.items()]
-    return ", ".join(parts) + (" in the mean, different in each run" if effect.by_run else "")
+    return ", ".join(f"{s} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for s, p in effect.parameters.items())
 
 
 def sentence_of(

@@ -8,12 +8,11 @@ from typing import Protocol
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import Steered, acting
-from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import initial_trajectory, linearised_if_finite
-from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
-from diagnosis.estimation.parameters import Priors, active_states, mean_over_windows
+from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
@@ -56,31 +55,26 @@ def errors(
     data: GriddedTrials,
     theta: np.ndarray,
     length: float,
-    second_half: bool = False,
     begin: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
 
-    steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients, or (all, R); second_half: of
-    each run only; begin: (K + 1, R, S) from ``start_states`` if known. Each window begins at its logged row, STRIDE
-    seconds after the one before. A channel that was not measured does not count.
+    steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S) from
+    ``start_states`` if known. Each window begins at its logged row, STRIDE seconds after the one before. A channel that
+    was not measured does not count.
     """
     data = acting(steps, data, theta)
-    half = half_times(data) if second_half else data.t[0]
     starts: list[tuple[int, int]] = []
     rows, n = round(length / data.h), data.steps_of_sample
     for r, total in enumerate(data.steps.astype(int)):
-        start = min(int(np.searchsorted(data.t[: total + 1, r], half[r])), total)
-        start = min(-(-start // n) * n, total)
-        span = rows or max(total - start, 1)
-        first = range(start, total - span + 1, n * max(1, round(STRIDE / (n * data.h))) if rows else span)
+        span = rows or max(total, 1)
+        first = range(0, total - span + 1, n * max(1, round(STRIDE / (n * data.h))) if rows else span)
         starts += [(k, r) for k in first if data.measured[k, r, 2:].all()]
     if not starts:
         return np.zeros(0), np.zeros(0, dtype=int)
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
     z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0]
-    theta = theta[:, r0] if theta.ndim > 1 else theta
     sigma = scales(float(steps.ship.particulars["L"]))
     along = np.arange(int(count.max()))[:, None]
     at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
@@ -95,7 +89,7 @@ def errors(
 def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
     """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
 
-    steps: what predicts; data: the trials; theta: (all,) or (all, R) coefficients. Lagged states of actuators and
+    steps: what predicts; data: the trials; theta: (all,) coefficients. Lagged states of actuators and
     forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
     data = acting(steps, data, theta)
@@ -104,38 +98,11 @@ def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.n
     carried = np.array([i for i, s in enumerate(names) if "." in s and s.split(".")[0] not in sensors], dtype=int)
     K, R = data.inputs.shape[:2]
     inputs = np.concatenate([data.inputs, data.inputs[-1:]])
-    every = np.tile(theta, (1, K + 1)) if theta.ndim > 1 else theta
-    z = steps.settled(data.y.reshape(-1, 6).T, inputs.reshape((K + 1) * R, -1).T, every).T.reshape(K + 1, R, -1)
+    z = steps.settled(data.y.reshape(-1, 6).T, inputs.reshape((K + 1) * R, -1).T, theta).T.reshape(K + 1, R, -1)
     if not len(carried):
         return z
     logged = np.asarray(data.measured[..., 2:].all(axis=2))
     return steps.follow(z, data.controls, theta, carried, whole=~logged[1:])
-
-
-def half_times(data: GriddedTrials) -> np.ndarray:
-    """Time at which the second half of the run of each window of ``data`` begins, (R,) [s]."""
-    ends = np.array([data.t[n, r] for r, n in enumerate(data.steps)])
-    return np.array([0.5 * (data.t[0, data.run == r].min() + ends[data.run == r].max()) for r in data.run])
-
-
-def with_values_by_run(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
-    """A fit with parameters by run, on other trials: their values follow from the first half of each run.
-
-    steps: the transition model; data: the other trials; found: the fit. The prior of the values is their mean and
-    scatter over the runs of the fit; all else stays. Returns the fit with theta (all, R).
-    """
-    own_columns = [c for c in found.free.columns if c.run is not None]
-    symbols = dict.fromkeys(c.symbol for c in own_columns)
-    values = [np.array([found.value(*c) for c in own_columns if c.symbol == s]) for s in symbols]
-    runs = np.unique(data.run)
-    columns_of = tuple(Column(s, r) for r in runs for s in symbols)
-    mean, std = (np.tile([f(v) for v in values], len(runs)) for f in (np.mean, lambda v: np.std(v) + 1e-9))
-    unbounded = np.full(len(columns_of), np.inf)
-    theta = mean_over_windows(found.theta)
-    first = replace(data, good=data.good & (data.t < half_times(data))[..., None])
-    own = Priors(columns_of, mean, std, -unbounded, unbounded)
-    start = initial_point(steps, first, theta, own, found.noise)
-    return replace(found, theta=estimate(steps, first, start, iterations=6, fixed_noise=True).theta)
 
 
 def window_length(ship: Ship) -> float:
@@ -177,24 +144,16 @@ class PredictionErrors:
     nll: np.ndarray
 
 
-def prediction_errors(
-    steps: TransitionModel, data: GriddedTrials, fit: Estimate, second_half: bool = False
-) -> PredictionErrors | None:
-    """Errors of test trials by a ``fit``; None without a whole window.
-
-    steps: the transition model; data: the test trials; second_half: of each run only, from whose first half values by
-    run follow.
-    """
-    judged = replace(data, good=data.good & (data.t >= half_times(data))[..., None]) if second_half else data
-    fit = with_values_by_run(steps, data, fit) if fit.free.by_run else fit
+def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> PredictionErrors | None:
+    """Errors of test trials ``data`` by a ``fit``; None without a whole window. steps: the transition model."""
     acted = acting(steps, data, fit.theta)  # once, for the lengths
     begin = start_states(steps, acted, fit.theta)
     (windows, run), (whole, _), (step, _) = (
-        errors(steps, acted, fit.theta, t, second_half, begin) for t in (window_length(steps.ship), 0.0, data.h)
+        errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h)
     )
     if not len(windows):
         return None
-    nll = one_step_likelihood(steps, judged, fit)
+    nll = one_step_likelihood(steps, data, fit)
     return PredictionErrors(windows, run, float(whole.mean()), float(step.mean()), nll)
 
 

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
-    "learned", "unexplained_force", "chance", "pattern", "timings", "between",
+    "learned", "unexplained_force", "chance", "timings", "between",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
@@ -46,9 +46,9 @@ BETWEEN = Between(
 def full() -> Diagnosis:
     """A diagnosis with everything in it, a number that is not finite included."""
     d = case("named")
-    by_run = replace(d.effects[0], by_run={"run 1": {"x": 0.1}}, p_value=float("nan"))
+    second = replace(d.effects[0], p_value=float("nan"))
     warnings = (Message("beware of the <tide>.", "tide"),)
-    return replace(d, effects=(*d.effects, by_run), warnings=warnings, learned=LEARNED, between=BETWEEN)
+    return replace(d, effects=(*d.effects, second), warnings=warnings, learned=LEARNED, between=BETWEEN)
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +66,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     content, result = (json.loads((folder / name).read_text()) for name in ("diagnosis.json", "result.json"))
     assert set(content) == KEYS and set(result) == RESULT_KEYS
     assert content["schema_version"] == result["schema_version"] == 1 and result["kind"] == "diagnosis"
-    effect = {"name", "parameters", "p_value", "delta_bic", "absorbed_share"}
-    assert [set(e) for e in content["effects"]] == [effect, effect | {"by_run"}]
+    assert keys_of(content["effects"]) == {"name", "parameters", "p_value", "delta_bic", "absorbed_share"}
     assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
     assert keys_of(content["candidates"]) == {
         "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from", "usual",

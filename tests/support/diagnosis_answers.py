@@ -32,8 +32,8 @@ def a_fit(nll: float) -> Estimate:
 
 def made_up(label: str) -> Candidate:
     """A candidate of this label without parameters."""
-    effect, form = (*label.removesuffix(" by run").split(" "), "")[:2]
-    return Candidate(effect, form, label.endswith(" by run"), (), *4 * [np.zeros(0)])
+    effect, form = (*label.split(" "), "")[:2]
+    return Candidate(effect, form, (), *4 * [np.zeros(0)])
 
 
 def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> RefittedEffect:

@@ -21,7 +21,7 @@ from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.judgement.on_test_trials import OnTestTrials
+from diagnosis.validation.held_out import compare, prediction_errors
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 from tests.support.disturbed_trials import Disturbed, disturbed_trials, process
@@ -211,4 +211,4 @@ def compared(
     steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
 ) -> HeldOut | None:
     """How far the errors of the test trials ``data`` fall from one fit to another."""
-    return OnTestTrials(steps, data, seed).compare(before, after)
+    return compare(data, *(prediction_errors(steps, data, fit) for fit in (before, after)), seed)

@@ -15,7 +15,7 @@ from cases.trial import Trial
 from diagnosis.calibration import freed_effects
 from diagnosis.calibration.freed_effects import effect_tests, with_effect_tests
 from diagnosis.estimation.candidates import find
-from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import prepare
 from fitting.calibrate import FitOptions
 from fitting.record import EffectTest
@@ -62,7 +62,7 @@ def test_the_probability_is_that_of_the_diagnosis_of_the_same_trials() -> None:
     p = ready.problem
     c = find(p.candidates, "rudder_offset")
     with_it = refit(p.steps, p.data, p.base, ready.null, [c], {})
-    gain = p.gained(ready.null, 0, with_it, 1)
+    gain = gained(ready.null, 0, with_it, 1)
     assert np.log(test.p_value) == pytest.approx(-gain, rel=0.15)
     assert test.parameters[SYMBOL].value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
 

@@ -17,7 +17,6 @@ from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import BESIDE_GUSTS, LEAST_FORCE, initial_noise, least_force
 from diagnosis.estimation.residual_checks import with_correlation_time, with_gust_memory
-from diagnosis.hypotheses.force_steadiness import force_steadiness
 from diagnosis.hypotheses.simulated_chance import simulated_trials
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, priors_of, quiet
@@ -137,5 +136,4 @@ def test_what_they_do_is_no_finding() -> None:
     """Without them among the random forces it is one: the likelihood asks for them."""
     steps, (data, found), bare = full_steps(STEP), fitted(True), fitted(False)[1]
     assert found.nll < bare.nll - 20.0
-    assert force_steadiness(steps, data, found).is_random
     assert unnamed_forms(steps, data, found).p_value > 0.02

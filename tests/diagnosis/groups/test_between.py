@@ -82,7 +82,7 @@ def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_say
 def found_of(effect: str, log_bayes: float) -> between.Tested:
     """A difference that was tested, of which nothing but the name and the weight is known."""
     row = GroupDifference(effect, nature(effect), "", "", {}, 0.0, 0, 1.0, log_bayes)
-    return between.Tested(Candidate(effect, "", False, (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
+    return between.Tested(Candidate(effect, "", (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
 
 
 def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:

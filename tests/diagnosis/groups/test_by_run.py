@@ -78,7 +78,7 @@ def coefficient(symbol: str) -> Candidate:
     """A coefficient of the ship as a candidate."""
     c = SHIP.coefficients[symbol]
     sizes = (np.array([x]) for x in (c.value, 0.1 * abs(c.value), c.lower, c.upper))
-    return Candidate(symbol, "", False, (Column(symbol),), *sizes)
+    return Candidate(symbol, "", (Column(symbol),), *sizes)
 
 
 def by_run(candidates: list[Candidate]) -> RunSlopes:

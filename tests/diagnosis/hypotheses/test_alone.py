@@ -75,7 +75,7 @@ def test_finished_columns_are_those_of_some_time_ago() -> None:
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     (problem, found), c = searched(form), candidate_of(form)
     assert found.effects == (c,)
-    row = summary.named_effect(problem, full_model(), found, c)
+    row = summary.named_effect(full_model(), found, c)
     assert row.name == c.effect and set(row.parameters) == set(FORMS[form])
     for k, size in FORMS[form].items():
         got = row.parameters[k]
@@ -92,7 +92,7 @@ def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
 
 
 def test_the_ranking_has_each_effect_once() -> None:
-    ranked = summary.ranking(full_model(), searched("heading_bias alone")[1])
+    ranked = summary.ranking(full_model(), searched("heading_bias alone")[1].searches[0])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"

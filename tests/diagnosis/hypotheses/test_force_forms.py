@@ -1,4 +1,4 @@
-"""Forms of an unnamed force: their gradients, units and the orthogonality of the smooth ones; other ships' inputs."""
+"""Forms of an unnamed force: their gradients and units; other ships' inputs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_forms import COMPONENTS, DAMPING, OF_ONE, OF_PLACE, SWINGS, ForceForms
+from diagnosis.hypotheses.force_forms import DAMPING, OF_ONE, OF_PLACE, SWINGS, ForceForms
 from tests.support.diagnosis_cases import full_steps, pushed_trials
 
 
@@ -37,16 +37,6 @@ def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
         slope = (ends[0] - ends[1]) / 2e-5
         expected = here.gradients[smooth][..., s]
         assert np.abs(expected - slope).max() < 1e-4 * max(np.abs(slope).max(), 1e-3)
-
-
-def test_smooth_forms_are_orthogonal_and_fall_in_size(arranged: tuple) -> None:
-    _, data, middle, forms = arranged
-    every = forms.on(data, middle)
-    values = every.only(tuple(n for n in every.names if n.startswith("smooth"))).values[:, data.inside]
-    gram = values @ values.T / values.shape[1]
-    sizes = np.sqrt(np.diag(gram))
-    assert len(values) == COMPONENTS and sizes[0] == pytest.approx(1.0) and (np.diff(sizes) < 1e-9).all()
-    assert np.abs(gram - np.diag(np.diag(gram))).max() < 1e-9
 
 
 def test_units_are_those_of_the_first_trials(arranged: tuple) -> None:
@@ -76,7 +66,7 @@ def test_each_variable_has_functions_of_it_alone(arranged: tuple) -> None:
         own = every.only(tuple(n for n in every.names if n.startswith(f"{name} alone")))
         assert len(own.names) == OF_ONE and np.abs(own.gradients[..., at]).max() > 0
         assert not np.delete(own.gradients, at, axis=-1).any()
-    families = {"v alone 3": "v alone ", "smooth 2": "smooth ", "uu": ""}
+    families = {"v alone 3": "v alone ", "uu": ""}
     assert {name: forms.family(name) for name in families} == families
 
 

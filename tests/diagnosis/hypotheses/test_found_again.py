@@ -9,16 +9,11 @@ import pytest
 
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.time_limit import OutOfTimeError
 from diagnosis.hypotheses.forward_selection import search
 from diagnosis.hypotheses.found_again import other_trials, same_trials
-from diagnosis.hypotheses.pattern import TESTS, pattern
-from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import NOTHING
-from diagnosis.hypotheses.unexplained_force import estimated_force
-from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
 from tests.support.quick import first_quick
 
@@ -71,25 +66,6 @@ def test_the_trials_themselves_show_what_is_expected_of_a_linear_effect_and_less
     assert linear or best.again.expected < 0.7 * there.expected
 
 
-def test_the_force_of_unnamed_forms_is_found_again_where_it_is_there(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
-) -> None:
-    problem, null = drifting
-    left = unnamed_forms(problem.steps, problem.data, null)
-    force = estimated_force(left)
-    same = other_trials(problem.steps, alike, null).force(force)
-    gone = other_trials(problem.steps, gridded([], 2, problem), null).force(force)
-    assert same.z > 2.5 and abs(gone.z) < 2.5
-    nowhere = replace(force, mean=np.zeros_like(force.mean))
-    assert other_trials(problem.steps, alike, null).force(nowhere) == NOTHING
-    rarer = np.where(np.arange(100) < 5, 1.0, -1.0)  # five of a hundred draws have more: not enough in these alone
-    before = replace(left, chance=np.stack([left.log_bayes + rarer, left.single + rarer], axis=1))
-    assert before.beyond_chance < 0 < replace(before, again=same).beyond_chance
-    assert replace(before, again=same).p_value < 5e-3 < before.p_value
-    steep = replace(same, z=6.0, expected=6.0)  # which these trials would have shown as well
-    assert not replace(before, again=steep).is_found_again and replace(before, again=steep).beyond_chance < 0
-
-
 def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
     drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
 ) -> None:
@@ -102,19 +78,6 @@ def test_the_best_of_a_search_is_looked_for_in_the_test_trials(
     assert alone is not None and alone.again == NOTHING and alone.p_both == alone.p_value
 
 
-def test_sizes_that_test_trials_contradict_part_the_pattern(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials
-) -> None:
-    (problem, null), effect = drifting, candidate("wave_drift")
-    start = dict(zip(effect.columns, (0.45, -0.35), strict=True))
-    fit = refit(problem.steps, problem.data, problem.base, null, [effect], start)
-    opposite = gridded(["wave_drift:x=-0.45,y=0.35"], 2, problem)
-    assert other_trials(problem.steps, alike, fit).differs([effect]) > 0.002
-    assert other_trials(problem.steps, opposite, fit).differs([effect]) < 1e-6
-    assert pattern(problem.steps, problem.data, fit, [effect], alike).parted_by != TESTS
-    assert pattern(problem.steps, problem.data, fit, [effect], opposite).parted_by == TESTS
-
-
 def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
     problem, null = problem_of(pushed_trials(1))
     effect = candidate("fouling")  # one with the resistance
@@ -125,18 +88,3 @@ def test_what_coefficients_make_up_for_is_expected_nowhere() -> None:
     column = 0.5 * effect.typical[0] * null.free.mean[resistance] / null.free.std[resistance]
     made_up = others.effect(effect, phi, np.where(resistance, -float(column[0]), 0.0))
     assert made_up.expected < 0.3 * alone.expected
-
-
-def test_a_pattern_is_found_without_test_trials_that_cannot_be_followed(
-    drifting: tuple[SearchProblem, Estimate], alike: GriddedTrials, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (problem, null), effect = drifting, candidate("wave_drift")
-
-    def late(*_: object) -> None:
-        raise OutOfTimeError("late")
-
-    fit = refit(problem.steps, problem.data, problem.base, null, [effect], {})
-    alone = pattern(problem.steps, problem.data, fit, [effect])
-    monkeypatch.setattr("diagnosis.hypotheses.pattern.other_trials", late)
-    found = pattern(problem.steps, problem.data, fit, [effect], alike)
-    assert found.parted_by == alone.parted_by and found.p_value >= alone.p_value

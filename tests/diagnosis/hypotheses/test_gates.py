@@ -18,7 +18,6 @@ from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import (
-    AGREE,
     IMMATERIAL,
     NEUTRAL,
     RefittedEffect,
@@ -31,6 +30,7 @@ from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, 
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN
 from diagnosis.hypotheses.unnamed import unnamed_forms
+from diagnosis.judgement.verdict import AGREE
 from tests.support.diagnosis_cases import full_steps, problem_of, pushed_by, pushed_trials, short_data
 
 H = 1.0
@@ -40,7 +40,7 @@ NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
 def candidate(name: str, degrees: int = 1, neutral: float = 0.0) -> Candidate:
     zero = np.zeros(degrees)
     columns = tuple(Column(f"{name}.{j}") for j in range(degrees))
-    return Candidate(name, "", False, columns, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
+    return Candidate(name, "", columns, zero + neutral, zero + 1.0, zero - np.inf, zero + np.inf)
 
 
 def fit_of(effects: Sequence[Candidate], nll: float, values: Sequence[float] | None = None) -> Estimate:
@@ -102,7 +102,7 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> Fits:
         return fit_of(effects, made.nll["".join(names)])
 
     monkeypatch.setattr(hypotheses, "refit", refitted)
-    monkeypatch.setattr(SearchProblem, "gained", lambda self, fewer, kept, more, every: fewer.nll - more.nll)
+    monkeypatch.setattr(hypotheses, "gained", lambda fewer, kept, more, every: fewer.nll - more.nll)
     monkeypatch.setattr(hypotheses, "wald_p", lambda found, effect: made.wald.get(effect.label, 1e-9))
     monkeypatch.setattr(SearchProblem, "without", lambda self, found, kept: found)
     return made

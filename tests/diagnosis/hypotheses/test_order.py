@@ -14,37 +14,32 @@ from diagnosis.hypotheses.score_test import Slopes
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
 
-def candidate(name: str, by_run: bool = False) -> Candidate:
-    return Candidate(name, "", by_run, (), *4 * [np.zeros(0)])
+def candidate(name: str) -> Candidate:
+    return Candidate(name, "", (), *4 * [np.zeros(0)])
 
 
-def row(name: str, p: float, degrees: int = 1, T: float = 10.0, by_run: bool = False) -> ScoreTest:
-    return ScoreTest(
-        candidate(name, by_run), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees)
-    )
+def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> ScoreTest:
+    return ScoreTest(candidate(name), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees))
 
 
-def tried(name: str, delta_bic: float, drop: float = 5.0, by_run: bool = False) -> RefittedEffect:
-    return RefittedEffect(candidate(name, by_run), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
+def tried(name: str, delta_bic: float, drop: float = 5.0) -> RefittedEffect:
+    return RefittedEffect(candidate(name), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
 
 
 def names(rows: list[RefittedEffect], scores: list[ScoreTest]) -> list[str]:
     return [t.candidate.label for t in hypotheses.in_order(rows, {s.candidate: s for s in scores})]
 
 
-BY_RUN = candidate("current", by_run=True).label
-SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9), row("current", 1e-6, 8, by_run=True)]
+SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9)]
 
 
 def test_where_one_gains_clearly_the_refits_decide() -> None:
-    rows = [tried("tow", 2.0), tried("draft", CLEAR + 1), tried("current", 3.0, by_run=True)]
-    assert names(rows, SCORES) == ["draft", BY_RUN, "tow"]
+    assert names([tried("tow", 2.0), tried("draft", CLEAR + 1)], SCORES) == ["draft", "tow"]
 
 
 def test_where_none_does_the_probabilities_of_the_score_test_decide() -> None:
-    """An effect with three parameters pays three times in BIC; what differs by run comes last."""
-    rows = [tried("draft", CLEAR - 1), tried("tow", -2.0), tried("current", 8.0, by_run=True)]
-    assert names(rows, SCORES) == ["tow", "draft", BY_RUN]
+    """An effect with three parameters pays three times in BIC."""
+    assert names([tried("draft", CLEAR - 1), tried("tow", -2.0)], SCORES) == ["tow", "draft"]
 
 
 @pytest.mark.parametrize(("drop", "place"), [(12.0, 0), (0.1, 2)])
@@ -57,15 +52,13 @@ def test_nothing_is_put_in_order_of_nothing() -> None:
     assert names([], SCORES) == []
 
 
-def test_the_most_probable_are_refitted_and_by_run_only_what_pays_by_bic(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_most_probable_are_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, null = problem_of(pushed_trials(1))
     scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]  # three parameters each: none pays by BIC
-    cheap = row("e0", 1e-12, 8, T=90.0, by_run=True)
-    dear = row("e1", 1e-11, 8, T=20.0, by_run=True)
     monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), np.zeros(0), np.zeros((0, 0)), np.zeros(0)))
-    monkeypatch.setattr(hypotheses, "score_tests", lambda *args: [cheap, dear, *scores, row(CURVED[0], 0.9, T=0.1)])
+    monkeypatch.setattr(hypotheses, "score_tests", lambda *args: [*scores, row(CURVED[0], 0.9, T=0.1)])
     monkeypatch.setattr(hypotheses, "refit_task", lambda task: RefittedEffect(task[3].candidate, None, 5.0, 0.0, 0.01))
     monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, *more: [f(t) for t in tasks])
     asked = {t.candidate.label for t in search(replace(problem, candidates=()), null, []).refitted}
-    assert asked >= {cheap.candidate.label, CURVED[0], *(f"e{i}" for i in range(SHORT))}
+    assert asked >= {CURVED[0], *(f"e{i}" for i in range(SHORT))}
     assert not asked & {f"e{i}" for i in range(SHORT, 8)}

@@ -39,7 +39,7 @@ def made_up(count: int = 6, seed: int = 0) -> tuple[list[Candidate], np.ndarray]
         zero, one = np.zeros(d), np.ones(d)
         lower = zero if i >= count - 2 else -5 * one
         columns = tuple(Column(f"e{i}.{j}") for j in range(d))
-        candidates.append(Candidate(f"e{i}", "", False, columns, zero, one, lower, 5 * one))
+        candidates.append(Candidate(f"e{i}", "", columns, zero, one, lower, 5 * one))
     A = np.random.default_rng(seed).standard_normal((total, total))
     return candidates, A @ A.T + 0.5 * np.eye(total)
 

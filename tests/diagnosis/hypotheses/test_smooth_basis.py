@@ -24,8 +24,7 @@ def values() -> np.ndarray:
 
 def test_functions_are_orthogonal_and_fall(values: np.ndarray) -> None:
     flat = values.reshape(3, -1)
-    basis = SmoothBasis(flat, spread_of(flat), 12, (1, 3))
-    found = basis.on(known(values), "smooth", EVERY)
+    found = SmoothBasis(flat, 1.4, 12).on(known(values), "smooth", EVERY)
     gram = found.values.reshape(12, -1) @ found.values.reshape(12, -1).T / flat.shape[1]
     assert found.names[0] == "smooth 1" and np.abs(gram - np.diag(np.diag(gram))).max() < 1e-9
     assert np.diag(gram)[0] == pytest.approx(1.0) and (np.diff(np.diag(gram)) <= 1e-9).all()
@@ -33,7 +32,7 @@ def test_functions_are_orthogonal_and_fall(values: np.ndarray) -> None:
 
 def test_slopes_are_those_of_finite_differences(values: np.ndarray) -> None:
     flat = values.reshape(3, -1)
-    basis = SmoothBasis(flat, 0.5 * spread_of(flat), 8, (1, 2))
+    basis = SmoothBasis(flat, 0.7, 8)
     small = 1e-6 * np.array([1.0, 0.0, 0.0])[:, None, None]
     ends = [basis.on(known(values + sign * small), "smooth", EVERY).values for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / 2e-6
@@ -44,9 +43,9 @@ def test_slopes_are_those_of_finite_differences(values: np.ndarray) -> None:
 def test_waves_of_one_variable_are_spanned(values: np.ndarray, waves: float) -> None:
     """As of an engine map: up to three of them over the range of the variable."""
     flat = values.reshape(3, -1)
-    scale = np.where(np.arange(3) == 1, 0.35 * spread_of(flat), 0.0)
-    found = SmoothBasis(flat, scale, 8, (1, 1)).on(known(values), "one", EVERY).values.reshape(8, -1)
-    wave = np.sin(2 * np.pi * waves * flat[1] / 5.0)
+    one = SmoothBasis(flat[:1], 0.35 * spread_of(flat)[0], 8)
+    found = one.on(known(values[:1]), "one", EVERY).values.reshape(8, -1)
+    wave = np.sin(2 * np.pi * waves * flat[0] / 5.0)
     wave -= wave.mean()
     left = wave - np.linalg.lstsq(found.T, wave, rcond=None)[0] @ found
     assert (left**2).mean() < 0.1 * (wave**2).mean()
@@ -59,7 +58,7 @@ def test_what_does_not_change_has_no_function() -> None:
 def test_there_are_no_functions_where_nothing_is(values: np.ndarray) -> None:
     flat, some = values.reshape(3, -1), EVERY.copy()
     some[30:] = False
-    basis = SmoothBasis(flat, spread_of(flat), 8, (1, 2))
+    basis = SmoothBasis(flat, 1.4, 8)
     every, part = (basis.on(known(values), "smooth", mask) for mask in (EVERY, some))
     np.testing.assert_array_equal(part.values[:, :30], every.values[:, :30])
     assert not part.values[:, 30:].any() and not part.gradients[:, 30:].any()

@@ -10,16 +10,12 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import priors_of_effects
-from diagnosis.estimation.prior_width import MOST
 from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
-from diagnosis.judgement.believable import ANOTHER, believed, beyond_reported, deviations, width_by_size
+from diagnosis.judgement.believable import believed, beyond_reported, deviations
 from diagnosis.judgement.judged_search import JudgedSearch
-from diagnosis.prepare import InputReading
 from mmg.errors import Missing, TooFewData
-from mmg.messages import has_code
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
 from tests.support.diagnosis_cases import FEW, candidate, pushed_trials
 
@@ -68,28 +64,6 @@ def test_a_name_that_leaves_a_ship_far_off_unexplained_needs_test_trials() -> No
     assert believed(judged("named", off(null, 3.5), final, left=2.0), ready())[0] == "named"
 
 
-@pytest.mark.parametrize(("size", "verdict"), [(0.7, "named"), (1.3, "unknown")])
-def test_coefficients_are_another_ships_only_if_their_sizes_say_so_too(size: float, verdict: str) -> None:
-    """The trials determine them by a tenth: their pull promises much from priors four times
-    as wide, while the coefficients have hardly moved."""
-    null = off(ready().null)
-    final = replace(null, p=np.full(len(null.p), size), covariance=0.9 * np.eye(len(null.p)))
-    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
-    assert prepared.problem.width(final, MOST).factor > ANOTHER
-    assert width_by_size(final) == pytest.approx(size * np.sqrt(len(null.p)))  # as of one that is determined
-    found, reasons, _ = believed(judged("named", null, final), prepared)
-    assert found == verdict and has_code(reasons, "not_described") == (verdict == "unknown")
-
-
-@pytest.mark.parametrize(("size", "verdict"), [(1.5, "none"), (4.0, "unknown")])
-def test_coefficients_more_than_twice_as_far_off_as_stated_are_not_nothing(size: float, verdict: str) -> None:
-    null = off(ready().null)
-    final = replace(null, p=np.full(len(null.p), size), covariance=0.5 * np.eye(len(null.p)))
-    prepared = replace(ready(), problem=replace(ready().problem, factor=1.0))
-    found, reasons, _ = believed(judged("none", null, final), prepared)
-    assert found == verdict and has_code(reasons, "not_described") == (verdict == "unknown")
-
-
 def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
     null = off(ready().null, 8.0)
     symbol, std = null.free.symbols[0], null.free.std[0]
@@ -97,42 +71,6 @@ def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
     wider = ship.with_coefficients({symbol: ship.coefficients[symbol].with_(prior_std=4 * std, prior_value=0.0)})
     assert deviations(null, ship)[symbol] == pytest.approx(8.0)
     assert deviations(null, wider)[symbol] == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize(
-    ("sample", "tau", "gain", "verdict"),
-    [(0.5, 0.27, 3.0, "unknown"), (0.5, 0.27, None, "named"), (0.5, 0.6, 3.0, "named"), (0.1, 0.04, 3.0, "named")],
-)
-def test_a_delay_of_half_a_sample_is_no_name(sample: float, tau: float, gain: float | None, verdict: str) -> None:
-    p, delay = ready().problem, candidate("control_delay")
-    own = priors_of_effects([delay], 1.0)
-    null = off(ready().null)
-    free = null.free + own
-    covariance = np.diag([*np.zeros(len(null.p)), (0.03 / own.std[0]) ** 2])
-    at = (tau - own.mean[0]) / own.std[0]
-    final = replace(null, free=free, p=np.array([*null.p, at]), covariance=covariance)
-    result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
-    reading = InputReading(True, gain, sample, 3.0)
-    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=sample)), reading=reading)
-    found, reasons, _ = believed(result, prepared)
-    assert found == verdict and [m.code for m in reasons] == ["half_a_sample"] * (verdict == "unknown")
-    held = replace(prepared, reading=replace(reading, straight=False))  # joined, the delay would be longer still
-    assert believed(result, held)[0] == "named"
-
-
-@pytest.mark.parametrize(("tau", "verdict"), [(0.003, "none"), (-0.015, "none"), (0.03, "named")])
-def test_a_delay_within_the_clock_of_the_log_is_none(tau: float, verdict: str) -> None:
-    p, delay, null = ready().problem, candidate("gnss_delay"), off(ready().null)
-    own = priors_of_effects([delay], 1.0)
-    at = np.array([(tau - own.mean[0]) / own.std[0], *np.zeros(len(own.std) - 1)])
-    size = len(null.p) + len(at)
-    final = replace(null, free=null.free + own, p=np.array([*null.p, *at]), covariance=1e-8 * np.eye(size))
-    result = replace(judged("named", null, final), found=Selection((delay,), null, final, ()))
-    prepared = replace(ready(), problem=replace(p, data=replace(p.data, sample=0.2)))
-    found, reasons, sentence = believed(result, prepared)
-    assert (found, sentence) == (verdict, "") and [m.code for m in reasons] == ["name_withdrawn"] * (verdict == "none")
-    both = replace(result, found=replace(result.found, effects=(delay, candidate("current"))))
-    assert believed(both, prepared)[0] == "named"
 
 
 def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
@@ -158,20 +96,6 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
     assert list(parted(roles, [], "role")[0]) == roles
     stores = [diagnosis_store(tmp_path, FEW, trials, [], DiagnosisOptions(), "") for trials in ([first, second], roles)]
     assert stores[0].about != stores[1].about, "parts of one would be resumed by the other"
-
-
-def test_nothing_is_said_to_be_there_where_outliers_hide_it() -> None:
-    """One outlier in many trials decides no noise; one in a hundred samples does. A name stands in spite of them."""
-    trial = pushed_trials(1, runs=RUNS)[0]
-    null, u = off(ready().null), trial["u"].copy()
-    u[20::100] += 3.0
-    spiky = [replace(trial, columns={**trial.columns, "u": u})]
-    for trials, verdict in ((spiky + [trial] * 20, "none"), (spiky, "unknown")):
-        found, reasons, sentence = believed(judged("none", null, null), ready(), trials)
-        assert found == verdict and bool(sentence) == (verdict == "unknown")
-        assert [m.code for m in reasons] == ["spikes"] * (verdict == "unknown")
-    found, reasons, sentence = believed(judged("named", null, off(null, 2.0)), ready(), spiky)
-    assert (found, sentence) == ("named", "") and [m.code for m in reasons] == ["spikes"]
 
 
 @pytest.mark.parametrize(("share", "std", "said"), [(1.5, 0.2, True), (1.5, 0.3, False), (0.9, 0.01, False)])

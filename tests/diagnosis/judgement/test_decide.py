@@ -10,10 +10,10 @@ import pytest
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import AGREE, Search, Selection
+from diagnosis.hypotheses.forward_selection import Search, Selection
 from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, FoundAgain
 from diagnosis.judgement.verdict import (
-    BESIDE_INSTRUMENT_FAULT,
+    AGREE,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,
@@ -21,25 +21,9 @@ from diagnosis.judgement.verdict import (
     STRICT_RATIO,
     UNEXPLAINED_RATIO,
     decide,
-    supports,
 )
 from mmg.messages import has_code
 from tests.support.diagnosis_answers import LIMIT, a_fit, found_with, held, made_up, tried
-
-
-@pytest.mark.parametrize(
-    ("test", "expected"),
-    [
-        (held(0.01, (-0.1, 0.1), 0.5, (-2.0, 3.0)), True),
-        (held(-0.07, (-0.1, -0.02), 0.5, (-2.0, 3.0)), False),
-        (held(-0.07, (-0.1, -0.02), 9.0, (2.0, 16.0)), True),
-        (held(-0.01, (-0.1, 0.1), 9.0, None), False),
-        (held(-0.01, (-0.1, 0.1), 0.5, (-2.0, 3.0)), True),
-        (held(-0.01, (-0.1, 0.1), -0.5, (-3.0, 2.0)), False),
-    ],
-)
-def test_a_further_effect_must_predict_test_trials_better(test: HeldOut, expected: bool) -> None:
-    assert supports(test, found_with(12.0, "bank")) is expected
 
 
 def test_nothing_named_is_none_or_unknown_by_the_dictionary() -> None:
@@ -133,16 +117,6 @@ def test_where_test_trials_show_no_gain_at_all_nothing_may_be_left_without_a_nam
         assert decide(found_with(100.0, "hull_memory"), 99.0, 0.9 * LIMIT, LIMIT, test)[0] == "named"
 
 
-def test_a_fault_of_one_instrument_alone_leaves_little_over() -> None:
-    """Whatever the test trials say: they have the same fault, and a neighbour of it predicts them better, too."""
-    support = held(0.3, (0.1, 0.4), 20.0, (5.0, 30.0))
-    for drop, left in ((30.0, BESIDE_INSTRUMENT_FAULT[0]), (200.0, 200.0 * BESIDE_INSTRUMENT_FAULT[1])):
-        for test in (None, support):
-            assert decide(found_with(drop, "heading_bias alone"), 99.0, left - 0.1, LIMIT, test)[0] == "named"
-            assert decide(found_with(drop, "heading_bias alone"), 99.0, left + 0.1, LIMIT, test)[0] == "unknown"
-        assert decide(found_with(drop, "heading_bias"), 99.0, left + 0.1, LIMIT, support)[0] == "named"
-
-
 def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
     verdict, reasons = decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, LIMIT, None)
     assert verdict == "unknown" and has_code(reasons, "name_withdrawn")
@@ -150,23 +124,6 @@ def test_a_name_on_which_the_runs_do_not_agree_is_withdrawn() -> None:
     assert decide(found_with(12.0, "bank", p=0.9 * AGREE), 9.0, -1.0, LIMIT, None)[0] == "named"
     support = held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0))
     assert decide(found_with(12.0, "bank", p=1.1 * AGREE), 9.0, -1.0, LIMIT, support)[0] == "named"
-
-
-@pytest.mark.parametrize(
-    ("after", "test", "verdict"),
-    [
-        (-1.0, None, "named"),
-        (2 * LIMIT, None, "unknown"),
-        (-1.0, held(0.01, (-0.1, 0.1), 3.0, (1.0, 5.0)), "unknown"),
-        (2 * LIMIT, held(2 * CONFIRMING_REDUCTION, (0.01, 0.2), 3.0, (1.0, 5.0)), "named"),
-    ],
-)
-def test_an_effect_with_values_of_its_own_in_each_run_needs_support(
-    after: float, test: HeldOut | None, verdict: str
-) -> None:
-    found, reasons = decide(found_with(40.0, "current by run"), 9.0, after, LIMIT, test)
-    assert found == verdict and bool(reasons) == (verdict == "unknown")
-    assert all("current" in reason for reason in reasons)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +161,6 @@ def test_a_name_that_no_chance_explains_must_surely_be_contradicted(test: HeldOu
     assert decide(replace(name, searches=(unsure,)), 9.0, -1.0, LIMIT, test)[0] == "unknown"
     two = replace(found_with(12.0, "bank", "fouling"), searches=(unsure, sure))
     assert decide(two, 9.0, -1.0, LIMIT, test)[0] == "unknown"
-    assert supports(test, two) == (verdict == "named" or test.reduction > 0)
 
 
 @pytest.mark.parametrize(
@@ -225,8 +181,6 @@ def test_test_trials_contradict_a_certain_name_where_they_exclude_it_or_cannot_b
     best = replace(tried("fouling", 43.0, 1e-11), again=again)
     found = replace(found_with(12.0, "fouling"), searches=(Search((), (best,), a_fit(100.0)),))
     assert decide(found, 9.0, -1.0, LIMIT, test)[0] == verdict
-    two = replace(found, effects=(made_up("bank"), *found.effects))
-    assert supports(test, two) is (verdict == "named")
 
 
 @pytest.mark.parametrize(

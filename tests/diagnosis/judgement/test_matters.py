@@ -1,5 +1,5 @@
-"""What is left beside a name, or differs between runs, counts by what it does to predictions: in trials without random
-forces every rounding is significant."""
+"""What is left beside a name counts by what it does to predictions: in trials without random forces every rounding is
+significant."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ import pytest
 
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.hypotheses.left_findings import Pattern
-from diagnosis.inputs import DiagnosisOptions
-from diagnosis.judgement import judged_search, left_over
+from diagnosis.judgement import left_over
 from diagnosis.judgement.judged_search import JudgedSearch
-from diagnosis.judgement.matters import LEAST_SHARE, matters, remainder_matters, runs_differ, sensor_error
+from diagnosis.judgement.matters import LEAST_SHARE, matters, remainder_matters, sensor_error
 from diagnosis.judgement.verdict import limits
 from diagnosis.validation.held_out import WINDOW, errors
 from mmg.messages import Message
@@ -74,42 +72,6 @@ def test_without_a_whole_window_to_predict_a_remainder_stays() -> None:
     assert remainder_matters(problem, Selection((candidate("current"),), null, null, ()), None, None)
 
 
-@pytest.mark.parametrize(("currents", "expected"), [((0.05, 0.0502, 0.0499), False), ((0.05, 0.0, -0.03), True)])
-def test_runs_differ_where_the_mean_of_their_values_predicts_worse(currents: tuple[float, ...], expected: bool) -> None:
-    trials = [
-        pushed_trials(5 + i, [f"current:x={x},y=0.0"], (run,), how=silent())[0]
-        for i, (x, run) in enumerate(zip(currents, LONG, strict=True))
-    ]
-    trials = [replace(t, name=f"run {i}") for i, t in enumerate(trials)]
-    problem, null = problem_of(trials, 0.5)
-    theta = np.repeat(problem.steps.ship.values[:, None], 3, axis=1)
-    theta[problem.steps.ship.symbols.index("current.x")] = currents
-    by_run = candidate("current").in_each([0, 1, 2])
-    found = Selection((by_run,), null, replace(null, theta=theta), ())
-    assert runs_differ(problem, found, None, None) is expected
-
-
-@pytest.mark.parametrize("differ", [True, False])
-def test_values_by_run_that_do_not_matter_are_searched_again_as_one(
-    differ: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    prepared = ready()
-    one = candidate("current")
-    each = one.in_each([0, 1])
-    p = replace(prepared.problem, candidates=(one, each))
-
-    def found(problem: object, *_: object) -> Selection:
-        named = max(problem.candidates, key=lambda c: c.by_run)  # type: ignore[attr-defined]
-        free = replace(prepared.null.free, columns=(*prepared.null.free.columns[:-1], named.columns[0]))
-        return Selection((named,), prepared.null, replace(prepared.null, free=free, nll=prepared.null.nll - 90.0), ())
-
-    monkeypatch.setattr(judged_search, "select_effects", found)
-    monkeypatch.setattr(judged_search, "runs_differ", lambda *_: differ)
-    monkeypatch.setattr(judged_search, "impossible_size", lambda *_: "")
-    result = judged_search.judged_search(replace(prepared, problem=p), None, DiagnosisOptions(), None)
-    assert result.verdict == "named" and [c.by_run for c in result.found.effects] == [differ]
-
-
 @pytest.mark.parametrize("size", [True, False])
 def test_what_does_not_matter_is_no_remainder_and_nothing_is_said_of_it(
     size: bool, monkeypatch: pytest.MonkeyPatch
@@ -122,10 +84,10 @@ def test_what_does_not_matter_is_no_remainder_and_nothing_is_said_of_it(
     result = JudgedSearch(
         Selection((candidate("current"),), null, null, ()), unnamed, unnamed, None, "named", (), None, beside=beside
     )  # type: ignore[arg-type]
-    remainder, said = left_over.left_over(ready(), result, null, None, Pattern(1e-9, "run"))
+    remainder, said = left_over.left_over(ready(), result, null, None, True)
     assert remainder is size
-    assert [m.code for m in said] == ["oscillating_residuals", "impossible_size", "pattern"] * size
-    nothing, words = left_over.left_over(ready(), result, null, None, None)
+    assert [m.code for m in said] == ["oscillating_residuals", "impossible_size"] * size
+    nothing, words = left_over.left_over(ready(), result, null, None, False)
     assert not nothing and [m.code for m in words] == ["oscillating_residuals"]
 
 
