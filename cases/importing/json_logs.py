@@ -14,7 +14,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, Compass, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, Heard, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, Conflict
@@ -27,6 +27,8 @@ PATHS = {
     "navigation.courseOverGroundTrue": Meaning("cog", "rad"),
     "navigation.speedOverGround": Meaning("sog", "m/s"),
     "navigation.headingTrue": Meaning("psi", "rad"),
+    "navigation.headingMagnetic": Meaning("heading_magnetic", "rad"),
+    "navigation.magneticVariation": Meaning("variation", "rad"),
     "navigation.rateOfTurn": Meaning("r", "rad/s"),
     "steering.rudderAngle": Meaning("delta", "rad"),
     "environment.wind.speedApparent": Meaning("apparent_wind_speed", "m/s"),
@@ -38,7 +40,6 @@ PATHS = {
     "environment.wind.angleTrueWater": Meaning("", "rad", f"true_wind_angle {OVER_WATER}"),
 }
 """Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard."""
-MAGNETIC = {"navigation.headingMagnetic": "psi", "navigation.courseOverGroundMagnetic": "cog"}
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
 
@@ -110,7 +111,6 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
     ships = Counter(context for context, *_ in values)
     own = own if own in ships else _own_ship(path, values, ships)
     kept = [value[1:] for value in values if value[0] == own]
-    compass = Compass([(t, v) for t, p, _, v in kept if p == "navigation.magneticVariation"], "rad", chosen)
     heard, gears, others = Heard(), dict[str, str](), Counter[str]()
     for t, name, source, value in kept:
         header = f"{name} ({source})"
@@ -119,14 +119,11 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
         elif engine := REVOLUTIONS.fullmatch(name):
             astern = gears.get(engine[1]) == "reverse" and isinstance(value, int | float)
             heard.say(header, t, header, -value if astern else value, Meaning("", "Hz", ENGINE))
-        elif name in MAGNETIC:
-            compass.say(heard, header, t, MAGNETIC[name], value)
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
-            heard.say(at, t, header, value, PATHS[name])
+            heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
         else:
             others[name] += 1
-    compass.check(path, heard)
     accounts = [Account(name, count, (), NOT_READ) for name, count in others.items()]
     accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own]
     said = [Message(f"Signal K: {len(kept)} values of {own or 'the own ship'}", "signal_k")]

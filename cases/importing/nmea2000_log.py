@@ -6,7 +6,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, Compass, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, Heard, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, NotInstalled
@@ -34,21 +33,26 @@ UNTIMED = re.compile(r"\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A
 """A line of candump without its option -L or -t."""
 DAY = 86400.0
 """Seconds."""
-READ = (127245, 127250, 127251, 127258, 127488, 127493, 129025, 129026, 129029, 130306)
-"""Groups of parameters that are read."""
-OVER_WATER = "over the water, where there is no current"
-WIND = {
-    "True (ground referenced to North)": {"windSpeed": Meaning("wind_speed"), "windAngle": Meaning("wind_direction")},
-    "Apparent": {
-        "windSpeed": Meaning("apparent_wind_speed"), "windAngle": Meaning("apparent_wind_direction"),
-    },
-    "True (boat referenced)": {"windSpeed": Meaning("wind_speed"), "windAngle": Meaning("true_wind_angle")},
-    "True (water referenced)": {
-        "windSpeed": Meaning("", may_be=f"wind_speed ({OVER_WATER}) or nothing"),
-        "windAngle": Meaning("", may_be=f"true_wind_angle ({OVER_WATER}) or nothing"),
-    },
+PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
+FIELDS = {
+    127245: (("position", "delta", "angle"),), 127250: (("heading", "psi", "angle"), ("variation", "variation", "angle")),
+    127251: (("rate", "r", "rate"),), 127258: (("variation", "variation", "angle"),),
+    127488: (("speed", "", "shaft"),), 127493: (), 129025: PLACE, 129029: PLACE,
+    129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),
+    130306: (("windSpeed", "", "m/s"), ("windAngle", "", "angle")),
 }  # fmt: skip
-"""Reference of 130306 -> what speed and angle are, or may be."""
+"""Groups of parameters that are read: fields, what they are ("" where another field says it), and their units."""
+WIND = {
+    "True (ground referenced to North)": ("wind_speed", "wind_direction"),
+    "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
+    "True (boat referenced)": ("wind_speed", "true_wind_angle"),
+}
+"""Reference of 130306 -> what speed and angle are."""
+OVER_WATER = {
+    "windSpeed": "wind_speed (over the water, where there is no current) or nothing",
+    "windAngle": "true_wind_angle (over the water, where there is no current) or nothing",
+}
+"""What they may be where the reference is the water."""
 SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
 STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
 UNKNOWN = dict.fromkeys(SI, "")
@@ -86,14 +90,14 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
         elif found[3] is not None:
             absolute &= found[0] > DAY
             messages.append(found)
-        elif found[1] not in READ:
+        elif found[1] not in FIELDS:
             others[str(found[1])] += 1
     t = np.array([message[0] for message in messages])
     if not absolute:
         t = t + DAY * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * DAY)
     elif chosen.zone_hours and not lines[0].lstrip().startswith("("):  # candump writes seconds since 1970
         t = t - 3600.0 * chosen.zone_hours
-    heard = _heard(path, t, messages, units, chosen)
+    heard = _heard(t, messages, units)
     accounts = [Account(pgn, count, (), NOT_READ) for pgn, count in others.items()]
     said = [Message(f"NMEA 2000: {len(messages)} messages that are read", "nmea2000")]
     if damaged:
@@ -149,7 +153,7 @@ def _of_line(line: str, decode: Callable[[str, str], Any]) -> Found | None:
             identifier, data = "", f"6,{pgn},{source},255,{data.count(',') + 1},{data}"
         else:
             return None
-        message = decode(identifier, data) if pgn in READ else None
+        message = decode(identifier, data) if pgn in FIELDS else None
     except (ValueError, OverflowError, LookupError, ArithmeticError):
         return None
     return when, pgn, source, None if message is None else {f.id: f.value for f in message.fields}
@@ -167,56 +171,38 @@ def _of_json(line: str) -> tuple[Found | None, dict[str, str] | None]:
             first, *rest = re.findall(r"\w+", name)
             value = value.get("name", value.get("value")) if isinstance(value, dict) else value
             fields[first.lower() + "".join(word.capitalize() for word in rest)] = value
-        return (seconds_of_stamp(stamp), pgn, source, fields if pgn in READ else None), None
+        return (seconds_of_stamp(stamp), pgn, source, fields if pgn in FIELDS else None), None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return None, None
 
 
-def _heard(path: Path, t: np.ndarray, messages: list[Found], units: dict[str, str], chosen: ImportMap) -> Heard:
+def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard:
     """What the ``messages`` (N) say at the times t (N,) [s], in these ``units``."""
     heard, gears = Heard(), dict[Any, Any]()
-    timed = [(when, *message[1:]) for when, message in zip(t.tolist(), messages, strict=True)]
-    variations = [(when, fields.get("variation")) for when, pgn, _, fields in timed if pgn == 127258]
-    compass = Compass(variations, units["angle"], chosen)
-    for when, pgn, source, fields in timed:
-        name, instance = f"{pgn} (source {source})", fields.get("instance")
-        if pgn in (129025, 129029) and fields.get("method") not in ("no GNSS", 0):
-            for field in ("latitude", "longitude"):
-                means = Meaning(field, "deg")
-                heard.say(name, when, f"{name} {field}", fields.get(field), means, rank=int(pgn == 129029))
-        elif pgn in (127250, 129026):
-            field, quantity, of = ("heading", "psi", "reference") if pgn == 127250 else ("cog", "cog", "cogReference")
-            if fields.get(of) == "True":
-                means = Meaning(quantity, units["angle"])
-                heard.say(name, when, f"{name} {field}", fields.get(field), means)
-            elif fields.get(of) == "Magnetic":
-                compass.say(
-                    heard, name, when, quantity, fields.get(field), fields.get("deviation"), fields.get("variation")
-                )
-            if pgn == 129026:
-                heard.say(name, when, f"{name} sog", fields.get("sog"), Meaning("sog", "m/s"))
-        elif pgn == 127251:
-            heard.say(name, when, f"{name} rate", fields.get("rate"), Meaning("r", units["rate"]))
-        elif pgn == 127245:
-            name = f"{name} {instance}"
-            heard.say(name, when, f"{name} position", fields.get("position"), Meaning("delta", units["angle"]))
-        elif pgn == 127493:
-            gears[instance] = fields.get("transmissionGear")
-        elif pgn == 127488:
-            speed, name = fields.get("speed"), f"{name} {instance}"
-            astern = gears.get(instance) == "Reverse" and speed is not None
-            means = Meaning("", units["shaft"], ENGINE)
-            heard.say(name, when, f"{name} speed", -speed if astern else speed, means)
-        elif pgn == 130306:
-            reference = str(fields.get("reference"))
-            for field, means in WIND.get(reference, {}).items():
-                unit = "m/s" if field == "windSpeed" else units["angle"]
-                heard.say(
-                    f"{name} {reference}",
-                    when,
-                    f"{name} {reference} {field}",
-                    fields.get(field),
-                    replace(means, unit=unit),
-                )
-    compass.check(path, heard)
+    for when, (_, pgn, source, said) in zip(t.tolist(), messages, strict=True):
+        if pgn == 127493:
+            gears[said.get("instance")] = said.get("transmissionGear")
+        if pgn in (129025, 129029) and said.get("method") in ("no GNSS", 0):
+            continue
+        reference = str(said.get("reference", said.get("cogReference", "")))
+        part = reference if pgn == 130306 else said.get("instance") if pgn in (127245, 127488) else None
+        name = f"{pgn} (source {source})" + ("" if part is None else f" {part}")
+        for field, quantity, kind in FIELDS[pgn]:
+            value, may_be, rank = said.get(field), "", int(pgn in (127258, 129029))
+            if field == "heading" and reference == "Magnetic":
+                quantity, rank = "heading_magnetic", 1
+                value = value + (said.get("deviation") or 0.0) if value is not None else None
+            elif field in ("heading", "cog") and reference != "True":
+                continue
+            elif pgn == 127488:
+                value = -value if value is not None and gears.get(part) == "Reverse" else value
+                may_be = ENGINE
+            elif pgn == 130306 and reference in WIND:
+                quantity = WIND[reference][field == "windAngle"]
+            elif pgn == 130306 and "water" in reference:
+                may_be = OVER_WATER[field]
+            elif pgn == 130306:
+                continue
+            header = f"{name} {'magnetic ' if rank and field == 'heading' else ''}{field}"
+            heard.say(name, when, header, value, Meaning(quantity, units.get(kind, kind), may_be), rank)
     return heard
