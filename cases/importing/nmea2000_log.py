@@ -35,7 +35,8 @@ DAY = 86400.0
 """Seconds."""
 PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
 FIELDS = {
-    127245: (("position", "delta", "angle"),), 127250: (("heading", "psi", "angle"), ("variation", "variation", "angle")),
+    127245: (("position", "delta", "angle"),),
+    127250: (("heading", "psi", "angle"), ("variation", "variation", "angle")),
     127251: (("rate", "r", "rate"),), 127258: (("variation", "variation", "angle"),),
     127488: (("speed", "", "shaft"),), 127493: (), 129025: PLACE, 129029: PLACE,
     129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
+from scipy.ndimage import median_filter, percentile_filter
 
 from cases.importing.clocks import EPOCHS, check_clock, within_stamps
 from cases.importing.raw_table import Clock
+from cases.importing.series import STAMP, seconds_of
 from mmg.errors import Missing
 from mmg.messages import Message
 
@@ -32,7 +34,7 @@ LATE = 0.5
 QUARTER [s]."""
 QUARTER = 900.0
 JITTER = 0.1
-"""Scatter of stamps and delays, in the step of a source, above which they scatter."""
+"""Scatter of delays, in the step of a source, above which they scatter."""
 UNSTEADY = 0.2
 """Share of delays that scatter from which all do."""
 EARLY = 80
@@ -40,6 +42,10 @@ EARLY = 80
 FIXES, STAMPS, LAG = 21, 21, 10
 """Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
 than too large by the sentences that were lost, since delays grow with each of them then and only grow."""
+
+
+EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
+"""A number that may count since 1970, in seconds or parts of them."""
 
 
 @dataclass
@@ -72,51 +78,11 @@ class Moments:
     notices: tuple[Message, ...]
 
 
-def _dated(match: re.Match[str]) -> tuple[float, bool]:
-    year, month, day, *clock = (int(part) for part in match.groups()[:6])
-    since = datetime.date(year, month, day).toordinal() - datetime.date(1970, 1, 1).toordinal()
-    zone = match[8] or ""
-    ahead = 0.0 if zone in ("", "Z") else float(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
-    return DAY * since + _of_day(clock, match[7]) - ahead, bool(zone)
-
-
-def _of_day(clock: Sequence[int], decimals: str | None) -> float:
-    return 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] + float(f"0.{decimals or 0}")
-
-
-def _since_1970(match: re.Match[str]) -> tuple[float, bool]:
-    whole = float(f"{match[1]}.{match[2] or 0}")
-    unit = next(unit for unit, low, high, _, zero, _ in EPOCHS if zero == 0.0 and low <= whole < high)
-    return whole * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit], True
-
-
-Reads = Callable[[re.Match[str]], tuple[float, bool]]
-STAMPS_OF: tuple[tuple[str, re.Pattern[str], Reads], ...] = (
-    ("epoch", re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.(\d+))?(?![\d:])"), _since_1970),
-    (
-        "date",
-        re.compile(
-            r"((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[T ,;_]*([01]\d|2[0-3]):?([0-5]\d):?([0-5]\d)"
-            r"(?:[.,](\d+))?\s?(Z|[+-]\d\d:?\d\d)?"
-        ),
-        _dated,
-    ),
-    (
-        "day",
-        re.compile(r"(?<!\d)([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)(?:[.,](\d+))?"),
-        lambda match: (_of_day([int(part) for part in match.groups()[:3]], match[4]), False),
-    ),
-    ("number", re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\W*$"), lambda match: (float(match[1]), False)),
-)
-"""Stamps of loggers: what they count, how they look, and how they are read (seconds, whether they name their zone)."""
-
-
 @dataclass(frozen=True)
 class Logger:
     """The stamps ``t`` (L,) [s] of a logger for the lines of a log, NaN where a line has none.
 
-    kind: "epoch" or "date" since 1970, "day" of the day it began on, "number" since its own begin in an unknown unit,
-    "" of none; zoned: whether the stamps name their zone.
+    kind: "epoch" or "date" since 1970, "day" of the day it began on, "" of none; zoned: whether they name their zone.
     """
 
     t: np.ndarray
@@ -126,23 +92,30 @@ class Logger:
 
 def logger_of(texts: Sequence[str]) -> Logger:
     """The logger that wrote the ``texts`` (L,) beside the sentences: by the kind of stamp that most of them hold."""
-    some = [text for text in texts[:: max(1, len(texts) // 200)]]
-    for kind, pattern, read in STAMPS_OF:
-        if sum(bool(pattern.search(text)) for text in some) <= 0.5 * len(some):
-            continue
-        t, zoned = np.full(len(texts), np.nan), True
-        for i, text in enumerate(texts):
-            if match := pattern.search(text):
-                try:
-                    t[i], own = read(match)
-                except (ValueError, OverflowError, StopIteration):  # 31 February
-                    continue
-                zoned &= own
+    read = [_stamp(text) for text in texts]
+    kind, count = Counter(kind for kind, _, _ in read).most_common(1)[0] if read else ("", 0)
+    if not kind or count <= 0.5 * len(read):
+        return Logger(np.full(len(read), np.nan))
+    t = np.array([t if own == kind else np.nan for own, t, _ in read])
+    if kind == "day":
         known = np.isfinite(t)
-        if known.sum() > 1:
-            t[known] = np.unwrap(t[known], period=DAY) if kind == "day" else t[known]
-            return Logger(t, kind, zoned)
-    return Logger(np.full(len(texts), np.nan))
+        t[known] = np.unwrap(t[known], period=DAY)
+    return Logger(t, kind, all(zoned for own, _, zoned in read if own == kind))
+
+
+def _stamp(text: str) -> tuple[str, float, bool]:
+    """Kind, seconds and whether it names its zone, of the stamp in a ``text``."""
+    if match := EPOCH.search(text):
+        number = float(match[0])
+        for _, low, high, factor, zero, _ in EPOCHS:
+            if zero == 0.0 and low <= number < high:
+                return "epoch", number * factor, True
+    try:
+        if match := STAMP.search(text):
+            return "date" if match[1] else "day", seconds_of(match), bool(match[7])
+    except ValueError:  # 31 February
+        pass
+    return "", np.nan, False
 
 
 def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
@@ -157,24 +130,21 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
     stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
     stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}
     fixes = sorted((at, t) for name, s in by_name.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
+    logged, offset, latency = logger.t, None, 0.0
     if len(fixes) > 1:
         fix_at, fix_t = np.array([at for at, _ in fixes]), np.array([t for _, t in fixes])
         latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
         check_clock(Clock(latest, True, "time", ""), where)
         new = np.diff(latest, prepend=-np.inf) > 0
         fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
-        logged = logger.t * _scale(logger, fix_at, fix_t)
-        offset, latency = _clock_offset(logged, logger.kind, fix_at, fix_t)
-    elif np.isfinite(logger.t).sum() > 1:
-        whole = logger.kind == "number" and not (logger.t[np.isfinite(logger.t)] % 1.0).any()  # milliseconds
-        logged = (logger.t - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)) / (
-            1000 if whole else 1
-        )
+        offset, latency = _clock_offset(logged, fix_at, fix_t)
+    elif np.isfinite(logged).sum() > 1:
+        logged = logged - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)
         fix_at = np.flatnonzero(np.isfinite(logged))
         check_clock(Clock(logged[fix_at], True, "of the logger", ""), where)
         fix_at = fix_at[np.diff(logged[fix_at], prepend=-np.inf) > 0]
-        fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind in ("epoch", "date")
-        offset, latency = (np.zeros(len(logged)) if _fine(logged) else None), 0.0
+        fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind != "day"
+        offset = np.zeros(len(logged)) if _fine(logged) else None
     else:
         raise Missing(f"{where}: no sentence holds a time (RMC, GGA, GLL, ZDA), and no line a stamp of its logger")
     if offset is not None and latency:
@@ -187,7 +157,9 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
         at = np.array(series.at)
         if offset is not None and np.isfinite(logged[at]).mean() > 0.5:
             own = latency if series.talker in receivers else 0.0
-            stamps[name] = _even(logged[at] - offset[at] - own)
+            t = (logged - offset)[at] - own
+            known = np.isfinite(t)
+            stamps[name] = np.maximum.accumulate(np.interp(at, at[known], t[known]))
         else:
             t = _by_order(at, fix_at, fix_t)
             stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
@@ -295,28 +267,16 @@ def _longest(t: np.ndarray) -> np.ndarray:
     return stretch == np.bincount(stretch).argmax()
 
 
-def _scale(logger: Logger, fix_at: np.ndarray, fix_t: np.ndarray) -> float:
-    """Seconds of a unit of the ``logger``, by the times (F,) of fixes; 1 where none fits."""
-    step = np.diff(logger.t[fix_at])
-    known = np.isfinite(step) & (step != 0)
-    if logger.kind != "number" or not known.any():
-        return 1.0
-    unit = float(np.median(np.diff(fix_t)[known] / step[known]))
-    return next((scale for scale in (1.0, 1e-3, 1e-6, 1e-9) if 0.9 < unit / scale < 1.1), 1.0)
-
-
 def _fine(t: np.ndarray) -> bool:
     """Whether stamps (L,) [s] tell parts of a second."""
     return len(np.unique(np.round(t[np.isfinite(t)] % 1.0, 3))) > 1
 
 
-def _clock_offset(
-    logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray
-) -> tuple[np.ndarray | None, float]:
+def _clock_offset(logged: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray | None, float]:
     """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
     sentences of the receiver come after their fix; None where it is no clock to go by.
 
-    kind: of the stamps; fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
+    fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
     hour and up to LATE is set to its zone, and the rest is the delay of the receiver: a clock that is not set would
     hardly be as near.
     """
@@ -329,28 +289,9 @@ def _clock_offset(
     smooth = median_filter(lag, size=STAMPS, mode="nearest")
     zone = QUARTER * round(float(np.median(lag)) / QUARTER)
     latency = float(np.median(lag)) - zone
-    if 0.0 < latency < LATE and kind != "number" and np.ptp(smooth) < LATE:
+    if 0.0 < latency < LATE and np.ptp(smooth) < LATE:
         return np.full(len(logged), zone), latency
     return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0
-
-
-def _even(t: np.ndarray) -> np.ndarray:
-    """Stamps (N,) [s] of one source; those that scatter about even times, as of a logger that reads a buffer, on them.
-
-    Steps of times that scatter are negatively correlated, those of a source that speaks when something happens are not.
-    """
-    t = np.interp(np.arange(len(t)), np.flatnonzero(np.isfinite(t)), t[np.isfinite(t)])
-    step = np.diff(t)
-    if len(t) < STAMPS or not (step > 0).any():
-        return t
-    gaps = np.flatnonzero(step > 3.0 * max(float(np.percentile(step, 95)), 1e-9)) + 1
-    usual = float(np.mean(np.delete(step, gaps - 1)))
-    off = np.delete(step, gaps - 1) - usual
-    if np.abs(off).mean() < JITTER * usual or np.mean(off[1:] * off[:-1]) > -0.15 * np.mean(off**2):
-        return np.maximum.accumulate(t)
-    rows = usual * np.arange(len(t))
-    parts = [uniform_filter1d(part, STAMPS, mode="nearest") for part in np.split(t - rows, gaps)]
-    return np.maximum.accumulate(np.concatenate(parts) + rows)
 
 
 def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.importing.import_map import ImportMap, magnetic
+from cases.importing.import_map import ImportMap
 from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
 from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
@@ -24,21 +25,23 @@ CHECKSUM = "checksum wrong"
 SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\*([0-9A-Fa-f]{2}))?")
 TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")
 """The source of a tag block of NMEA 4."""
-UNITS = {
-    "time": "s", "latitude": "deg", "longitude": "deg", "sog": "kn", "cog": "deg", "heading": "deg", "rot": "deg/min",
-    "u": "kn", "v": "kn", "rudder": "deg", "rudder_starboard": "deg", "rudder_port": "deg", "rpm": "rpm",
-    "rpm_starboard": "rpm", "rpm_port": "rpm", "apparent_wind_speed": "m/s", "apparent_wind_direction": "deg",
-    "true_wind_speed": "m/s", "twa": "deg", "twd": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm",
-    "RPM-E_port": "rpm",
+_COLUMNS = {
+    "deg": "latitude longitude cog heading heading_magnetic variation rudder rudder_starboard rudder_port "
+    "apparent_wind_direction twa twd",
+    "kn": "sog u v", "deg/min": "rot", "m/s": "apparent_wind_speed true_wind_speed",
+    "rpm": "rpm rpm_starboard rpm_port RPM-E RPM-E_starboard RPM-E_port",
 }  # fmt: skip
+UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
 """Columns of the table and their units."""
-TOGETHER = (
-    ("rot",), ("u", "v"), ("rudder",), ("rudder_starboard",), ("rudder_port",), ("rpm",), ("rpm_starboard",),
-    ("rpm_port",), ("RPM-E",), ("RPM-E_starboard",), ("RPM-E_port",),
-    ("apparent_wind_speed", "apparent_wind_direction"), ("true_wind_speed", "twa", "twd"),
-)  # fmt: skip
+TOGETHER = ("u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd", "rot", "rudder",
+            "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split())  # fmt: skip
 """Columns that are taken from one source: that which says one of them most often."""
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+CODES = (
+    ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
+    ("nmea_void", "status|mode|quality|empty|no hemisphere"),
+)  # fmt: skip
+"""Codes of messages, and the first words of why sentences are not used."""
 MOVES = 1.0
 """Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
 Samples = tuple[np.ndarray, np.ndarray]
@@ -54,7 +57,7 @@ def is_nmea(content: bytes) -> bool:
 def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     """The table of the log ``path``: a row for each moment at which something that is used was said.
 
-    chosen: the map, of which ``variation``, ``zone_hours`` and ``ignore`` are used. What became of each talker and
+    chosen: the map, of which ``zone_hours`` and ``ignore`` are used. What became of each talker and
     sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
     nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
@@ -67,7 +70,7 @@ def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
         raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
     log = _Selection(series, moments.t, rejected)
     log.select_positions()
-    log.select_heading(chosen.variation)
+    log.select_heading()
     log.select_others()
     return log.table(path, moments)
 
@@ -86,11 +89,9 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
             prefix = prefix if prefix.strip() or end else line[match.end() :]
             end = match.end()
             right = match[3] is None or checksum(match[0][1:-3]) == int(match[3], 16)
-            if match[0][0] == "!" or head[0] == "P" or kind not in DECODERS:
-                rejected[head, NOT_READ if right else CHECKSUM] += 1
-                continue
-            if head in ignored:
-                rejected[head, "ignored by the map"] += 1
+            known = match[0][0] == "$" and head[0] != "P" and kind in DECODERS
+            if not known or head in ignored:
+                rejected[head, "ignored by the map" if known else NOT_READ if right else CHECKSUM] += 1
                 continue
             tag = TAG.search(prefix)
             source = f"{head} of {tag[1]}" if tag else head
@@ -104,10 +105,8 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
             series.time.append(sentence.time)
             series.values.append({} if sentence.why else sentence.values)
             prefixes.append(prefix)
-            if sentence.why:
-                rejected[name, sentence.why] += 1
-            for part, why in sentence.aside:
-                rejected[f"{name} {part}", why] += 1
+            aside = [(f"{name} {part}", why) for part, why in sentence.aside]
+            rejected.update([(name, sentence.why), *aside] if sentence.why else aside)
         if not end and line.strip():
             rejected["lines", "damaged or no sentence"] += 1
     return by_name, prefixes, rejected
@@ -168,9 +167,9 @@ class _Selection:
             others = [f.name for f in used.fixes if f not in used.same_fix]
             self.reject(others, f"of the same receiver as {used.same_fix[0].name}, whose fix is used")
         for other in receivers[1:]:
-            off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
+            off = ", not heard at the same time" if other.distance is None else f" {other.distance:.3g} m off"
             for f in other.fixes:
-                why = f"second receiver{off or ', not heard at the same time'}"
+                why = f"second receiver{off}"
                 if self.used[f.name]:  # two receivers behind one talker
                     self.rejected[f.name, why] += len(f)
                 else:
@@ -198,34 +197,28 @@ class _Selection:
             if samples := {name: both for name, both in samples.items() if len(both[0])}:
                 self.select(column, samples)
 
-    def select_heading(self, variation: float | None) -> None:
-        """The true heading with most samples, that of a water log (VHW) last, or a magnetic one with a ``variation``:
-        that of the map, its own at other times, or that of a receiver. Zeros alone are no variation: receivers without
-        a model of the earth's field write them."""
+    def select_heading(self) -> None:
+        """The true heading with most samples, that of a water log (VHW) last, or else a magnetic one with its own
+        variation, or that of a receiver. Zeros alone are no variation: receivers without a model of the earth's field
+        write them."""
         names = sorted(self.sources("heading"), key=lambda name: self.series[name].kind == "VHW")
-        compasses = self.sources("magnetic")
-        if names:
-            self.select("heading", {names[0]: self.samples(names[0], "heading")})
-            self.reject([*names[1:], *compasses], f"heading is taken from {names[0]}")
-        for name in compasses if not names else ():
-            known = {n: self.samples(n, "variation") for n in (name, *self.sources("variation"))}
-            known = {n: samples for n, samples in known.items() if samples[1].any()}
-            if variation is not None:
-                known = {"the map": (np.zeros(1), np.full(1, variation))}
-            if "heading" in self.columns or not known:
-                self.reject([name], "heading is taken from another compass" if known else magnetic(name[2:5]))
-                continue
-            of, (at, east) = next(iter(known.items()))
-            t, values = self.samples(name, "magnetic")
-            self.select("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
-            self.why[name] = f"with the variation {np.median(east):.3g} deg of {of}"
+        compasses = self.sources("heading_magnetic")
+        column = "heading" if names else "heading_magnetic"
+        for name in [*names, *compasses][:1]:
+            self.select(column, {name: self.samples(name, column)})
+            self.reject([*names[1:], *compasses], f"heading is taken from {name}")
+        for name in (*compasses[:1], *self.sources("variation")) if not names and compasses else ():
+            t, east = self.samples(name, "variation")
+            if east.any() and "variation" not in self.columns:
+                at = self.columns[column][0]
+                self.select("variation", {name: (at, np.interp(at, t, east))})
 
     def select_others(self) -> None:
         """Of what several sources hold, that with most samples."""
         self._reject_zeros()
-        for group in TOGETHER:
+        for group in map(str.split, TOGETHER):
             names = self.sources(*group)
-            if group[0].startswith("RPM-E") and any(shaft in self.columns for shaft in SHAFTS):
+            if group[0].startswith("RPM-E") and set(SHAFTS) & set(self.columns):
                 self.reject(names, "of an engine; the shaft is used")
                 continue
             for name in names[:1]:
@@ -238,9 +231,13 @@ class _Selection:
             if alone not in self.columns and len(only) == 1:
                 self.columns[alone] = self.columns.pop(only[0])
                 self.used = {n: [alone if c == only[0] else c for c in used] for n, used in self.used.items()}
-        for name in self.series:
-            for shaft in SHAFTS:
-                self._warn_of_pitch(name, self.samples(name, f"blades {shaft}")[1])
+        for name, shaft in itertools.product(self.series, SHAFTS):
+            pitch = self.samples(name, f"blades {shaft}")[1]
+            if len(pitch) and np.ptp(pitch) > MOVES:
+                moved = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+                words = f"{name}: the blades of the propeller move {moved}; revolutions alone do not tell its thrust"
+                self.rejected[f"{name} pitch", moved] += len(pitch)
+                self.warnings.append(Message(words, "pitch_moves"))
 
     def _reject_zeros(self) -> None:
         """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""
@@ -250,14 +247,6 @@ class _Selection:
             if len(still) == 1 and all(map(len, values.values())):
                 self.rejected[f"{name} {still[0]}", "always zero, where the other one moves"] += len(values[still[0]])
                 self.series[name].column(still[0])[:] = np.nan
-
-    def _warn_of_pitch(self, name: str, pitch: np.ndarray) -> None:
-        """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
-        if len(pitch) and np.ptp(pitch) > MOVES:
-            words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-            self.rejected[f"{name} pitch", words] += len(pitch)
-            warning = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
-            self.warnings.append(Message(warning, "pitch_moves"))
 
     def accounts(self) -> tuple[Account, ...]:
         """What became of every talker and sentence."""
@@ -279,12 +268,12 @@ class _Selection:
         if not names:
             raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
         t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))
-        columns = {"time": t} | {name: np.full(len(t), np.nan) for name in names}
-        for name in names:
-            columns[name][np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
+        columns = {name: np.full(len(t), np.nan) for name in names}
+        for name, values in columns.items():
+            values[np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
         notices = [*_messages(accounts), *moments.notices, *self.warnings]
-        units, frame = [UNITS[name] for name in columns], pd.DataFrame(columns).astype(object)
-        table = raw_table(path, str(path), list(columns), units, frame, notices)
+        units, frame = [UNITS[name] for name in names], pd.DataFrame({"time": t} | columns).astype(object)
+        table = raw_table(path, str(path), ["time", *names], ["s", *units], frame, notices)
         return replace(table, clock=Clock(t, moments.absolute, "time", moments.words), accounts=accounts)
 
 
@@ -292,15 +281,6 @@ def _messages(accounts: Sequence[Account]) -> list[Message]:
     """The accounts as notices: of what is used, what is not valid, damaged, doubled, and not read."""
     groups: dict[str, list[str]] = {}
     for account in accounts:
-        if account.used_as:
-            code = "nmea"
-        elif account.why in (CHECKSUM, "damaged", "damaged or no sentence"):
-            code = "nmea_damaged"
-        elif account.why == NOT_READ:
-            code = "nmea_not_read"
-        elif account.why.startswith(("status", "mode", "quality", "empty", "no hemisphere")):
-            code = "nmea_void"
-        else:
-            code = "doubled"
+        code = "nmea" if account.used_as else next((c for c, words in CODES if re.match(words, account.why)), "doubled")
         groups.setdefault(code, []).append(str(account))
     return [Message("; ".join(lines), code) for code, lines in groups.items()]

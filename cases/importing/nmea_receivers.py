@@ -16,7 +16,7 @@ STEADY = 0.1
 ALIKE = 0.9
 """Least share of the fixes of the one most heard with which another is heard equally often."""
 PAIRED = 0.9
-"""Least share of what alternates in the differences of successive fixes that are those of two receivers in turn."""
+"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +131,7 @@ def _distance(a: Fixes, b: Fixes) -> tuple[np.ndarray | None, float]:
 
 
 def divided(fixes: Fixes) -> list[Fixes]:
-    """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time, or
-    jumps to and fro at each."""
+    """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time."""
     if len(fixes) < 8:
         return [fixes]
     z, step = fixes.z, np.diff(fixes.t)
@@ -141,17 +140,6 @@ def divided(fixes: Fixes) -> list[Fixes]:
         turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
         steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
         return _by_pairs(fixes, z, twice) if steady else [fixes]
-    if (step == 0).mean() > 0.25:  # a log that holds every sentence twice
-        return [fixes]
-    off = z[1:-1] - 0.5 * (z[:-2] + z[2:])
-    turned = off * (-1.0) ** np.arange(len(off))
-    width = min(11, len(off))
-    mean = np.abs(np.convolve(turned, np.full(width, 1.0 / width), "valid"))
-    size = np.sqrt(np.convolve(np.abs(off) ** 2, np.full(width, 1.0 / width), "valid"))
-    moves = size > 3.0 * fixes.rounding
-    if moves.mean() > 0.5 and np.median(mean[moves] / size[moves]) > PAIRED:
-        rows = np.arange(len(fixes))
-        return [fixes.rows(rows[::2]), fixes.rows(rows[1::2])]
     return [fixes]
 
 

@@ -159,10 +159,10 @@ def _zda(fields: Fields) -> Decoded:
 
 def _hdg(fields: Fields) -> Decoded:
     """Of the compass with its deviation; easterly ones are added."""
-    values = _numbers(fields, magnetic="headingM")
+    values = _numbers(fields, heading_magnetic="headingM")
     if values:
         deviation = _toward(_numbers(fields, deviation="deviation"), fields["deviationEW"])
-        values["magnetic"] += deviation.get("deviation", 0.0)
+        values["heading_magnetic"] += deviation.get("deviation", 0.0)
         values |= _toward(_numbers(fields, variation="variation"), fields["variationEW"])
     return Decoded(values)
 
@@ -255,7 +255,7 @@ DECODERS: dict[str, Callable[[Fields], Decoded]] = {
     "HDT": _plain({"heading": "headingT"}),
     "THS": _plain({"heading": "headt"}, mode="mi"),
     "VHW": _plain({"heading": "hdgT"}, water="spdN"),
-    "HDM": _plain({"magnetic": "headingM"}),
+    "HDM": _plain({"heading_magnetic": "headingM"}),
     "ROT": _plain({"rot": "rot"}, status="valid"),
     "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
 }  # fmt: skip

@@ -189,7 +189,6 @@ LOGGERS: dict[str, Callable[[float], str]] = {
     "milliseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}\t",
     "nanoseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}000000 ",
     "tag block": lambda t: f"\\s:VDR1,c:{1e3 * (EPOCH + t):.0f}*00\\",
-    "elapsed": lambda t: f"{1e3 * t + 777:.0f}: ",
 }
 
 
@@ -394,8 +393,7 @@ def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, m
     """Zeros of a receiver are none."""
     path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))
     found = import_logs([path])
-    words = f"the log has a magnetic heading ({body(0.0)[2:5]}): give variation = "
-    assert not found.runs and words in found.problems[0]
+    assert not found.runs and "variation = " in found.problems[0]
     assert off(columns(path, validated(ImportMap, {"variation": -7.5}, "map")), "psi") < 2 * TURN
 
 
@@ -443,7 +441,6 @@ SECOND: dict[str, tuple[tuple[Any, ...], str, float | None]] = {
     "one talker": (((rmc, 1.0), (partial(rmc, north=12.0), 1.0)), "GPRMC", 12.0),
     "one talker, jitter": (((rmc, 1.0, lambda r: r.uniform(0, 0.2)),
                             (partial(rmc, north=12.0), 1.0, lambda r: r.uniform(0, 0.2))), "GPRMC", 12.0),
-    "one talker, in turn": (((rmc, 1.0), (lambda t: rmc(t, north=12.0) if t % 1 else "", 0.5)), "GPRMC", 12.0),
     "one talker, rates": (((partial(gga, north=12.0), 1.0), (gga, 0.2), (zda, 1.0)), "GPGGA", 12.0),
     "tag blocks": (((lambda t: f"\\s:A*00\\{sentence(rmc(t))}", 1.0),
                     (lambda t: f"\\s:B*00\\{sentence(rmc(t, north=12.0))}", 1.0)), "GPRMC of B", 12.0),
