@@ -14,13 +14,12 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, Conflict
 from mmg.messages import Message
 
-OVER_WATER = "(over the water, where there is no current) or nothing"
 PATHS = {
     "navigation.position.latitude": Meaning("latitude", "deg"),
     "navigation.position.longitude": Meaning("longitude", "deg"),
@@ -176,7 +175,7 @@ def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
     for name, channel, t, value, code in said:
         if code == good:
             means = vis_meaning(channel)
-            heard.say(name or channel, t, channel, _value(value), means if means.quantity or means.may_be else None)
+            heard.say(name or channel, t, channel, value, means if means.quantity or means.may_be else None)
     accounts = [
         Account(f"quality {c or 'none'}", n, (), f"most have {good or 'none'}") for c, n in codes.items() if c != good
     ]
@@ -200,13 +199,6 @@ def _data_of(data: Any) -> Iterator[tuple[str, str, float, Any, str]]:
     for row in (data.get("EventData") or {}).get("DataSet") or ():
         channel = str(row["DataChannelID"])
         yield channel, channel, seconds_of_stamp(row["TimeStamp"]), row["Value"], str(row.get("Quality") or "")
-
-
-def _value(text: Any) -> float:
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return np.nan
 
 
 def with_local_ids(table: RawTable) -> RawTable:

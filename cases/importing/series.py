@@ -20,6 +20,8 @@ from mmg.messages import Message
 
 ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
 """What the revolutions of an engine may be."""
+OVER_WATER = "(over the water, where there is no current) or nothing"
+"""What is said of a true wind that is worked out with the speed through the water."""
 STAMP = re.compile(
     r"(?<!\d)(?:((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[-T ,;_]*)?([01]?\d|2[0-3])(?(1):?|:)([0-5]\d)"
     r"(?(1):?|:)([0-6]\d(?:[.,]\d+)?)\s?(Z|[+-]\d\d(?::?\d\d)?)?",
@@ -69,7 +71,10 @@ class Heard:
         rows = self._rows.setdefault((name, rank), [])
         if not rows or rows[-1][0] != t or header in rows[-1][1]:
             rows.append((t, {}))
-        rows[-1][1][header] = float(value) if _is_number(value) else np.nan
+        try:
+            rows[-1][1][header] = float(value)
+        except (TypeError, ValueError, OverflowError):
+            rows[-1][1][header] = np.nan
         if means is not None:
             self._means[header] = means
 
@@ -104,10 +109,6 @@ def seconds_of(match: re.Match[str]) -> float:
     if zone and zone not in "Zz":
         t -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:] if len(zone) > 3 else 0))
     return t
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def table_of_series(
