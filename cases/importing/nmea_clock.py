@@ -195,15 +195,15 @@ def _one_path(place: np.ndarray) -> bool:
 def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
     """The times ``t`` (N,) [s] of a ``series`` with those of sentences that are not valid, where they lie between those
     of valid ones: they tell when others were said."""
-    valid = np.flatnonzero(np.isfinite(t))
-    if len(valid) < 2:
+    known = np.isfinite(t)
+    if known.sum() < 2:
         return t
     time, rows = np.array(series.time), np.arange(len(t))
-    time = time + DAY * np.round((np.interp(rows, valid, t[valid]) - time) / DAY)
-    before, behind = (np.searchsorted(valid, rows, side) for side in ("left", "right"))
-    inside = (before > 0) & (behind < len(valid))
-    low, high = t[valid[np.maximum(before - 1, 0)]], t[valid[np.minimum(behind, len(valid) - 1)]]
-    return np.where(np.isfinite(t), t, np.where(inside & (low <= time) & (time <= high), time, np.nan))
+    time = time + DAY * np.round((np.interp(rows, rows[known], t[known]) - time) / DAY)
+    low = np.maximum.accumulate(np.where(known, t, -np.inf))
+    high = np.minimum.accumulate(np.where(known, t, np.inf)[::-1])[::-1]
+    between = (low > -np.inf) & (low <= time) & (time <= high) & (high < np.inf)
+    return np.where(between & ~known, time, t)
 
 
 def _set_clocks(

@@ -162,10 +162,8 @@ class _Selection:
             fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
         receivers = receivers_of(sorted(fixes, key=lambda f: self.series[f.name].at[0]))
         for used in receivers[:1]:
-            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.same_fix})
-            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.same_fix})
-            others = [f.name for f in used.fixes if f not in used.same_fix]
-            self.reject(others, f"of the same receiver as {used.same_fix[0].name}, whose fix is used")
+            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.fixes})
+            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.fixes})
         for other in receivers[1:]:
             off = ", not heard at the same time" if other.distance is None else f" {other.distance:.3g} m off"
             for f in other.fixes:

@@ -56,11 +56,10 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Receiver:
-    """The ``fixes`` of one receiver, the best first; same_fix: those that are one fix but for rounding; distance: to
-    the first receiver [m], None where they are not heard at the same time."""
+    """The ``fixes`` of one receiver, the best first; distance: to the first receiver [m], None where they are not heard
+    at the same time."""
 
     fixes: tuple[Fixes, ...]
-    same_fix: tuple[Fixes, ...]
     distance: float | None = None
 
 
@@ -69,30 +68,20 @@ def receivers_of(sentences: Sequence[Fixes]) -> list[Receiver]:
     often, the one of better quality, or the first."""
     fixes = [part for one in sentences for part in divided(one)]
     most = max((len(f) for f in fixes), default=0)
-    fixes.sort(
-        key=lambda f: (len(f) < ALIKE * most, -len(f) if len(f) < ALIKE * most else 0, -float(np.mean(f.quality)))
-    )
+    fixes.sort(key=lambda f: (-len(f) if len(f) < ALIKE * most else -most, -float(np.mean(f.quality))))
     groups: list[list[Fixes]] = []
     for one in fixes:
-        for group in groups:
-            if _one_receiver(group[0], one):
-                group.append(one)
-                break
-        else:
+        own = next((group for group in groups if _one_receiver(group[0], one)), None)
+        if own is None:
             groups.append([one])
+        else:
+            own.append(one)
     found: list[Receiver] = []
     for group in groups:
         finest = sorted(group, key=lambda f: (len(f) < ALIKE * len(group[0]), f.rounding))
-        same_fix = [f for f in finest if f is finest[0] or _one_fix(finest[0], f)]
         distance = _distance(groups[0][0], group[0])[0] if found else None
-        found.append(Receiver(tuple(finest), tuple(same_fix), None if distance is None else float(np.median(distance))))
+        found.append(Receiver(tuple(finest), None if distance is None else float(np.median(distance))))
     return found
-
-
-def _one_fix(a: Fixes, b: Fixes) -> bool:
-    """Whether two series of one receiver are the same fix but for the rounding."""
-    off, tolerance = _distance(a, b)
-    return off is None or bool(np.median(off) <= tolerance)
 
 
 def _one_receiver(a: Fixes, b: Fixes) -> bool:
