@@ -14,7 +14,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, OVER_WATER, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, Conflict
@@ -40,6 +40,7 @@ PATHS = {
 }
 """Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard."""
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
+DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
 
 
@@ -51,6 +52,8 @@ VIS = {
     "wind.speed.vs.vessel": "apparent_wind_speed", "wind.direction.vs.vessel": "apparent_wind_direction",
 }  # fmt: skip
 """Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean."""
+SET = r"set\.point|reference|request|control|nominal|input"
+"""Types and commands of ids of what is not measured."""
 SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
 """Nodes of propeller shafts, of what drives them, and of rudders and steering gears."""
 
@@ -64,28 +67,22 @@ def vis_meaning(channel: str) -> Meaning:
         return Meaning("")
     node, _, tags = channel.partition("/meta/")
     said = dict(tag.split("-", 1) for tag in tags.split("/") if "-" in tag)
-    if re.search(
-        r"set\.point|reference|request|control|nominal|input", f"{said.get('type', '')} {said.get('cmd', '')}"
-    ):
+    if re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
         return Meaning("")
     side = re.search(r"-\d*([PS])(?![A-Za-z])", node)
-    quantity = said.get("qty", "")
+    port, quantity = bool(side) and side[1] == "P", said.get("qty", "")  # type: ignore[index]
     if quantity == "angle" and re.search(RUDDERS, node):
-        return Meaning({"P": "delta_port", "S": "delta_starboard"}.get(side[1] if side else "", "delta"))
-    if quantity in ("rotational.frequency", "angular.velocity") and re.search(SHAFTS, node):
-        return Meaning("n_2" if side and side[1] == "P" else "n")
-    if quantity in ("rotational.frequency", "angular.velocity") and re.search(ENGINES, node):
-        return Meaning("", may_be=ENGINE)
+        return Meaning("delta" if not side else "delta_port" if port else "delta_starboard")
+    if quantity in ("rotational.frequency", "angular.velocity"):
+        shaft, engine = re.search(SHAFTS, node), re.search(ENGINES, node)
+        return Meaning("n_2" if port else "n") if shaft else Meaning("", may_be=ENGINE if engine else "")
     known = VIS.get(quantity, "")
     return Meaning(known, "deg" if known in ("latitude", "longitude") else "")
 
 
 def is_signal_k(content: bytes) -> bool:
     """Whether most lines of the begin of ``content`` are deltas."""
-    lines = [line for line in content[:65536].splitlines() if line.strip()]
-    lines = lines[:-1] or lines  # the last one is cut off
-    deltas = [b'"updates"' in line and line.lstrip().startswith(b"{") for line in lines]
-    return len(lines) > 1 and sum(deltas) > 0.5 * len(lines)
+    return mostly(content, DELTA)
 
 
 def is_iso19848(content: bytes) -> bool:

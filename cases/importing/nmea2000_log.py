@@ -12,14 +12,14 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, OVER_WATER, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, NotInstalled
 from mmg.messages import Message
 
 LINES = tuple(
-    re.compile(rf"\s*{line}\s*", re.IGNORECASE)
+    re.compile(rf"^\s*{line}\s*$", re.IGNORECASE)
     for line in (
         r"\((?P<stamp>[-\d.:T Z]+)\)\s+\S+\s+(?P<frame>[0-9A-F]{8})(?:#|\s+\[\d\]\s+)(?P<data>[0-9A-F ]+)",  # candump
         r"(?P<stamp>[\d:]+\.\d+)\s+[RT]\s+(?P<frame>[0-9A-F]{8})\s+(?P<data>[0-9A-F ]+)",  # Yacht Devices
@@ -28,9 +28,9 @@ LINES = tuple(
     )
 )
 """What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's."""
-UNTIMED = re.compile(r"\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A-F ]+", re.IGNORECASE)
+UNTIMED = re.compile(r"^\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A-F ]+$", re.IGNORECASE)
 """A line of candump without its option -L or -t."""
-JSON = re.compile(r'\s*\{.*"pgn".*')
+JSON = re.compile(r'^\s*\{.*"pgn"')
 DAY = 86400.0
 """Seconds."""
 PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
@@ -57,9 +57,7 @@ UNKNOWN = dict.fromkeys(SI, "")
 
 def is_nmea2000(content: bytes) -> bool:
     """Whether most lines of the begin of ``content`` are messages of NMEA 2000."""
-    lines = [line for line in content[:8192].decode("latin-1").splitlines()[:-1] if line.strip() and line[0] != "#"]
-    known = sum(any(kind.fullmatch(line) for kind in (*LINES, UNTIMED, JSON)) for line in lines)
-    return len(lines) > 2 and known > 0.5 * len(lines)
+    return mostly(content, *LINES, UNTIMED, JSON)
 
 
 def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:

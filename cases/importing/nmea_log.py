@@ -16,6 +16,7 @@ from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
 from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
+from cases.importing.series import mostly
 from cases.io.files import read_bytes
 from mmg.errors import Missing
 from mmg.messages import Message
@@ -50,8 +51,7 @@ Samples = tuple[np.ndarray, np.ndarray]
 
 def is_nmea(content: bytes) -> bool:
     """Whether most lines of the begin of ``content`` hold a sentence."""
-    lines = [line for line in content[:8192].decode("latin-1").splitlines() if line.strip()]
-    return len(lines) > 2 and sum(bool(SENTENCE.search(line)) for line in lines) > 0.5 * len(lines)
+    return mostly(content, SENTENCE)
 
 
 def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:

@@ -89,6 +89,13 @@ class Heard:
         return out
 
 
+def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:
+    """Whether half of the lines of the begin of ``content`` hold one of the ``patterns``, or more; the last may be cut
+    off."""
+    lines = [line for line in content[:65536].decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
+    return 2 * sum(any(pattern.search(line) for pattern in patterns) for line in lines) >= len(lines) > 1
+
+
 def seconds_of_stamp(stamp: Any) -> float:
     """Seconds since 1970 of a ``stamp`` with a date (in UTC where it names no zone), or of the day of one without.
 
