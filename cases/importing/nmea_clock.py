@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -67,40 +67,18 @@ class Series:
         return self._columns[name]
 
 
-@dataclass(frozen=True)
-class Moments:
-    """t: seconds of the sentences of each series, (N,) each, NaN where none is known; absolute: since 1970 in UTC;
-    words: by which clock; notices: what was done."""
-
-    t: dict[str, np.ndarray]
-    absolute: bool
-    words: str
-    notices: tuple[Message, ...]
-
-
-@dataclass(frozen=True)
-class Logger:
-    """The stamps ``t`` (L,) [s] of a logger for the lines of a log, NaN where a line has none.
-
-    kind: "epoch" or "date" since 1970, "day" of the day it began on, "" of none; zoned: whether they name their zone.
-    """
-
-    t: np.ndarray
-    kind: str = ""
-    zoned: bool = False
-
-
-def logger_of(texts: Sequence[str]) -> Logger:
-    """The logger that wrote the ``texts`` (L,) beside the sentences: by the kind of stamp that most of them hold."""
+def logger_of(texts: Sequence[str]) -> Clock:
+    """The clock of the logger that wrote the ``texts`` (L,) beside the sentences, NaN where one has no stamp: of the
+    kind that most of them hold, "epoch" or "date", or "day" of times since the day on which it began; "" of none."""
     read = [_stamp(text) for text in texts]
     kind, count = Counter(kind for kind, _, _ in read).most_common(1)[0] if read else ("", 0)
     if not kind or count <= 0.5 * len(read):
-        return Logger(np.full(len(read), np.nan))
+        return Clock(np.full(len(read), np.nan), False, "", "")
     t = np.array([t if own == kind else np.nan for own, t, _ in read])
     if kind == "day":
         known = np.isfinite(t)
         t[known] = np.unwrap(t[known], period=DAY)
-    return Logger(t, kind, all(zoned for own, _, zoned in read if own == kind))
+    return Clock(t, kind != "day", kind, "of the logger", all(zoned for own, _, zoned in read if own == kind))
 
 
 def _stamp(text: str) -> tuple[str, float, bool]:
@@ -118,8 +96,11 @@ def _stamp(text: str) -> tuple[str, float, bool]:
     return "", np.nan, False
 
 
-def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
-    """When the sentences of the series ``by_name`` were said.
+def moments_of(
+    by_name: dict[str, Series], logger: Clock, where: str, zone_hours: float = 0.0
+) -> tuple[dict[str, np.ndarray], Clock, list[Message]]:
+    """When the sentences of each of the series ``by_name`` were said [s], (N,), NaN where it is not known; by which
+    clock, without its times; and what was done.
 
     logger: its stamps of all sentences; where: for messages; zone_hours: of its stamps without a zone. Sentences with a
     time lie there. Others lie at the logger's stamps, less what its clock is ahead, or else by the order: each source
@@ -129,21 +110,20 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
     stamps = {name: _own_times(series) for name, series in by_name.items()}
     stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
     stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}
-    fixes = sorted((at, t) for name, s in by_name.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
+    fix_at, fix_t = _known(by_name, stamps, by_name)
     logged, offset, latency = logger.t, None, 0.0
-    if len(fixes) > 1:
-        fix_at, fix_t = np.array([at for at, _ in fixes]), np.array([t for _, t in fixes])
+    if len(fix_at) > 1:
         latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
         check_clock(Clock(latest, True, "time", ""), where)
         new = np.diff(latest, prepend=-np.inf) > 0
         fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
         offset, latency = _clock_offset(logged, fix_at, fix_t)
     elif np.isfinite(logged).sum() > 1:
-        logged = logged - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)
+        logged = logged - 3600.0 * zone_hours * (logger.header == "date" and not logger.zoned)
         fix_at = np.flatnonzero(np.isfinite(logged))
         check_clock(Clock(logged[fix_at], True, "of the logger", ""), where)
         fix_at = fix_at[np.diff(logged[fix_at], prepend=-np.inf) > 0]
-        fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind != "day"
+        fix_t, words, absolute = logged[fix_at], logger.words, logger.absolute
         offset = np.zeros(len(logged)) if _fine(logged) else None
     else:
         raise Missing(f"{where}: no sentence holds a time (RMC, GGA, GLL, ZDA), and no line a stamp of its logger")
@@ -163,7 +143,18 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
         else:
             t = _by_order(at, fix_at, fix_t)
             stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
-    return Moments(stamps, absolute, words, tuple(notices))
+    return stamps, Clock(np.zeros(0), absolute, "time", words), notices
+
+
+def _known(
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], names: Iterable[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (M,) of the sentences of some series whose ``stamps`` are known, in their order, and these [s]."""
+    at = np.concatenate([np.zeros(0, dtype=int), *(by_name[name].at for name in names)])
+    t = np.concatenate([np.zeros(0), *(stamps[name] for name in names)])
+    order = np.argsort(at)
+    order = order[np.isfinite(t[order])]
+    return at[order].astype(int), t[order]
 
 
 def _own_times(series: Series) -> np.ndarray:
@@ -207,33 +198,33 @@ def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
 
 
 def _set_clocks(
-    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Logger, where: str, notices: list[Message]
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Clock, where: str, notices: list[Message]
 ) -> tuple[dict[str, np.ndarray], bool]:
     """The ``stamps`` on the days that dated series or the logger say, without those of clocks that were not set, and
     whether the day is known."""
     dated = {name for name, s in by_name.items() if np.isfinite(s.column("day")).any()}
-    days = np.concatenate([stamps[name][np.isfinite(stamps[name])] for name in dated] or [np.zeros(0)])
-    logged = logger.t if logger.kind in ("epoch", "date") else np.full(len(logger.t), np.nan)
-    if len(days):
-        typical = float(np.median(days))
-        for name in dated:  # weeks that begin anew within the log
-            stamps[name] = stamps[name] + ROLLOVER * np.round((typical - stamps[name]) / ROLLOVER)
-        at = np.concatenate([np.array(by_name[name].at)[np.isfinite(stamps[name])] for name in dated])
+    logged = logger.t if logger.absolute else np.full(len(logger.t), np.nan)
+    at, t = _known(by_name, stamps, dated)
+    if len(t):
+        typical = float(np.median(t))
         weeks = np.nanmedian(logged[at] - typical) / ROLLOVER if np.isfinite(logged[at]).any() else 0.0
-        if round(weeks) and abs(weeks - round(weeks)) * ROLLOVER < UNSET:
-            stamps |= {name: stamps[name] + ROLLOVER * round(weeks) for name in dated}
-            words = f"dates of the receiver are {1024 * round(weeks)} weeks early by the logger's stamps, and are moved"
+        early = round(weeks) if abs(weeks - round(weeks)) * ROLLOVER < UNSET else 0
+        for name in dated:  # weeks that begin anew within the log
+            stamps[name] = stamps[name] + ROLLOVER * (np.round((typical - stamps[name]) / ROLLOVER) + early)
+        if early:
+            words = f"dates of the receiver are {1024 * early} weeks early by the logger's stamps, and are moved"
             notices.append(Message(words, "week_rollover"))
         elif typical < FIRST_DAY * DAY:
             day = datetime.datetime.fromtimestamp(max(typical, 0.0), datetime.timezone.utc).date()
             words = f"the log is of {day} by its receiver, whose weeks may have begun anew: then it is 1024 weeks later"
             notices.append(Message(words, "date_early"))
-    anchors = sorted((at, t) for n in dated for at, t in zip(by_name[n].at, stamps[n], strict=True) if t == t)
-    if not anchors:
-        anchors = [(int(at), float(logged[at])) for at in np.flatnonzero(np.isfinite(logged))]
-    anchor_at, anchor_t = (np.array([row[i] for row in anchors]) for i in (0, 1))
-    if len(anchors):
-        kept = _longest(anchor_t)
+    anchor_at, anchor_t = _known(by_name, stamps, dated)
+    if not len(anchor_at):
+        anchor_at = np.flatnonzero(np.isfinite(logged))
+        anchor_t = logged[anchor_at]
+    if len(anchor_at):  # the stretch without jumps of UNSET that holds most
+        stretch = np.cumsum(np.abs(np.diff(anchor_t, prepend=anchor_t[:1])) > UNSET)
+        kept = stretch == np.bincount(stretch).argmax()
         anchor_at, anchor_t = anchor_at[kept], anchor_t[kept]
     unset = 0
     for name, series in by_name.items():
@@ -244,8 +235,7 @@ def _set_clocks(
             if name not in dated:
                 own = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
                 t = t + (DAY * np.round((anchor_t - t[known][own]) / DAY))[last]
-            near = anchor_t[last]
-            far = known & (np.abs(t - near) > UNSET)
+            far = known & (np.abs(t - anchor_t[last]) > UNSET)
             back = np.flatnonzero(known & ~far)
             turns = np.flatnonzero(np.diff(t[back]) < 0)
             if len(turns) and turns[-1] + 1 <= COLD * len(back):  # times before the receiver set its clock
@@ -258,13 +248,7 @@ def _set_clocks(
         stamps[name] = t
     if unset:
         notices.append(Message(f"{unset} sentences of a receiver whose clock was not set are left out", "clock_unset"))
-    return stamps, bool(len(anchors))
-
-
-def _longest(t: np.ndarray) -> np.ndarray:
-    """(N,) whether a time belongs to the stretch without jumps of UNSET that holds most."""
-    stretch = np.cumsum(np.abs(np.diff(t, prepend=t[:1])) > UNSET)
-    return stretch == np.bincount(stretch).argmax()
+    return stamps, bool(len(anchor_at))
 
 
 def _fine(t: np.ndarray) -> bool:

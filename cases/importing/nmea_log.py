@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cases.importing.import_map import ImportMap
-from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
+from cases.importing.nmea_clock import Series, logger_of, moments_of
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
 from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
@@ -64,15 +64,15 @@ def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     chosen = chosen or ImportMap()
     series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
-        moments = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
+        t, clock, notices = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
     except Missing as error:
         why = (f"{name} {count}: {why}" for (name, why), count in rejected.most_common(12))
         raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
-    log = _Selection(series, moments.t, rejected)
+    log = _Selection(series, t, rejected)
     log.select_positions()
     log.select_heading()
     log.select_others()
-    return log.table(path, moments)
+    return log.table(path, clock, notices)
 
 
 def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str], Counter[tuple[str, str]]]:
@@ -257,7 +257,7 @@ class _Selection:
                 rows.append(Account(name, valid, used, why or ("" if used else NOT_READ)))
         return (*rows, *(Account(name, count, (), why) for (name, why), count in self.rejected.items()))
 
-    def table(self, path: Path, moments: Moments) -> RawTable:
+    def table(self, path: Path, clock: Clock, notices: Sequence[Message]) -> RawTable:
         """The columns at the times of all of them, with the accounts."""
         import pandas as pd
 
@@ -269,10 +269,10 @@ class _Selection:
         columns = {name: np.full(len(t), np.nan) for name in names}
         for name, values in columns.items():
             values[np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
-        notices = [*_messages(accounts), *moments.notices, *self.warnings]
+        said = [*_messages(accounts), *notices, *self.warnings]
         units, frame = [UNITS[name] for name in names], pd.DataFrame({"time": t} | columns).astype(object)
-        table = raw_table(path, str(path), ["time", *names], ["s", *units], frame, notices)
-        return replace(table, clock=Clock(t, moments.absolute, "time", moments.words), accounts=accounts)
+        table = raw_table(path, str(path), ["time", *names], ["s", *units], frame, said)
+        return replace(table, clock=replace(clock, t=t), accounts=accounts)
 
 
 def _messages(accounts: Sequence[Account]) -> list[Message]:
