@@ -34,10 +34,14 @@ _COLUMNS = {
 }  # fmt: skip
 UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
 """Columns of the table and their units."""
-TOGETHER = ("u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd", "rot", "rudder",
-            "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split())  # fmt: skip
+TOGETHER = (
+    "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
+    "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
+)  # fmt: skip
 """Columns that are taken from one source: that which says one of them most often."""
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
+"""Column -> those beside which it is not used: a true heading, the shafts of engines."""
 CODES = (
     ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
     ("nmea_void", "status|mode|quality|empty|no hemisphere"),
@@ -70,7 +74,6 @@ def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
         raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
     log = _Selection(series, t, rejected)
     log.select_positions()
-    log.select_heading()
     log.select_others()
     return log.table(path, clock, notices)
 
@@ -138,9 +141,10 @@ class _Selection:
         return self.t[name][own], self.series[name].column(column)[own]
 
     def sources(self, *columns: str) -> list[str]:
-        """The series that hold one of the ``columns``, that with most samples first."""
+        """The series that hold one of the ``columns``, that with most samples first, a water log (VHW) last."""
         counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.series}
-        return sorted((name for name in counts if counts[name]), key=lambda name: -counts[name])
+        names = (name for name in counts if counts[name])
+        return sorted(names, key=lambda name: (self.series[name].kind == "VHW", -counts[name]))
 
     def select(self, column: str, samples: dict[str, Samples]) -> None:
         """Use ``samples`` of the first series as a column, and of others where it is silent."""
@@ -159,7 +163,7 @@ class _Selection:
         for name in self.sources("latitude"):
             rows, series = self.rows(name, "latitude"), self.series[name]
             parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
-            fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
+            fixes.append(Fixes(name, rows, self.t[name][rows], *parts))
         receivers = receivers_of(sorted(fixes, key=lambda f: self.series[f.name].at[0]))
         for used in receivers[:1]:
             self.select("latitude", {f.name: (f.t, f.latitude) for f in used.fixes})
@@ -177,17 +181,13 @@ class _Selection:
     def _select_speeds(self, receivers: Sequence[Receiver]) -> None:
         """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
         own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
-        talkers = {self.series[name].talker for name in own}
-        foreign = {f.talker for other in receivers[1:] for f in other.fixes}
+        foreign = {self.series[f.name].talker for other in receivers[1:] for f in other.fixes}
         rows: dict[str, np.ndarray] = {}
         for name in self.sources("sog"):
-            series = self.series[name]
-            if name in own or not receivers:
-                rows[name] = own.get(name, np.arange(len(series.at)))
-            elif series.talker in foreign:
-                self.reject([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
-            elif series.kind == "VTG":
-                rows[name] = np.arange(len(series.at))
+            if name not in own and self.series[name].talker in foreign:
+                self.reject([name], "of a second receiver, or of one of two")
+            elif name in own or not own or self.series[name].kind == "VTG":
+                rows[name] = own.get(name, np.arange(len(self.series[name].at)))
         most = max(map(len, rows.values()), default=0)
         names = sorted(rows, key=lambda name: (len(rows[name]) < ALIKE * most, self.series[name].kind != "RMC"))
         for column in ("sog", "cog"):
@@ -195,35 +195,20 @@ class _Selection:
             if samples := {name: both for name, both in samples.items() if len(both[0])}:
                 self.select(column, samples)
 
-    def select_heading(self) -> None:
-        """The true heading with most samples, that of a water log (VHW) last, or else a magnetic one with its own
-        variation, or that of a receiver. Zeros alone are no variation: receivers without a model of the earth's field
-        write them."""
-        names = sorted(self.sources("heading"), key=lambda name: self.series[name].kind == "VHW")
-        compasses = self.sources("heading_magnetic")
-        column = "heading" if names else "heading_magnetic"
-        for name in [*names, *compasses][:1]:
-            self.select(column, {name: self.samples(name, column)})
-            self.reject([*names[1:], *compasses], f"heading is taken from {name}")
-        for name in (*compasses[:1], *self.sources("variation")) if not names and compasses else ():
-            t, east = self.samples(name, "variation")
-            if east.any() and "variation" not in self.columns:
-                at = self.columns[column][0]
-                self.select("variation", {name: (at, np.interp(at, t, east))})
-
     def select_others(self) -> None:
         """Of what several sources hold, that with most samples."""
         self._reject_zeros()
         for group in map(str.split, TOGETHER):
             names = self.sources(*group)
-            if group[0].startswith("RPM-E") and set(SHAFTS) & set(self.columns):
-                self.reject(names, "of an engine; the shaft is used")
+            if better := [column for column in BETTER.get(group[0], ()) if column in self.columns]:
+                self.reject(names, f"{better[0]} is used")
                 continue
             for name in names[:1]:
                 for column in group:
                     if len(self.rows(name, column)):
                         self.select(column, {name: self.samples(name, column)})
                 self.reject([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {name}")
+        self._select_variation()
         for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
             only = [side for side in sides if side in self.columns]
             if alone not in self.columns and len(only) == 1:
@@ -236,6 +221,16 @@ class _Selection:
                 words = f"{name}: the blades of the propeller move {moved}; revolutions alone do not tell its thrust"
                 self.rejected[f"{name} pitch", moved] += len(pitch)
                 self.warnings.append(Message(words, "pitch_moves"))
+
+    def _select_variation(self) -> None:
+        """The variation that the compass says, or else a receiver. Zeros alone are none: receivers without a model of
+        the earth's field write them."""
+        compass = [name for name in self.series if "heading_magnetic" in self.used[name]]
+        for name in (*compass, *self.sources("variation")) if compass else ():
+            t, east = self.samples(name, "variation")
+            if east.any() and "variation" not in self.columns:
+                at = self.columns["heading_magnetic"][0]
+                self.select("variation", {name: (at, np.interp(at, t, east))})
 
     def _reject_zeros(self) -> None:
         """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""

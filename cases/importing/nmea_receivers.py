@@ -25,7 +25,6 @@ class Fixes:
     and ranks of the quality (N,)."""
 
     name: str
-    talker: str
     index: np.ndarray
     t: np.ndarray
     latitude: np.ndarray
@@ -50,7 +49,7 @@ class Fixes:
 
     def rows(self, rows: np.ndarray) -> Fixes:
         """Those at ``rows``."""
-        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("name", "talker")}
+        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "name"}
         return replace(self, **parts)
 
 
@@ -91,7 +90,7 @@ def _one_receiver(a: Fixes, b: Fixes) -> bool:
     if off is None:
         first, last = sorted((a, b), key=lambda f: float(f.t[0]))
         both = first.rows(np.arange(len(first))[-5:])
-        both = Fixes("", "", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[2:]))
+        both = Fixes("", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[1:]))
         step = np.abs(np.diff(both.z))
         speed = float(np.median(step[:-1] / np.maximum(np.diff(both.t)[:-1], 1e-3))) if len(step) > 1 else 0.0
         return bool(step[-1] <= NEAR + 2.0 * speed * (both.t[-1] - both.t[-2]))
