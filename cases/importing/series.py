@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from cases.importing.clocks import check_forward, within_stamps
-from cases.importing.import_map import ColumnMap, ImportMap
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import MOST_CELLS, Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, turn_in
-from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
+from mmg.errors import BadValue, OutOfRange, TooFewData
 from mmg.messages import Message
 
 ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
@@ -143,7 +143,7 @@ def table_of_series(
             kept.append(_ordered(replace(one, columns=columns), name))
         elif one.name not in ignored:
             accounts.append(Account(one.name, len(one.t), (), "holds fewer than two values or times"))
-    kept = _one_source(kept, name, chosen.columns_of(path), accounts)
+    kept = _one_source(kept, path, chosen.columns_of(path), accounts)
     sampled = [one for one in kept if not _says_variation(one)]
     if not any("heading_magnetic" in one.quantities().values() for one in sampled):
         kept = sampled
@@ -179,25 +179,23 @@ def _table(
     """The ``kept`` series at the times of the ``clock``."""
     import pandas as pd
 
-    headers, units, cells, means = [clock.header], ["s"], [clock.t], {clock.header: Meaning("t")}
+    cells, means = {clock.header: clock.t}, {clock.header: Meaning("t", "s")}
     for one in kept:
-        quantities = one.quantities()
         inside = (clock.t[0] <= one.t) & (one.t <= clock.t[-1])
         at = np.searchsorted(clock.t, one.t[inside])
         for header, values in one.columns.items():
+            known = np.isfinite(values)
             column = np.full(len(clock.t), np.nan)
             column[at] = values[inside]
             if _says_variation(one):  # it changes slowly, and is said rarely
-                known = np.isfinite(values)
                 column = np.interp(clock.t, one.t[known], values[known])
             own = one.means.get(header) or meaning(header)
-            used = (quantities[header],) if header in quantities else ()
-            accounts.append(Account(header, int(np.isfinite(values).sum()), used, "" if used else own.may_be))
-            headers, units, cells = [*headers, header], [*units, own.unit], [*cells, column]
-            means[header] = own
-    frame = pd.DataFrame(dict(enumerate(cells)))
+            used = (own.quantity,) if own.quantity else ()
+            accounts.append(Account(header, int(known.sum()), used, "" if used else own.may_be))
+            cells[header], means[header] = column, own
+    units, frame = tuple(own.unit for own in means.values()), pd.DataFrame(dict(enumerate(cells.values())))
     return RawTable(
-        path, name, tuple(headers), tuple(units), frame, tuple(notices), clock, accounts=tuple(accounts), means=means
+        path, name, tuple(cells), units, frame, tuple(notices), clock, accounts=tuple(accounts), means=means
     )
 
 
@@ -215,10 +213,10 @@ def _ordered(one: SourceSeries, name: str) -> SourceSeries:
 
 
 def _one_source(
-    kept: Sequence[SourceSeries], name: str, mapped: Mapping[str, ColumnMap], accounts: list[Account]
+    kept: Sequence[SourceSeries], path: Path, mapped: Mapping[str, ColumnMap], accounts: list[Account]
 ) -> list[SourceSeries]:
-    """The series with each quantity in that of the lowest rank only; of several of one rank that say the same, in the
-    first. mapped: columns of the map, which need no choice."""
+    """The series of the log ``path`` with each quantity in that of the lowest rank only; of several of one rank that
+    say the same, in the first. mapped: columns of the map, which need no choice."""
     of: dict[str, tuple[SourceSeries, str]] = {}
     out, said = [], {column.header for column in mapped.values()}
     for one in sorted(kept, key=lambda one: (one.rank, -len(one.t))):
@@ -232,10 +230,9 @@ def _one_source(
                 continue
             same_rank = other.rank == one.rank and quantity != "variation"  # models of the earth's field differ little
             if same_rank and not _agree(one, header, other, same, quantity):
-                raise Conflict(
-                    f"{name}: {quantity} is said by '{other.name}' and by '{one.name}', and they differ; leave one of "
-                    f'them out in the map: ignore = ["{one.name}"]'
-                )
+                words = f"{quantity} is said by '{other.name}' and by '{one.name}', and they differ"
+                choices = {f"'{a.name}'": {"ignore": [b.name]} for a, b in ((other, one), (one, other))}
+                raise OpenQuestion(path, words, choices)
             accounts.append(Account(header, len(one.t), (), f"{quantity} is taken from {other.name}"))
             del columns[header]
         if columns:
