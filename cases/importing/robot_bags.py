@@ -91,11 +91,17 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
     stamps = np.array([t for topic in stamped for t in topic.stamps])
     series, axes = [], []
     for topic in topics:
-        columns, means, words = _columns(topic, chosen.axes == "ned")
+        said, words = _columns(topic, chosen.axes == "ned")
         axes += [words] if words else []
-        t = np.array(topic.stamps) if topic in stamped else _stamps_of(np.array(topic.received), received, stamps)
+        t = np.array(topic.stamps)
+        if topic not in stamped:  # the clock of the stamps against that of the receipt
+            t = np.array(topic.received)
+            if len(stamps) > 1 and np.ptp(received) > 0:
+                slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
+                t = stamps[0] + late + slope * (t - received[0])
         order = np.argsort(t, kind="stable")  # of messages that overtook others
-        columns = {header: values[order] for header, values in columns.items()}
+        columns = {header: values[order] for header, (_, values) in said.items()}
+        means = {header: own for header, (own, _) in said.items()}
         series.append(SourceSeries(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
     absolute = bool(series) and min(float(one.t[0]) for one in series) > SINCE_1970
     clock = Clock(np.zeros(0), absolute, "time", "stamps of the messages, of those without one when they were received")
@@ -165,16 +171,8 @@ def _inner(message: Any, name: str) -> Any:
     return message
 
 
-def _stamps_of(t: np.ndarray, received: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """Times of receipt t (N,) [s] on the clock of the ``stamps`` (M,) of messages that were ``received`` (M,)."""
-    if len(stamps) < 2 or np.ptp(received) == 0:
-        return t
-    slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
-    return np.asarray(stamps[0] + late + slope * (t - received[0]))
-
-
-Columns = tuple[dict[str, np.ndarray], dict[str, Meaning], str]
-"""Header -> (N,) numbers, header -> what it means, and the axes in words."""
+Columns = tuple[dict[str, tuple[Meaning, np.ndarray]], str]
+"""Header -> what it means and its numbers (N,), and the axes in words."""
 
 
 def _columns(topic: Topic, ned: bool) -> Columns:
@@ -182,30 +180,30 @@ def _columns(topic: Topic, ned: bool) -> Columns:
     names = dict.fromkeys(name for row in topic.rows for name in row)
     if topic.kind in RANKS and topic.kind not in ("JointState", "NavSatFix"):
         return _motion(topic, names, ned)
-    columns, means = {}, {}
+    columns = {}
     for name in names:
         header = topic.name if name == "data" else f"{topic.name} {name}"
-        columns[header] = topic.column(name)
-        means[header] = Meaning(name, "deg") if topic.kind == "NavSatFix" else of_topic(header)
+        own = Meaning(name, "deg") if topic.kind == "NavSatFix" else of_topic(header)
         if topic.kind == "JointState":
             joint, _, part = name.rpartition(" ")
             quantity, turns = of_topic(joint).quantity, part == "velocity"
             fits = quantity.startswith("n" if turns else ("delta", "azimuth"))
-            means[header] = Meaning(quantity if fits else "", "rad/s" if turns else "rad")
-    return columns, means, ""
+            own = Meaning(quantity if fits else "", "rad/s" if turns else "rad")
+        columns[header] = own, topic.column(name)
+    return columns, ""
 
 
 def _motion(topic: Topic, names: Iterable[str], ned: bool) -> Columns:
     """Poses, twists and inertial units in axes north-east-down and forward-starboard-down."""
     down, starboard = (ned or bool(re.search(DOWN, frame, re.IGNORECASE)) for frame in (topic.world, topic.body))
     sign, along = 1.0 if starboard else -1.0, ""
-    found: dict[str, tuple[str, str, np.ndarray]] = {}
+    found: dict[str, tuple[Meaning, np.ndarray]] = {}
     if "qx" in names:
         psi = _heading(np.column_stack([topic.column(f"q{axis}") for axis in "xyzw"]), down)
-        found["orientation"] = ("psi", "rad", psi)
+        found["orientation"] = Meaning("psi", "rad"), psi
     if "px" in names:
         north, east = (topic.column(name) for name in (("px", "py") if down else ("py", "px")))
-        found |= {"position north": ("x", "m", north), "position east": ("y", "m", east)}
+        found |= {"position north": (Meaning("x", "m"), north), "position east": (Meaning("y", "m"), east)}
     if "ux" in names:
         ux, uy = topic.column("ux"), topic.column("uy")
         velocity = ux + 1j * sign * uy  # ahead + 1j to starboard
@@ -215,14 +213,15 @@ def _motion(topic: Topic, names: Iterable[str], ned: bool) -> Columns:
             if declared or ("px" in names and _fits_better(topic, velocity, turned, psi, north + 1j * east)):
                 why = "as it says" if declared else "as its positions show"
                 velocity, along = turned, f"; velocities along the axes of the world, {why}"
-        found |= {"linear x": ("u", "m/s", velocity.real), "linear y": ("v", "m/s", velocity.imag)}
+        found["linear x"], found["linear y"] = (
+            (Meaning("u", "m/s"), velocity.real),
+            (Meaning("v", "m/s"), velocity.imag),
+        )
     if "rz" in names:
-        found["angular z"] = ("r", "rad/s", sign * topic.column("rz"))
+        found["angular z"] = Meaning("r", "rad/s"), sign * topic.column("rz")
     frames = f"{topic.world or 'no frame'}{f', {topic.body}' if topic.body != topic.world else ''}"
     axes = f"{'north-east-down' if down else 'ENU'}, {'FRD' if starboard else 'FLU'}{along}"
-    columns = {f"{topic.name} {name}": values for name, (_, _, values) in found.items()}
-    means = {f"{topic.name} {name}": Meaning(quantity, unit) for name, (quantity, unit, _) in found.items()}
-    return columns, means, f"{topic.name} ({frames}) {axes}"
+    return {f"{topic.name} {name}": own for name, own in found.items()}, f"{topic.name} ({frames}) {axes}"
 
 
 def _fits_better(topic: Topic, body: np.ndarray, turned: np.ndarray, psi: np.ndarray, place: np.ndarray) -> bool:
