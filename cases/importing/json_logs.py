@@ -14,7 +14,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, Conflict
@@ -113,8 +113,8 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
         if gear := GEAR.fullmatch(name):
             gears[gear[1]] = str(value).lower()
         elif engine := REVOLUTIONS.fullmatch(name):
-            astern = gears.get(engine[1]) == "reverse" and isinstance(value, int | float)
-            heard.say(header, t, header, -value if astern else value, Meaning("", "Hz", ENGINE))
+            ahead = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
+            heard.say(header, t, header, ahead * number(value), Meaning("", "Hz", ENGINE))
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
             heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
@@ -187,12 +187,12 @@ def _listed(value: Any) -> list[Any]:
 
 def _data_of(data: Any) -> Iterator[tuple[str, str, float, Any, str]]:
     """Table, channel, time [s], value and quality of all values of one element TimeSeriesData."""
-    for number, table in enumerate(_listed(data.get("TabularData"))):
+    for i, table in enumerate(_listed(data.get("TabularData")), 1):
         channels = [str(channel) for channel in table["DataChannelID"]]
         for row in table["DataSet"]:
             t, quality = seconds_of_stamp(row["TimeStamp"]), row.get("Quality") or [""] * len(channels)
             for channel, value, code in zip(channels, row["Value"], quality, strict=True):
-                yield f"table {number + 1} of {channels[0]}", channel, t, value, str(code)
+                yield f"table {i} of {channels[0]}", channel, t, value, str(code)
     for row in (data.get("EventData") or {}).get("DataSet") or ():
         channel = str(row["DataChannelID"])
         yield channel, channel, seconds_of_stamp(row["TimeStamp"]), row["Value"], str(row.get("Quality") or "")

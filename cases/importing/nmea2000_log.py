@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, NotInstalled
@@ -156,25 +156,25 @@ def _of_json(line: str) -> tuple[Found | None, dict[str, str] | None]:
 
 def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard:
     """What the ``messages`` (N) say at the times t (N,) [s], in these ``units``."""
-    heard, gears = Heard(), dict[Any, Any]()
+    heard, gears = Heard(), dict[str, Any]()
     for when, (_, pgn, source, said) in zip(t.tolist(), messages, strict=True):
         if pgn == 127493:
-            gears[said.get("instance")] = said.get("transmissionGear")
+            gears[str(said.get("instance"))] = said.get("transmissionGear")
         if pgn in (129025, 129029) and said.get("method") in ("no GNSS", 0):
             continue
         reference = str(said.get("reference", said.get("cogReference", "")))
         part = reference if pgn == 130306 else said.get("instance") if pgn in (127245, 127488) else None
         name = f"{pgn} (source {source})" + ("" if part is None else f" {part}")
         for field, quantity, kind in FIELDS[pgn]:
-            value, may_be, rank = said.get(field), "", int(pgn in (127258, 129029))
+            value, may_be, rank = number(said.get(field)), "", int(pgn in (127258, 129029))
             if field == "heading" and reference == "Magnetic":
                 quantity, rank = "heading_magnetic", 1
-                value = None if value is None else value + (said.get("deviation") or 0.0)
+                value += np.nan_to_num(number(said.get("deviation")))
             elif field in ("heading", "cog") and reference != "True":
                 continue
             elif pgn == 127488:
                 may_be = ENGINE
-                value = -value if value is not None and gears.get(part) == "Reverse" else value
+                value = -value if gears.get(str(part)) == "Reverse" else value
             elif pgn == 130306 and reference in WIND:
                 quantity = WIND[reference][field == "windAngle"]
             elif pgn == 130306 and "water" in reference:

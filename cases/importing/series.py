@@ -71,10 +71,7 @@ class Heard:
         rows = self._rows.setdefault((name, rank), [])
         if not rows or rows[-1][0] != t or header in rows[-1][1]:
             rows.append((t, {}))
-        try:
-            rows[-1][1][header] = float(value)
-        except (TypeError, ValueError, OverflowError):
-            rows[-1][1][header] = np.nan
+        rows[-1][1][header] = number(value)
         if means is not None:
             self._means[header] = means
 
@@ -87,6 +84,14 @@ class Heard:
             means = {h: self._means[h] for h in headers if h in self._means}
             out.append(SourceSeries(name, np.array([t for t, _ in rows]), columns, means, rank))
         return out
+
+
+def number(value: Any) -> float:
+    """A ``value`` of a message as a number, NaN of one that is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
 
 
 def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:
