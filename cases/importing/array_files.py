@@ -6,6 +6,7 @@ have different names are parts of one log; of those with the same names each is 
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import re
@@ -23,10 +24,9 @@ import numpy as np
 from cases.importing.clocks import clock_of
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import MOST_CELLS, Account, RawTable, raw_table
-from cases.importing.series import SourceSeries, seconds_of_stamp, table_of_series
+from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import meaning
 from cases.io.files import LARGEST, read_bytes
-from cases.io.units import factor_of
 from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
 
@@ -68,6 +68,8 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
 
     Raises UserError where h5py is missing, for a damaged file, and for one without vectors of one length.
     """
+    import pandas as pd
+
     content = read_bytes(path)
     accounts: list[Account] = []
     try:
@@ -85,91 +87,72 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
         raise TooFewData(f"{path}: holds no vectors of one length{': ' + words if words else ''}")
     if sum(len(one.columns) * len(next(iter(one.columns.values()))) for one in found) > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
-    tables = [_table(path, one, len(found) > 1) for one in found]
-    return _parts_of_one_log(path, found, tables, chosen, accounts) or [
-        replace(table, accounts=tuple(accounts)) for table in tables
-    ]
-
-
-def _table(path: Path, one: Vectors, several: bool) -> RawTable:
-    import pandas as pd
-
-    name = f"{path}, group '{one.name}'" if several else str(path)
-    headers = list(one.columns)
-    frame = pd.DataFrame({i: one.columns[h] for i, h in enumerate(headers)})
-    return raw_table(path, name, headers, [one.units.get(h, "") for h in headers], frame, [])
+    tables = []
+    for one in found:
+        name = f"{path}, group '{one.name}'" if len(found) > 1 else str(path)
+        frame = pd.DataFrame(dict(enumerate(one.columns.values())))
+        tables.append(raw_table(path, name, list(one.columns), [one.units.get(h, "") for h in one.columns], frame, []))
+    joined = _parts_of_one_log(path, [one.name for one in found], tables, chosen, accounts)
+    return joined or [replace(table, accounts=tuple(accounts)) for table in tables]
 
 
 def _parts_of_one_log(
-    path: Path, found: list[Vectors], tables: list[RawTable], chosen: ImportMap, accounts: list[Account]
+    path: Path, groups: list[str], tables: list[RawTable], chosen: ImportMap, accounts: list[Account]
 ) -> list[RawTable]:
-    """One table of the ``tables``, or none where they are logs of their own: some have columns of the same name."""
+    """One table of those of the ``groups``, or none where they are logs of their own: some have columns of the same
+    name."""
     said = chosen.columns_of(path).get("t")
-    times = [
-        next((h for h in table.headers if (said and h == said.header) or (not said and meaning(h).quantity == "t")), "")
-        for table in tables
-    ]
-    names = Counter(h for table, time in zip(tables, times, strict=True) for h in table.headers if h != time)
-    if len(tables) < 2 or max(names.values(), default=0) > 1 or not all(times):
-        return []
-    series, clocks = [], []
-    for one, table, time in zip(found, tables, times, strict=True):
-        unit = said.unit if said else ""
-        clocks.append(clock_of(table, time, unit, None, chosen.zone_hours))
-        columns = {h: table.numbers(h) for h in table.headers if h != time and table.numeric(h)}
-        series.append(SourceSeries(one.name, clocks[-1].t, columns, _means(table)))
+    series, clocks, names = [], [], Counter[str]()
+    for group, table in zip(groups, tables, strict=True):
+        means = {h: meaning(h) for h in table.headers}
+        time = next((h for h in table.headers if (h == said.header if said else means[h].quantity == "t")), "")
+        others = [h for h in table.headers if h != time]
+        names.update(others)
+        if len(tables) < 2 or not time or max(names.values(), default=0) > 1:
+            return []
+        clocks.append(clock_of(table, time, said.unit if said else "", None, chosen.zone_hours))
+        columns = {h: table.numbers(h) for h in others if table.numeric(h)}
+        units = dict(zip(table.headers, table.units, strict=True))
+        own = {h: replace(means[h], unit=units[h] or means[h].unit) for h in columns}
+        series.append(SourceSeries(group, clocks[-1].t, columns, own))
     if len({clock.absolute for clock in clocks}) > 1:
         raise BadValue(f"{path}: its groups count time from different beginnings; leave some out in the map (ignore)")
     words = Message(f"{len(series)} parts of {path.name} joined on time", "joined")
-    return [table_of_series(path, series, chosen, replace(clocks[0], header=times[0]), [words], accounts)]
-
-
-def _means(table: RawTable) -> dict[str, Any]:
-    """What the words of the headers mean, with the units that the file says."""
-    known = {h: (meaning(h), unit) for h, unit in zip(table.headers, table.units, strict=True)}
-    return {h: replace(own, unit=unit or own.unit) for h, (own, unit) in known.items()}
+    return [table_of_series(path, series, chosen, clocks[0], [words], accounts)]
 
 
 def _vectors(tree: Mapping[str, Any], name: str, accounts: list[Account], depth: int = 0) -> Iterator[Vectors]:
     """The tables of a struct or group and of those in it."""
     if depth > DEEPEST or len(accounts) > MOST_NODES:
         raise OutOfRange(f"'{name}' holds more names or levels than are read")
-    inner = {key: value for key, value in tree.items() if isinstance(value, Mapping | list)}
-    arrays = {key: value for key, value in tree.items() if isinstance(value, Array)}
     series = _one_series(name, tree)
     if series is not None:
         yield series
         return
-    vectors = {}
-    for key, array in arrays.items():
-        values = array.values.squeeze() if array.values.ndim else array.values
+    vectors: dict[int, dict[str, Array]] = {}
+    for key, array in tree.items():
+        below = f"{name}/{key}".strip("/")
+        parts = [array] if isinstance(array, Mapping) else array if isinstance(array, list) else []
+        for number, part in enumerate(parts, 1):
+            if isinstance(part, Mapping):
+                yield from _vectors(part, f"{below}{number if len(parts) > 1 else ''}", accounts, depth + 1)
+        if not isinstance(array, Array):
+            continue
+        values = array.values.squeeze()
         if values.dtype.names:
-            fields = {
-                f: values[f] for f in values.dtype.names if values[f].ndim == 1 and values[f].dtype.kind in "iufSU"
-            }
-            yield Vectors(f"{name}/{key}".strip("/"), fields, {})
+            fields = {f: values[f] for f in values.dtype.names}
+            yield Vectors(below, {f: v for f, v in fields.items() if v.ndim == 1 and v.dtype.kind in "iufSU"}, {})
         elif values.ndim == 1 and values.dtype.kind in "iufMOSU" and len(values) > 1:
-            vectors[key] = replace(array, values=values)
+            vectors.setdefault(len(values), {})[key] = replace(array, values=values)
         elif values.ndim == 2 and values.dtype.kind in "iuf":
-            yield _matrix(
-                f"{name}/{key}".strip("/"),
-                values,
-                array.names or _names_for(tree, max(values.shape), min(values.shape)),
-            )
+            yield _matrix(below, values, array.names or _names_for(tree, min(values.shape)))
         else:
-            accounts.append(Account(f"{name}/{key}".strip("/"), int(values.size), (), f"of shape {array.values.shape}"))
-    lengths = Counter(len(array.values) for array in vectors.values())
-    for length in lengths:
-        own = {key: array for key, array in vectors.items() if len(array.values) == length}
+            accounts.append(Account(below, int(values.size), (), f"of shape {array.values.shape}"))
+    for length, own in vectors.items():
         if len(own) > 1:
             yield Vectors(name or "top", {k: a.values for k, a in own.items()}, {k: a.unit for k, a in own.items()})
         else:
             accounts.append(Account(f"{name}/{next(iter(own))}".strip("/"), length, (), "no other has its length"))
-    for key, value in inner.items():
-        parts = enumerate(value, 1) if isinstance(value, list) else [("", value)]
-        for number, part in parts:
-            if isinstance(part, Mapping):
-                yield from _vectors(part, f"{name}/{key}{number}".strip("/"), accounts, depth + 1)
 
 
 def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:
@@ -178,23 +161,18 @@ def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:
     key = next((k for k in tree if k.lower() in VALUES), "")
     if time is None or not key or time.values.squeeze().ndim != 1:
         return None
-    parts = tree[key] if isinstance(tree[key], list) else [tree[key]]
-    columns, units, t = {"time": time.values.squeeze()}, {"time": time.unit or "s"}, time.values.squeeze()
-    for number, part in enumerate(parts, 1):
-        label = name.rpartition("/")[2]
+    t, label = time.values.squeeze(), name.rpartition("/")[2]
+    columns, units = {"time": t}, {"time": time.unit or "s"}
+    for number, part in enumerate(tree[key] if isinstance(tree[key], list) else [tree[key]], 1):
         if isinstance(part, Mapping):  # of Simulink: values, label, dimensions
-            label = str(part.get("label") or f"{label} {number}")
+            label = str(part.get("label") or f"{name.rpartition('/')[2]} {number}")
             part = part.get("values")
-        if not isinstance(part, Array) or part.values.squeeze().ndim not in (1, 2):
+        values = part.values.squeeze() if isinstance(part, Array) else np.zeros((0, 0, 0))
+        if values.ndim not in (1, 2) or len(t) not in values.shape:
             return None
-        values = part.values.squeeze()
-        values = values.reshape(len(values), -1) if len(values) == len(t) else values.T
-        if len(values) != len(t):
-            return None
-        values = values.reshape(len(t), -1)
-        for i in range(values.shape[1]):
-            header = label if values.shape[1] == 1 else f"{label} {i + 1}"
-            columns[header], units[header] = values[:, i], part.unit
+        for i, column in enumerate(np.atleast_2d(values.T if len(values) == len(t) else values), 1):
+            header = label if values.ndim == 1 else f"{label} {i}"
+            columns[header], units[header] = column, part.unit
     return Vectors(name, columns, units)
 
 
@@ -205,7 +183,7 @@ def _matrix(name: str, values: np.ndarray, names: tuple[str, ...]) -> Vectors:
     return Vectors(name, {h: rows[:, i] for i, h in enumerate(headers)}, {})
 
 
-def _names_for(tree: Mapping[str, Any], rows: int, width: int) -> tuple[str, ...]:
+def _names_for(tree: Mapping[str, Any], width: int) -> tuple[str, ...]:
     """Names of columns that lie beside a matrix, as many as it has."""
     lists = [v for v in tree.values() if isinstance(v, list) and len(v) == width and all(isinstance(x, str) for x in v)]
     return tuple(lists[0]) if len(lists) == 1 else ()
@@ -304,19 +282,16 @@ def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> di
 
 def _dataset(node: Any) -> Array:
     """Numbers of a dataset: fill values are NaN, times "seconds since ..." of netCDF are counted from 1970."""
+    import pandas as pd
+
     values, unit = node[()], _text(node.attrs.get("units", node.attrs.get("unit", "")))
     fill = node.attrs.get("_FillValue")
     if fill is not None and np.size(fill) == 1:
         values = np.where(values == np.ravel(fill)[0], np.nan, values)
-    since = re.fullmatch(r"(\w+) since (\d{4}-\d\d-\d\d)[T ]?(\S*)", unit.strip())
-    if since:
-        word = since[1].lower()
-        factor = (
-            86400.0 if word in ("day", "days", "d") else factor_of("s", word) or factor_of("s", word.removesuffix("s"))
-        )
-        if factor:
-            begin = seconds_of_stamp(f"{since[2]}T{since[3].removesuffix('Z') or '00:00:00'}")
-            values, unit = values * factor + begin, "s"
+    if since := re.fullmatch(r"(\w+) since (.+)", unit.strip()):
+        with contextlib.suppress(ValueError):  # other words are no unit of times, and refused as such
+            factor, begin = pd.Timedelta(f"1 {since[1].lower()}"), pd.Timestamp(since[2])
+            values, unit = values * factor.total_seconds() + begin.timestamp(), "s"
     names = node.attrs.get("columns", node.attrs.get("names", node.attrs.get("headers", ())))
     listed = np.ravel(names).tolist() if np.size(names) > 1 else _text(names).split(",") if np.size(names) else []
     return Array(values, unit, tuple(_text(n).strip() for n in listed))

@@ -254,7 +254,8 @@ def _numbers(table: RawTable, header: str, unit: str, beside: Mapping[str, str])
                 continue
             if words.startswith("days of a spread") and table.since_1904:
                 zero += SINCE_1904
-            t = _digits(table, header, values * factor) + zero + part
+            since = (values + zero / factor) * factor  # days since the year 0 have few digits left for parts of seconds
+            t = _digits(table, header, since) + part
             return Clock(t, True, header, words)
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')

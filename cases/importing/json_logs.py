@@ -14,19 +14,20 @@ import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, Compass, Heard, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
 from mmg.errors import BadValue, Conflict
 from mmg.messages import Message
 
-OVER_WATER = "(over the water, where there is no current) or nothing"
 PATHS = {
     "navigation.position.latitude": Meaning("latitude", "deg"),
     "navigation.position.longitude": Meaning("longitude", "deg"),
     "navigation.courseOverGroundTrue": Meaning("cog", "rad"),
     "navigation.speedOverGround": Meaning("sog", "m/s"),
     "navigation.headingTrue": Meaning("psi", "rad"),
+    "navigation.headingMagnetic": Meaning("heading_magnetic", "rad"),
+    "navigation.magneticVariation": Meaning("variation", "rad"),
     "navigation.rateOfTurn": Meaning("r", "rad/s"),
     "steering.rudderAngle": Meaning("delta", "rad"),
     "environment.wind.speedApparent": Meaning("apparent_wind_speed", "m/s"),
@@ -38,8 +39,8 @@ PATHS = {
     "environment.wind.angleTrueWater": Meaning("", "rad", f"true_wind_angle {OVER_WATER}"),
 }
 """Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard."""
-MAGNETIC = {"navigation.headingMagnetic": "psi", "navigation.courseOverGroundMagnetic": "cog"}
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
+DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
 
 
@@ -51,6 +52,8 @@ VIS = {
     "wind.speed.vs.vessel": "apparent_wind_speed", "wind.direction.vs.vessel": "apparent_wind_direction",
 }  # fmt: skip
 """Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean."""
+SET = r"set\.point|reference|request|control|nominal|input"
+"""Types and commands of ids of what is not measured."""
 SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
 """Nodes of propeller shafts, of what drives them, and of rudders and steering gears."""
 
@@ -64,28 +67,22 @@ def vis_meaning(channel: str) -> Meaning:
         return Meaning("")
     node, _, tags = channel.partition("/meta/")
     said = dict(tag.split("-", 1) for tag in tags.split("/") if "-" in tag)
-    if re.search(
-        r"set\.point|reference|request|control|nominal|input", f"{said.get('type', '')} {said.get('cmd', '')}"
-    ):
+    if re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
         return Meaning("")
     side = re.search(r"-\d*([PS])(?![A-Za-z])", node)
-    quantity = said.get("qty", "")
+    port, quantity = bool(side) and side[1] == "P", said.get("qty", "")  # type: ignore[index]
     if quantity == "angle" and re.search(RUDDERS, node):
-        return Meaning({"P": "delta_port", "S": "delta_starboard"}.get(side[1] if side else "", "delta"))
-    if quantity in ("rotational.frequency", "angular.velocity") and re.search(SHAFTS, node):
-        return Meaning("n_2" if side and side[1] == "P" else "n")
-    if quantity in ("rotational.frequency", "angular.velocity") and re.search(ENGINES, node):
-        return Meaning("", may_be=ENGINE)
+        return Meaning("delta" if not side else "delta_port" if port else "delta_starboard")
+    if quantity in ("rotational.frequency", "angular.velocity"):
+        shaft, engine = re.search(SHAFTS, node), re.search(ENGINES, node)
+        return Meaning("n_2" if port else "n") if shaft else Meaning("", may_be=ENGINE if engine else "")
     known = VIS.get(quantity, "")
     return Meaning(known, "deg" if known in ("latitude", "longitude") else "")
 
 
 def is_signal_k(content: bytes) -> bool:
     """Whether most lines of the begin of ``content`` are deltas."""
-    lines = [line for line in content[:65536].splitlines() if line.strip()]
-    lines = lines[:-1] or lines  # the last one is cut off
-    deltas = [b'"updates"' in line and line.lstrip().startswith(b"{") for line in lines]
-    return len(lines) > 1 and sum(deltas) > 0.5 * len(lines)
+    return mostly(content, DELTA)
 
 
 def is_iso19848(content: bytes) -> bool:
@@ -110,23 +107,19 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
     ships = Counter(context for context, *_ in values)
     own = own if own in ships else _own_ship(path, values, ships)
     kept = [value[1:] for value in values if value[0] == own]
-    compass = Compass([(t, v) for t, p, _, v in kept if p == "navigation.magneticVariation"], "rad", chosen)
     heard, gears, others = Heard(), dict[str, str](), Counter[str]()
     for t, name, source, value in kept:
         header = f"{name} ({source})"
         if gear := GEAR.fullmatch(name):
             gears[gear[1]] = str(value).lower()
         elif engine := REVOLUTIONS.fullmatch(name):
-            astern = gears.get(engine[1]) == "reverse" and isinstance(value, int | float)
-            heard.say(header, t, header, -value if astern else value, Meaning("", "Hz", ENGINE))
-        elif name in MAGNETIC:
-            compass.say(heard, header, t, MAGNETIC[name], value)
+            ahead = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
+            heard.say(header, t, header, ahead * number(value), Meaning("", "Hz", ENGINE))
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
-            heard.say(at, t, header, value, PATHS[name])
+            heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
         else:
             others[name] += 1
-    compass.check(path, heard)
     accounts = [Account(name, count, (), NOT_READ) for name, count in others.items()]
     accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own]
     said = [Message(f"Signal K: {len(kept)} values of {own or 'the own ship'}", "signal_k")]
@@ -179,7 +172,7 @@ def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
     for name, channel, t, value, code in said:
         if code == good:
             means = vis_meaning(channel)
-            heard.say(name or channel, t, channel, _value(value), means if means.quantity or means.may_be else None)
+            heard.say(name or channel, t, channel, value, means if means.quantity or means.may_be else None)
     accounts = [
         Account(f"quality {c or 'none'}", n, (), f"most have {good or 'none'}") for c, n in codes.items() if c != good
     ]
@@ -194,22 +187,15 @@ def _listed(value: Any) -> list[Any]:
 
 def _data_of(data: Any) -> Iterator[tuple[str, str, float, Any, str]]:
     """Table, channel, time [s], value and quality of all values of one element TimeSeriesData."""
-    for number, table in enumerate(_listed(data.get("TabularData"))):
+    for i, table in enumerate(_listed(data.get("TabularData")), 1):
         channels = [str(channel) for channel in table["DataChannelID"]]
         for row in table["DataSet"]:
             t, quality = seconds_of_stamp(row["TimeStamp"]), row.get("Quality") or [""] * len(channels)
             for channel, value, code in zip(channels, row["Value"], quality, strict=True):
-                yield f"table {number + 1} of {channels[0]}", channel, t, value, str(code)
+                yield f"table {i} of {channels[0]}", channel, t, value, str(code)
     for row in (data.get("EventData") or {}).get("DataSet") or ():
         channel = str(row["DataChannelID"])
         yield channel, channel, seconds_of_stamp(row["TimeStamp"]), row["Value"], str(row.get("Quality") or "")
-
-
-def _value(text: Any) -> float:
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return np.nan
 
 
 def with_local_ids(table: RawTable) -> RawTable:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import median_filter, percentile_filter, uniform_filter1d
+from scipy.ndimage import median_filter, percentile_filter
 
 from cases.importing.clocks import EPOCHS, check_clock, within_stamps
 from cases.importing.raw_table import Clock
+from cases.importing.series import STAMP, seconds_of
 from mmg.errors import Missing
 from mmg.messages import Message
 
@@ -32,7 +34,7 @@ LATE = 0.5
 QUARTER [s]."""
 QUARTER = 900.0
 JITTER = 0.1
-"""Scatter of stamps and delays, in the step of a source, above which they scatter."""
+"""Scatter of delays, in the step of a source, above which they scatter."""
 UNSTEADY = 0.2
 """Share of delays that scatter from which all do."""
 EARLY = 80
@@ -40,6 +42,10 @@ EARLY = 80
 FIXES, STAMPS, LAG = 21, 21, 10
 """Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
 than too large by the sentences that were lost, since delays grow with each of them then and only grow."""
+
+
+EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
+"""A number that may count since 1970, in seconds or parts of them."""
 
 
 @dataclass
@@ -61,92 +67,40 @@ class Series:
         return self._columns[name]
 
 
-@dataclass(frozen=True)
-class Moments:
-    """t: seconds of the sentences of each series, (N,) each, NaN where none is known; absolute: since 1970 in UTC;
-    words: by which clock; notices: what was done."""
-
-    t: dict[str, np.ndarray]
-    absolute: bool
-    words: str
-    notices: tuple[Message, ...]
-
-
-def _dated(match: re.Match[str]) -> tuple[float, bool]:
-    year, month, day, *clock = (int(part) for part in match.groups()[:6])
-    since = datetime.date(year, month, day).toordinal() - datetime.date(1970, 1, 1).toordinal()
-    zone = match[8] or ""
-    ahead = 0.0 if zone in ("", "Z") else float(f"{zone[0]}1") * (3600 * int(zone[1:3]) + 60 * int(zone[-2:]))
-    return DAY * since + _of_day(clock, match[7]) - ahead, bool(zone)
-
-
-def _of_day(clock: Sequence[int], decimals: str | None) -> float:
-    return 3600.0 * clock[0] + 60.0 * clock[1] + clock[2] + float(f"0.{decimals or 0}")
-
-
-def _since_1970(match: re.Match[str]) -> tuple[float, bool]:
-    whole = float(f"{match[1]}.{match[2] or 0}")
-    unit = next(unit for unit, low, high, _, zero, _ in EPOCHS if zero == 0.0 and low <= whole < high)
-    return whole * {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit], True
-
-
-Reads = Callable[[re.Match[str]], tuple[float, bool]]
-STAMPS_OF: tuple[tuple[str, re.Pattern[str], Reads], ...] = (
-    ("epoch", re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.(\d+))?(?![\d:])"), _since_1970),
-    (
-        "date",
-        re.compile(
-            r"((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[T ,;_]*([01]\d|2[0-3]):?([0-5]\d):?([0-5]\d)"
-            r"(?:[.,](\d+))?\s?(Z|[+-]\d\d:?\d\d)?"
-        ),
-        _dated,
-    ),
-    (
-        "day",
-        re.compile(r"(?<!\d)([01]?\d|2[0-3]):([0-5]\d):([0-5]\d)(?:[.,](\d+))?"),
-        lambda match: (_of_day([int(part) for part in match.groups()[:3]], match[4]), False),
-    ),
-    ("number", re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\W*$"), lambda match: (float(match[1]), False)),
-)
-"""Stamps of loggers: what they count, how they look, and how they are read (seconds, whether they name their zone)."""
-
-
-@dataclass(frozen=True)
-class Logger:
-    """The stamps ``t`` (L,) [s] of a logger for the lines of a log, NaN where a line has none.
-
-    kind: "epoch" or "date" since 1970, "day" of the day it began on, "number" since its own begin in an unknown unit,
-    "" of none; zoned: whether the stamps name their zone.
-    """
-
-    t: np.ndarray
-    kind: str = ""
-    zoned: bool = False
-
-
-def logger_of(texts: Sequence[str]) -> Logger:
-    """The logger that wrote the ``texts`` (L,) beside the sentences: by the kind of stamp that most of them hold."""
-    some = [text for text in texts[:: max(1, len(texts) // 200)]]
-    for kind, pattern, read in STAMPS_OF:
-        if sum(bool(pattern.search(text)) for text in some) <= 0.5 * len(some):
-            continue
-        t, zoned = np.full(len(texts), np.nan), True
-        for i, text in enumerate(texts):
-            if match := pattern.search(text):
-                try:
-                    t[i], own = read(match)
-                except (ValueError, OverflowError, StopIteration):  # 31 February
-                    continue
-                zoned &= own
+def logger_of(texts: Sequence[str]) -> Clock:
+    """The clock of the logger that wrote the ``texts`` (L,) beside the sentences, NaN where one has no stamp: of the
+    kind that most of them hold, "epoch" or "date", or "day" of times since the day on which it began; "" of none."""
+    read = [_stamp(text) for text in texts]
+    kind, count = Counter(kind for kind, _, _ in read).most_common(1)[0] if read else ("", 0)
+    if not kind or count <= 0.5 * len(read):
+        return Clock(np.full(len(read), np.nan), False, "", "")
+    t = np.array([t if own == kind else np.nan for own, t, _ in read])
+    if kind == "day":
         known = np.isfinite(t)
-        if known.sum() > 1:
-            t[known] = np.unwrap(t[known], period=DAY) if kind == "day" else t[known]
-            return Logger(t, kind, zoned)
-    return Logger(np.full(len(texts), np.nan))
+        t[known] = np.unwrap(t[known], period=DAY)
+    return Clock(t, kind != "day", kind, "of the logger", all(zoned for own, _, zoned in read if own == kind))
 
 
-def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hours: float = 0.0) -> Moments:
-    """When the sentences of the series ``by_name`` were said.
+def _stamp(text: str) -> tuple[str, float, bool]:
+    """Kind, seconds and whether it names its zone, of the stamp in a ``text``."""
+    if match := EPOCH.search(text):
+        number = float(match[0])
+        for _, low, high, factor, zero, _ in EPOCHS:
+            if zero == 0.0 and low <= number < high:
+                return "epoch", number * factor, True
+    try:
+        if match := STAMP.search(text):
+            return "date" if match[1] else "day", seconds_of(match), bool(match[7])
+    except ValueError:  # 31 February
+        pass
+    return "", np.nan, False
+
+
+def moments_of(
+    by_name: dict[str, Series], logger: Clock, where: str, zone_hours: float = 0.0
+) -> tuple[dict[str, np.ndarray], Clock, list[Message]]:
+    """When the sentences of each of the series ``by_name`` were said [s], (N,), NaN where it is not known; by which
+    clock, without its times; and what was done.
 
     logger: its stamps of all sentences; where: for messages; zone_hours: of its stamps without a zone. Sentences with a
     time lie there. Others lie at the logger's stamps, less what its clock is ahead, or else by the order: each source
@@ -156,25 +110,21 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
     stamps = {name: _own_times(series) for name, series in by_name.items()}
     stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
     stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}
-    fixes = sorted((at, t) for name, s in by_name.items() for at, t in zip(s.at, stamps[name], strict=True) if t == t)
-    if len(fixes) > 1:
-        fix_at, fix_t = np.array([at for at, _ in fixes]), np.array([t for _, t in fixes])
+    fix_at, fix_t = _known(by_name, stamps, by_name)
+    logged, offset, latency = logger.t, None, 0.0
+    if len(fix_at) > 1:
         latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
         check_clock(Clock(latest, True, "time", ""), where)
         new = np.diff(latest, prepend=-np.inf) > 0
         fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
-        logged = logger.t * _scale(logger, fix_at, fix_t)
-        offset, latency = _clock_offset(logged, logger.kind, fix_at, fix_t)
-    elif np.isfinite(logger.t).sum() > 1:
-        whole = logger.kind == "number" and not (logger.t[np.isfinite(logger.t)] % 1.0).any()  # milliseconds
-        logged = (logger.t - 3600.0 * zone_hours * (logger.kind == "date" and not logger.zoned)) / (
-            1000 if whole else 1
-        )
+        offset, latency = _clock_offset(logged, fix_at, fix_t)
+    elif np.isfinite(logged).sum() > 1:
+        logged = logged - 3600.0 * zone_hours * (logger.header == "date" and not logger.zoned)
         fix_at = np.flatnonzero(np.isfinite(logged))
         check_clock(Clock(logged[fix_at], True, "of the logger", ""), where)
         fix_at = fix_at[np.diff(logged[fix_at], prepend=-np.inf) > 0]
-        fix_t, words, absolute = logged[fix_at], "of the logger", logger.kind in ("epoch", "date")
-        offset, latency = (np.zeros(len(logged)) if _fine(logged) else None), 0.0
+        fix_t, words, absolute = logged[fix_at], logger.words, logger.absolute
+        offset = np.zeros(len(logged)) if _fine(logged) else None
     else:
         raise Missing(f"{where}: no sentence holds a time (RMC, GGA, GLL, ZDA), and no line a stamp of its logger")
     if offset is not None and latency:
@@ -187,11 +137,24 @@ def moments_of(by_name: dict[str, Series], logger: Logger, where: str, zone_hour
         at = np.array(series.at)
         if offset is not None and np.isfinite(logged[at]).mean() > 0.5:
             own = latency if series.talker in receivers else 0.0
-            stamps[name] = _even(logged[at] - offset[at] - own)
+            t = (logged - offset)[at] - own
+            known = np.isfinite(t)
+            stamps[name] = np.maximum.accumulate(np.interp(at, at[known], t[known]))
         else:
             t = _by_order(at, fix_at, fix_t)
             stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
-    return Moments(stamps, absolute, words, tuple(notices))
+    return stamps, Clock(np.zeros(0), absolute, "time", words), notices
+
+
+def _known(
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], names: Iterable[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (M,) of the sentences of some series whose ``stamps`` are known, in their order, and these [s]."""
+    at = np.concatenate([np.zeros(0, dtype=int), *(by_name[name].at for name in names)])
+    t = np.concatenate([np.zeros(0), *(stamps[name] for name in names)])
+    order = np.argsort(at)
+    order = order[np.isfinite(t[order])]
+    return at[order].astype(int), t[order]
 
 
 def _own_times(series: Series) -> np.ndarray:
@@ -223,45 +186,45 @@ def _one_path(place: np.ndarray) -> bool:
 def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
     """The times ``t`` (N,) [s] of a ``series`` with those of sentences that are not valid, where they lie between those
     of valid ones: they tell when others were said."""
-    valid = np.flatnonzero(np.isfinite(t))
-    if len(valid) < 2:
+    known = np.isfinite(t)
+    if known.sum() < 2:
         return t
     time, rows = np.array(series.time), np.arange(len(t))
-    time = time + DAY * np.round((np.interp(rows, valid, t[valid]) - time) / DAY)
-    before, behind = (np.searchsorted(valid, rows, side) for side in ("left", "right"))
-    inside = (before > 0) & (behind < len(valid))
-    low, high = t[valid[np.maximum(before - 1, 0)]], t[valid[np.minimum(behind, len(valid) - 1)]]
-    return np.where(np.isfinite(t), t, np.where(inside & (low <= time) & (time <= high), time, np.nan))
+    time = time + DAY * np.round((np.interp(rows, rows[known], t[known]) - time) / DAY)
+    low = np.maximum.accumulate(np.where(known, t, -np.inf))
+    high = np.minimum.accumulate(np.where(known, t, np.inf)[::-1])[::-1]
+    between = (low > -np.inf) & (low <= time) & (time <= high) & (high < np.inf)
+    return np.where(between & ~known, time, t)
 
 
 def _set_clocks(
-    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Logger, where: str, notices: list[Message]
+    by_name: dict[str, Series], stamps: dict[str, np.ndarray], logger: Clock, where: str, notices: list[Message]
 ) -> tuple[dict[str, np.ndarray], bool]:
     """The ``stamps`` on the days that dated series or the logger say, without those of clocks that were not set, and
     whether the day is known."""
     dated = {name for name, s in by_name.items() if np.isfinite(s.column("day")).any()}
-    days = np.concatenate([stamps[name][np.isfinite(stamps[name])] for name in dated] or [np.zeros(0)])
-    logged = logger.t if logger.kind in ("epoch", "date") else np.full(len(logger.t), np.nan)
-    if len(days):
-        typical = float(np.median(days))
-        for name in dated:  # weeks that begin anew within the log
-            stamps[name] = stamps[name] + ROLLOVER * np.round((typical - stamps[name]) / ROLLOVER)
-        at = np.concatenate([np.array(by_name[name].at)[np.isfinite(stamps[name])] for name in dated])
+    logged = logger.t if logger.absolute else np.full(len(logger.t), np.nan)
+    at, t = _known(by_name, stamps, dated)
+    if len(t):
+        typical = float(np.median(t))
         weeks = np.nanmedian(logged[at] - typical) / ROLLOVER if np.isfinite(logged[at]).any() else 0.0
-        if round(weeks) and abs(weeks - round(weeks)) * ROLLOVER < UNSET:
-            stamps |= {name: stamps[name] + ROLLOVER * round(weeks) for name in dated}
-            words = f"dates of the receiver are {1024 * round(weeks)} weeks early by the logger's stamps, and are moved"
+        early = round(weeks) if abs(weeks - round(weeks)) * ROLLOVER < UNSET else 0
+        for name in dated:  # weeks that begin anew within the log
+            stamps[name] = stamps[name] + ROLLOVER * (np.round((typical - stamps[name]) / ROLLOVER) + early)
+        if early:
+            words = f"dates of the receiver are {1024 * early} weeks early by the logger's stamps, and are moved"
             notices.append(Message(words, "week_rollover"))
         elif typical < FIRST_DAY * DAY:
             day = datetime.datetime.fromtimestamp(max(typical, 0.0), datetime.timezone.utc).date()
             words = f"the log is of {day} by its receiver, whose weeks may have begun anew: then it is 1024 weeks later"
             notices.append(Message(words, "date_early"))
-    anchors = sorted((at, t) for n in dated for at, t in zip(by_name[n].at, stamps[n], strict=True) if t == t)
-    if not anchors:
-        anchors = [(int(at), float(logged[at])) for at in np.flatnonzero(np.isfinite(logged))]
-    anchor_at, anchor_t = (np.array([row[i] for row in anchors]) for i in (0, 1))
-    if len(anchors):
-        kept = _longest(anchor_t)
+    anchor_at, anchor_t = _known(by_name, stamps, dated)
+    if not len(anchor_at):
+        anchor_at = np.flatnonzero(np.isfinite(logged))
+        anchor_t = logged[anchor_at]
+    if len(anchor_at):  # the stretch without jumps of UNSET that holds most
+        stretch = np.cumsum(np.abs(np.diff(anchor_t, prepend=anchor_t[:1])) > UNSET)
+        kept = stretch == np.bincount(stretch).argmax()
         anchor_at, anchor_t = anchor_at[kept], anchor_t[kept]
     unset = 0
     for name, series in by_name.items():
@@ -272,8 +235,7 @@ def _set_clocks(
             if name not in dated:
                 own = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
                 t = t + (DAY * np.round((anchor_t - t[known][own]) / DAY))[last]
-            near = anchor_t[last]
-            far = known & (np.abs(t - near) > UNSET)
+            far = known & (np.abs(t - anchor_t[last]) > UNSET)
             back = np.flatnonzero(known & ~far)
             turns = np.flatnonzero(np.diff(t[back]) < 0)
             if len(turns) and turns[-1] + 1 <= COLD * len(back):  # times before the receiver set its clock
@@ -286,23 +248,7 @@ def _set_clocks(
         stamps[name] = t
     if unset:
         notices.append(Message(f"{unset} sentences of a receiver whose clock was not set are left out", "clock_unset"))
-    return stamps, bool(len(anchors))
-
-
-def _longest(t: np.ndarray) -> np.ndarray:
-    """(N,) whether a time belongs to the stretch without jumps of UNSET that holds most."""
-    stretch = np.cumsum(np.abs(np.diff(t, prepend=t[:1])) > UNSET)
-    return stretch == np.bincount(stretch).argmax()
-
-
-def _scale(logger: Logger, fix_at: np.ndarray, fix_t: np.ndarray) -> float:
-    """Seconds of a unit of the ``logger``, by the times (F,) of fixes; 1 where none fits."""
-    step = np.diff(logger.t[fix_at])
-    known = np.isfinite(step) & (step != 0)
-    if logger.kind != "number" or not known.any():
-        return 1.0
-    unit = float(np.median(np.diff(fix_t)[known] / step[known]))
-    return next((scale for scale in (1.0, 1e-3, 1e-6, 1e-9) if 0.9 < unit / scale < 1.1), 1.0)
+    return stamps, bool(len(anchor_at))
 
 
 def _fine(t: np.ndarray) -> bool:
@@ -310,13 +256,11 @@ def _fine(t: np.ndarray) -> bool:
     return len(np.unique(np.round(t[np.isfinite(t)] % 1.0, 3))) > 1
 
 
-def _clock_offset(
-    logged: np.ndarray, kind: str, fix_at: np.ndarray, fix_t: np.ndarray
-) -> tuple[np.ndarray | None, float]:
+def _clock_offset(logged: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray | None, float]:
     """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
     sentences of the receiver come after their fix; None where it is no clock to go by.
 
-    kind: of the stamps; fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
+    fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
     hour and up to LATE is set to its zone, and the rest is the delay of the receiver: a clock that is not set would
     hardly be as near.
     """
@@ -329,28 +273,9 @@ def _clock_offset(
     smooth = median_filter(lag, size=STAMPS, mode="nearest")
     zone = QUARTER * round(float(np.median(lag)) / QUARTER)
     latency = float(np.median(lag)) - zone
-    if 0.0 < latency < LATE and kind != "number" and np.ptp(smooth) < LATE:
+    if 0.0 < latency < LATE and np.ptp(smooth) < LATE:
         return np.full(len(logged), zone), latency
     return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0
-
-
-def _even(t: np.ndarray) -> np.ndarray:
-    """Stamps (N,) [s] of one source; those that scatter about even times, as of a logger that reads a buffer, on them.
-
-    Steps of times that scatter are negatively correlated, those of a source that speaks when something happens are not.
-    """
-    t = np.interp(np.arange(len(t)), np.flatnonzero(np.isfinite(t)), t[np.isfinite(t)])
-    step = np.diff(t)
-    if len(t) < STAMPS or not (step > 0).any():
-        return t
-    gaps = np.flatnonzero(step > 3.0 * max(float(np.percentile(step, 95)), 1e-9)) + 1
-    usual = float(np.mean(np.delete(step, gaps - 1)))
-    off = np.delete(step, gaps - 1) - usual
-    if np.abs(off).mean() < JITTER * usual or np.mean(off[1:] * off[:-1]) > -0.15 * np.mean(off**2):
-        return np.maximum.accumulate(t)
-    rows = usual * np.arange(len(t))
-    parts = [uniform_filter1d(part, STAMPS, mode="nearest") for part in np.split(t - rows, gaps)]
-    return np.maximum.accumulate(np.concatenate(parts) + rows)
 
 
 def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -10,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cases.importing.import_map import ImportMap, magnetic
-from cases.importing.nmea_clock import Moments, Series, logger_of, moments_of
+from cases.importing.import_map import ImportMap
+from cases.importing.nmea_clock import Series, logger_of, moments_of
 from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
 from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
+from cases.importing.series import mostly
 from cases.io.files import read_bytes
 from mmg.errors import Missing
 from mmg.messages import Message
@@ -24,21 +26,27 @@ CHECKSUM = "checksum wrong"
 SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\*([0-9A-Fa-f]{2}))?")
 TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")
 """The source of a tag block of NMEA 4."""
-UNITS = {
-    "time": "s", "latitude": "deg", "longitude": "deg", "sog": "kn", "cog": "deg", "heading": "deg", "rot": "deg/min",
-    "u": "kn", "v": "kn", "rudder": "deg", "rudder_starboard": "deg", "rudder_port": "deg", "rpm": "rpm",
-    "rpm_starboard": "rpm", "rpm_port": "rpm", "apparent_wind_speed": "m/s", "apparent_wind_direction": "deg",
-    "true_wind_speed": "m/s", "twa": "deg", "twd": "deg", "RPM-E": "rpm", "RPM-E_starboard": "rpm",
-    "RPM-E_port": "rpm",
+_COLUMNS = {
+    "deg": "latitude longitude cog heading heading_magnetic variation rudder rudder_starboard rudder_port "
+    "apparent_wind_direction twa twd",
+    "kn": "sog u v", "deg/min": "rot", "m/s": "apparent_wind_speed true_wind_speed",
+    "rpm": "rpm rpm_starboard rpm_port RPM-E RPM-E_starboard RPM-E_port",
 }  # fmt: skip
+UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
 """Columns of the table and their units."""
 TOGETHER = (
-    ("rot",), ("u", "v"), ("rudder",), ("rudder_starboard",), ("rudder_port",), ("rpm",), ("rpm_starboard",),
-    ("rpm_port",), ("RPM-E",), ("RPM-E_starboard",), ("RPM-E_port",),
-    ("apparent_wind_speed", "apparent_wind_direction"), ("true_wind_speed", "twa", "twd"),
+    "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
+    "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
 )  # fmt: skip
 """Columns that are taken from one source: that which says one of them most often."""
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
+"""Column -> those beside which it is not used: a true heading, the shafts of engines."""
+CODES = (
+    ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
+    ("nmea_void", "status|mode|quality|empty|no hemisphere"),
+)  # fmt: skip
+"""Codes of messages, and the first words of why sentences are not used."""
 MOVES = 1.0
 """Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
 Samples = tuple[np.ndarray, np.ndarray]
@@ -47,29 +55,27 @@ Samples = tuple[np.ndarray, np.ndarray]
 
 def is_nmea(content: bytes) -> bool:
     """Whether most lines of the begin of ``content`` hold a sentence."""
-    lines = [line for line in content[:8192].decode("latin-1").splitlines() if line.strip()]
-    return len(lines) > 2 and sum(bool(SENTENCE.search(line)) for line in lines) > 0.5 * len(lines)
+    return mostly(content, SENTENCE)
 
 
 def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
     """The table of the log ``path``: a row for each moment at which something that is used was said.
 
-    chosen: the map, of which ``variation``, ``zone_hours`` and ``ignore`` are used. What became of each talker and
+    chosen: the map, of which ``zone_hours`` and ``ignore`` are used. What became of each talker and
     sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
     nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
     chosen = chosen or ImportMap()
     series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
-        moments = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
+        t, clock, notices = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
     except Missing as error:
         why = (f"{name} {count}: {why}" for (name, why), count in rejected.most_common(12))
         raise Missing(f"{error}; left out: {', '.join(why) or 'none'}") from None
-    log = _Selection(series, moments.t, rejected)
+    log = _Selection(series, t, rejected)
     log.select_positions()
-    log.select_heading(chosen.variation)
     log.select_others()
-    return log.table(path, moments)
+    return log.table(path, clock, notices)
 
 
 def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str], Counter[tuple[str, str]]]:
@@ -86,11 +92,9 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
             prefix = prefix if prefix.strip() or end else line[match.end() :]
             end = match.end()
             right = match[3] is None or checksum(match[0][1:-3]) == int(match[3], 16)
-            if match[0][0] == "!" or head[0] == "P" or kind not in DECODERS:
-                rejected[head, NOT_READ if right else CHECKSUM] += 1
-                continue
-            if head in ignored:
-                rejected[head, "ignored by the map"] += 1
+            known = match[0][0] == "$" and head[0] != "P" and kind in DECODERS
+            if not known or head in ignored:
+                rejected[head, "ignored by the map" if known else NOT_READ if right else CHECKSUM] += 1
                 continue
             tag = TAG.search(prefix)
             source = f"{head} of {tag[1]}" if tag else head
@@ -104,10 +108,8 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
             series.time.append(sentence.time)
             series.values.append({} if sentence.why else sentence.values)
             prefixes.append(prefix)
-            if sentence.why:
-                rejected[name, sentence.why] += 1
-            for part, why in sentence.aside:
-                rejected[f"{name} {part}", why] += 1
+            aside = [(f"{name} {part}", why) for part, why in sentence.aside]
+            rejected.update([(name, sentence.why), *aside] if sentence.why else aside)
         if not end and line.strip():
             rejected["lines", "damaged or no sentence"] += 1
     return by_name, prefixes, rejected
@@ -139,9 +141,10 @@ class _Selection:
         return self.t[name][own], self.series[name].column(column)[own]
 
     def sources(self, *columns: str) -> list[str]:
-        """The series that hold one of the ``columns``, that with most samples first."""
+        """The series that hold one of the ``columns``, that with most samples first, a water log (VHW) last."""
         counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.series}
-        return sorted((name for name in counts if counts[name]), key=lambda name: -counts[name])
+        names = (name for name in counts if counts[name])
+        return sorted(names, key=lambda name: (self.series[name].kind == "VHW", -counts[name]))
 
     def select(self, column: str, samples: dict[str, Samples]) -> None:
         """Use ``samples`` of the first series as a column, and of others where it is silent."""
@@ -160,17 +163,15 @@ class _Selection:
         for name in self.sources("latitude"):
             rows, series = self.rows(name, "latitude"), self.series[name]
             parts = [series.column(c)[rows] for c in ("latitude", "longitude", "decimals", "quality")]
-            fixes.append(Fixes(name, series.talker, rows, self.t[name][rows], *parts))
+            fixes.append(Fixes(name, rows, self.t[name][rows], *parts))
         receivers = receivers_of(sorted(fixes, key=lambda f: self.series[f.name].at[0]))
         for used in receivers[:1]:
-            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.same_fix})
-            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.same_fix})
-            others = [f.name for f in used.fixes if f not in used.same_fix]
-            self.reject(others, f"of the same receiver as {used.same_fix[0].name}, whose fix is used")
+            self.select("latitude", {f.name: (f.t, f.latitude) for f in used.fixes})
+            self.select("longitude", {f.name: (f.t, f.longitude) for f in used.fixes})
         for other in receivers[1:]:
-            off = "" if other.distance is None else f" {other.distance:.{0 if other.distance >= 10 else 1}f} m off"
+            off = ", not heard at the same time" if other.distance is None else f" {other.distance:.3g} m off"
             for f in other.fixes:
-                why = f"second receiver{off or ', not heard at the same time'}"
+                why = f"second receiver{off}"
                 if self.used[f.name]:  # two receivers behind one talker
                     self.rejected[f.name, why] += len(f)
                 else:
@@ -180,17 +181,13 @@ class _Selection:
     def _select_speeds(self, receivers: Sequence[Receiver]) -> None:
         """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
         own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
-        talkers = {self.series[name].talker for name in own}
-        foreign = {f.talker for other in receivers[1:] for f in other.fixes}
+        foreign = {self.series[f.name].talker for other in receivers[1:] for f in other.fixes}
         rows: dict[str, np.ndarray] = {}
         for name in self.sources("sog"):
-            series = self.series[name]
-            if name in own or not receivers:
-                rows[name] = own.get(name, np.arange(len(series.at)))
-            elif series.talker in foreign:
-                self.reject([name], f"of {'one of two receivers' if series.talker in talkers else 'a second receiver'}")
-            elif series.kind == "VTG":
-                rows[name] = np.arange(len(series.at))
+            if name not in own and self.series[name].talker in foreign:
+                self.reject([name], "of a second receiver, or of one of two")
+            elif name in own or not own or self.series[name].kind == "VTG":
+                rows[name] = own.get(name, np.arange(len(self.series[name].at)))
         most = max(map(len, rows.values()), default=0)
         names = sorted(rows, key=lambda name: (len(rows[name]) < ALIKE * most, self.series[name].kind != "RMC"))
         for column in ("sog", "cog"):
@@ -198,49 +195,42 @@ class _Selection:
             if samples := {name: both for name, both in samples.items() if len(both[0])}:
                 self.select(column, samples)
 
-    def select_heading(self, variation: float | None) -> None:
-        """The true heading with most samples, that of a water log (VHW) last, or a magnetic one with a ``variation``:
-        that of the map, its own at other times, or that of a receiver. Zeros alone are no variation: receivers without
-        a model of the earth's field write them."""
-        names = sorted(self.sources("heading"), key=lambda name: self.series[name].kind == "VHW")
-        compasses = self.sources("magnetic")
-        if names:
-            self.select("heading", {names[0]: self.samples(names[0], "heading")})
-            self.reject([*names[1:], *compasses], f"heading is taken from {names[0]}")
-        for name in compasses if not names else ():
-            known = {n: self.samples(n, "variation") for n in (name, *self.sources("variation"))}
-            known = {n: samples for n, samples in known.items() if samples[1].any()}
-            if variation is not None:
-                known = {"the map": (np.zeros(1), np.full(1, variation))}
-            if "heading" in self.columns or not known:
-                self.reject([name], "heading is taken from another compass" if known else magnetic(name[2:5]))
-                continue
-            of, (at, east) = next(iter(known.items()))
-            t, values = self.samples(name, "magnetic")
-            self.select("heading", {name: (t, (values + np.interp(t, at, east)) % 360.0)})
-            self.why[name] = f"with the variation {np.median(east):.3g} deg of {of}"
-
     def select_others(self) -> None:
         """Of what several sources hold, that with most samples."""
         self._reject_zeros()
-        for group in TOGETHER:
+        for group in map(str.split, TOGETHER):
             names = self.sources(*group)
-            if group[0].startswith("RPM-E") and any(shaft in self.columns for shaft in SHAFTS):
-                self.reject(names, "of an engine; the shaft is used")
+            if better := [column for column in BETTER.get(group[0], ()) if column in self.columns]:
+                self.reject(names, f"{better[0]} is used")
                 continue
             for name in names[:1]:
                 for column in group:
                     if len(self.rows(name, column)):
                         self.select(column, {name: self.samples(name, column)})
                 self.reject([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {name}")
+        self._select_variation()
         for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
             only = [side for side in sides if side in self.columns]
             if alone not in self.columns and len(only) == 1:
                 self.columns[alone] = self.columns.pop(only[0])
                 self.used = {n: [alone if c == only[0] else c for c in used] for n, used in self.used.items()}
-        for name in self.series:
-            for shaft in SHAFTS:
-                self._warn_of_pitch(name, self.samples(name, f"blades {shaft}")[1])
+        for name, shaft in itertools.product(self.series, SHAFTS):
+            pitch = self.samples(name, f"blades {shaft}")[1]
+            if len(pitch) and np.ptp(pitch) > MOVES:
+                moved = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+                words = f"{name}: the blades of the propeller move {moved}; revolutions alone do not tell its thrust"
+                self.rejected[f"{name} pitch", moved] += len(pitch)
+                self.warnings.append(Message(words, "pitch_moves"))
+
+    def _select_variation(self) -> None:
+        """The variation that the compass says, or else a receiver. Zeros alone are none: receivers without a model of
+        the earth's field write them."""
+        compass = [name for name in self.series if "heading_magnetic" in self.used[name]]
+        for name in (*compass, *self.sources("variation")) if compass else ():
+            t, east = self.samples(name, "variation")
+            if east.any() and "variation" not in self.columns:
+                at = self.columns["heading_magnetic"][0]
+                self.select("variation", {name: (at, np.interp(at, t, east))})
 
     def _reject_zeros(self) -> None:
         """Leave out a rudder that stays at zero beside another one of its source: no sensor is there."""
@@ -250,14 +240,6 @@ class _Selection:
             if len(still) == 1 and all(map(len, values.values())):
                 self.rejected[f"{name} {still[0]}", "always zero, where the other one moves"] += len(values[still[0]])
                 self.series[name].column(still[0])[:] = np.nan
-
-    def _warn_of_pitch(self, name: str, pitch: np.ndarray) -> None:
-        """Say where the blades of a propeller move: revolutions alone do not tell its thrust then."""
-        if len(pitch) and np.ptp(pitch) > MOVES:
-            words = f"pitch from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-            self.rejected[f"{name} pitch", words] += len(pitch)
-            warning = f"{name}: the blades of the propeller move, {words}; revolutions alone do not tell its thrust"
-            self.warnings.append(Message(warning, "pitch_moves"))
 
     def accounts(self) -> tuple[Account, ...]:
         """What became of every talker and sentence."""
@@ -270,7 +252,7 @@ class _Selection:
                 rows.append(Account(name, valid, used, why or ("" if used else NOT_READ)))
         return (*rows, *(Account(name, count, (), why) for (name, why), count in self.rejected.items()))
 
-    def table(self, path: Path, moments: Moments) -> RawTable:
+    def table(self, path: Path, clock: Clock, notices: Sequence[Message]) -> RawTable:
         """The columns at the times of all of them, with the accounts."""
         import pandas as pd
 
@@ -279,28 +261,19 @@ class _Selection:
         if not names:
             raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
         t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))
-        columns = {"time": t} | {name: np.full(len(t), np.nan) for name in names}
-        for name in names:
-            columns[name][np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
-        notices = [*_messages(accounts), *moments.notices, *self.warnings]
-        units, frame = [UNITS[name] for name in columns], pd.DataFrame(columns).astype(object)
-        table = raw_table(path, str(path), list(columns), units, frame, notices)
-        return replace(table, clock=Clock(t, moments.absolute, "time", moments.words), accounts=accounts)
+        columns = {name: np.full(len(t), np.nan) for name in names}
+        for name, values in columns.items():
+            values[np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
+        said = [*_messages(accounts), *notices, *self.warnings]
+        units, frame = [UNITS[name] for name in names], pd.DataFrame({"time": t} | columns).astype(object)
+        table = raw_table(path, str(path), ["time", *names], ["s", *units], frame, said)
+        return replace(table, clock=replace(clock, t=t), accounts=accounts)
 
 
 def _messages(accounts: Sequence[Account]) -> list[Message]:
     """The accounts as notices: of what is used, what is not valid, damaged, doubled, and not read."""
     groups: dict[str, list[str]] = {}
     for account in accounts:
-        if account.used_as:
-            code = "nmea"
-        elif account.why in (CHECKSUM, "damaged", "damaged or no sentence"):
-            code = "nmea_damaged"
-        elif account.why == NOT_READ:
-            code = "nmea_not_read"
-        elif account.why.startswith(("status", "mode", "quality", "empty", "no hemisphere")):
-            code = "nmea_void"
-        else:
-            code = "doubled"
+        code = "nmea" if account.used_as else next((c for c, words in CODES if re.match(words, account.why)), "doubled")
         groups.setdefault(code, []).append(str(account))
     return [Message("; ".join(lines), code) for code, lines in groups.items()]

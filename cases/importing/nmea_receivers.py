@@ -16,7 +16,7 @@ STEADY = 0.1
 ALIKE = 0.9
 """Least share of the fixes of the one most heard with which another is heard equally often."""
 PAIRED = 0.9
-"""Least share of what alternates in the differences of successive fixes that are those of two receivers in turn."""
+"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,6 @@ class Fixes:
     and ranks of the quality (N,)."""
 
     name: str
-    talker: str
     index: np.ndarray
     t: np.ndarray
     latitude: np.ndarray
@@ -50,17 +49,16 @@ class Fixes:
 
     def rows(self, rows: np.ndarray) -> Fixes:
         """Those at ``rows``."""
-        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("name", "talker")}
+        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "name"}
         return replace(self, **parts)
 
 
 @dataclass(frozen=True)
 class Receiver:
-    """The ``fixes`` of one receiver, the best first; same_fix: those that are one fix but for rounding; distance: to
-    the first receiver [m], None where they are not heard at the same time."""
+    """The ``fixes`` of one receiver, the best first; distance: to the first receiver [m], None where they are not heard
+    at the same time."""
 
     fixes: tuple[Fixes, ...]
-    same_fix: tuple[Fixes, ...]
     distance: float | None = None
 
 
@@ -69,30 +67,20 @@ def receivers_of(sentences: Sequence[Fixes]) -> list[Receiver]:
     often, the one of better quality, or the first."""
     fixes = [part for one in sentences for part in divided(one)]
     most = max((len(f) for f in fixes), default=0)
-    fixes.sort(
-        key=lambda f: (len(f) < ALIKE * most, -len(f) if len(f) < ALIKE * most else 0, -float(np.mean(f.quality)))
-    )
+    fixes.sort(key=lambda f: (-len(f) if len(f) < ALIKE * most else -most, -float(np.mean(f.quality))))
     groups: list[list[Fixes]] = []
     for one in fixes:
-        for group in groups:
-            if _one_receiver(group[0], one):
-                group.append(one)
-                break
-        else:
+        own = next((group for group in groups if _one_receiver(group[0], one)), None)
+        if own is None:
             groups.append([one])
+        else:
+            own.append(one)
     found: list[Receiver] = []
     for group in groups:
         finest = sorted(group, key=lambda f: (len(f) < ALIKE * len(group[0]), f.rounding))
-        same_fix = [f for f in finest if f is finest[0] or _one_fix(finest[0], f)]
         distance = _distance(groups[0][0], group[0])[0] if found else None
-        found.append(Receiver(tuple(finest), tuple(same_fix), None if distance is None else float(np.median(distance))))
+        found.append(Receiver(tuple(finest), None if distance is None else float(np.median(distance))))
     return found
-
-
-def _one_fix(a: Fixes, b: Fixes) -> bool:
-    """Whether two series of one receiver are the same fix but for the rounding."""
-    off, tolerance = _distance(a, b)
-    return off is None or bool(np.median(off) <= tolerance)
 
 
 def _one_receiver(a: Fixes, b: Fixes) -> bool:
@@ -102,7 +90,7 @@ def _one_receiver(a: Fixes, b: Fixes) -> bool:
     if off is None:
         first, last = sorted((a, b), key=lambda f: float(f.t[0]))
         both = first.rows(np.arange(len(first))[-5:])
-        both = Fixes("", "", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[2:]))
+        both = Fixes("", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[1:]))
         step = np.abs(np.diff(both.z))
         speed = float(np.median(step[:-1] / np.maximum(np.diff(both.t)[:-1], 1e-3))) if len(step) > 1 else 0.0
         return bool(step[-1] <= NEAR + 2.0 * speed * (both.t[-1] - both.t[-2]))
@@ -131,8 +119,7 @@ def _distance(a: Fixes, b: Fixes) -> tuple[np.ndarray | None, float]:
 
 
 def divided(fixes: Fixes) -> list[Fixes]:
-    """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time, or
-    jumps to and fro at each."""
+    """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time."""
     if len(fixes) < 8:
         return [fixes]
     z, step = fixes.z, np.diff(fixes.t)
@@ -141,17 +128,6 @@ def divided(fixes: Fixes) -> list[Fixes]:
         turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
         steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
         return _by_pairs(fixes, z, twice) if steady else [fixes]
-    if (step == 0).mean() > 0.25:  # a log that holds every sentence twice
-        return [fixes]
-    off = z[1:-1] - 0.5 * (z[:-2] + z[2:])
-    turned = off * (-1.0) ** np.arange(len(off))
-    width = min(11, len(off))
-    mean = np.abs(np.convolve(turned, np.full(width, 1.0 / width), "valid"))
-    size = np.sqrt(np.convolve(np.abs(off) ** 2, np.full(width, 1.0 / width), "valid"))
-    moves = size > 3.0 * fixes.rounding
-    if moves.mean() > 0.5 and np.median(mean[moves] / size[moves]) > PAIRED:
-        rows = np.arange(len(fixes))
-        return [fixes.rows(rows[::2]), fixes.rows(rows[1::2])]
     return [fixes]
 
 

@@ -27,6 +27,8 @@ QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}
 """The modes by their numbers in GGA."""
 WIND = {"K": 1 / 3.6, "M": 1.0, "N": 1852.0 / 3600.0, "S": 1609.344 / 3600.0}
 """Factor to m/s of the units of MWV."""
+MWV = {"R": ("apparent_wind_speed", "apparent_wind_direction"), "T": ("true_wind_speed", "twa")}
+"""What speed and angle of MWV are by its reference: both angles are counted from the bow."""
 DAY_ZERO = datetime.date(1970, 1, 1).toordinal()
 WATER = (("through the water", "speed through the water"),)
 
@@ -87,7 +89,7 @@ def _time(text: str) -> float:
 
 def _numbers(fields: Fields, **columns: str) -> dict[str, float]:
     """Column -> number of the field of that name, of those that are not empty."""
-    values = {column: float(fields[field]) for column, field in columns.items() if fields[field]}
+    values = {column: float(fields[field]) for column, field in columns.items() if fields.get(field)}
     if not all(map(math.isfinite, values.values())):
         raise ValueError("a number that is none")
     return values
@@ -100,11 +102,16 @@ def _not_valid(status: str = "", mode: str = "") -> str:
     return f"mode {mode}" if mode and not set(mode) & set(MODES) else ""
 
 
-def _position(fields: Fields, why: str, mode: str = "") -> Decoded:
+def _fix(fields: Fields) -> Decoded:
+    """Position of RMC, GGA, GLL and GNS, with what RMC says beside it."""
     from pynmeagps import dmm2ddd
 
-    why = why or _not_valid(mode=mode)
-    if why or not fields["lat"] or not fields["lon"]:
+    mode, number = fields.get("posMode", ""), fields.get("quality", "A")
+    why = _not_valid(fields.get("status", ""), mode)
+    if "quality" in fields:
+        mode = QUALITIES.get(number.lstrip("0"), "")
+        why = "" if mode or not number else f"quality {number.lstrip('0') or 0}"
+    if why or not number or not fields["lat"] or not fields["lon"]:
         return Decoded({}, why or EMPTY)
     latitude, longitude = dmm2ddd(fields["lat"]), dmm2ddd(fields["lon"])
     if fields["NS"] not in ("N", "S") or fields["EW"] not in ("E", "W"):
@@ -117,16 +124,9 @@ def _position(fields: Fields, why: str, mode: str = "") -> Decoded:
         "decimals": float(len(fields["lat"].partition(".")[2])),
         "quality": float(max((MODES.get(char, 1) for char in mode), default=1)),
     }
-    return Decoded(values)
-
-
-def _rmc(fields: Fields) -> Decoded:
-    position = _position(fields, _not_valid(fields["status"]), fields["posMode"])
-    if position.why:
-        return position
-    values = position.values | _numbers(fields, sog="spd", cog="cog")
-    values |= _toward(_numbers(fields, variation="mv"), fields["mvEW"])
-    if day := fields["date"]:
+    values |= _numbers(fields, sog="spd", cog="cog")
+    values |= _toward(_numbers(fields, variation="mv"), fields.get("mvEW", ""))
+    if day := fields.get("date"):
         year = int(day[4:6])
         values["day"] = _day(year + (1900 if year >= 80 else 2000), int(day[2:4]), int(day[:2]))
     return Decoded(values)
@@ -137,21 +137,6 @@ def _day(year: int, month: int, day: int) -> float:
     return float(datetime.date(year, month, day).toordinal() - DAY_ZERO)
 
 
-def _gga(fields: Fields) -> Decoded:
-    quality = fields["quality"].lstrip("0") or fields["quality"][:1]
-    if quality not in QUALITIES:
-        return Decoded({}, f"quality {quality}" if quality else EMPTY)
-    return _position(fields, "", QUALITIES[quality])
-
-
-def _gll(fields: Fields) -> Decoded:
-    return _position(fields, _not_valid(fields["status"]), fields["posMode"])
-
-
-def _gns(fields: Fields) -> Decoded:
-    return _position(fields, "", fields["posMode"])
-
-
 def _zda(fields: Fields) -> Decoded:
     parts = [fields[name] for name in ("time", "year", "month", "day")]
     return Decoded({"day": _day(*(int(part) for part in parts[1:]))} if all(parts) else {})
@@ -159,10 +144,10 @@ def _zda(fields: Fields) -> Decoded:
 
 def _hdg(fields: Fields) -> Decoded:
     """Of the compass with its deviation; easterly ones are added."""
-    values = _numbers(fields, magnetic="headingM")
+    values = _numbers(fields, heading_magnetic="headingM")
     if values:
         deviation = _toward(_numbers(fields, deviation="deviation"), fields["deviationEW"])
-        values["magnetic"] += deviation.get("deviation", 0.0)
+        values["heading_magnetic"] += deviation.get("deviation", 0.0)
         values |= _toward(_numbers(fields, variation="variation"), fields["variationEW"])
     return Decoded(values)
 
@@ -208,24 +193,19 @@ def _rpm(fields: Fields) -> Decoded:
 def _mwv(fields: Fields) -> Decoded:
     unit, reference = fields["speedu"], fields["reference"]
     values, why = _numbers(fields, angle="angle", speed="speed"), _not_valid(fields["status"])
-    if len(values) < 2:
-        why = why or EMPTY
-    elif unit not in WIND or reference not in ("R", "T"):
-        why = why or (f"unit {unit}" if unit not in WIND else f"reference {reference}")
-    if why:
-        return Decoded({}, why, reference)
-    names = ("apparent_wind_speed", "apparent_wind_direction")
-    names = names if reference == "R" else ("true_wind_speed", "twa")  # both are counted from the bow
-    return Decoded({names[0]: values["speed"] * WIND[unit], names[1]: values["angle"]}, "", reference)
+    if not why and len(values) == 2:
+        why = f"unit {unit}" if unit not in WIND else "" if reference in MWV else f"reference {reference}"
+    if why or len(values) < 2:
+        return Decoded({}, why or EMPTY, reference)
+    speed, direction = MWV[reference]
+    return Decoded({speed: values["speed"] * WIND[unit], direction: values["angle"]}, "", reference)
 
 
 def _mwd(fields: Fields) -> Decoded:
-    values = _numbers(fields, twd="dirT", true_wind_speed="speedM")
-    if "true_wind_speed" not in values and (knots := _numbers(fields, speed="speedN")):
-        values["true_wind_speed"] = knots["speed"] * WIND["N"]
-    if len(values) == 2:
-        return Decoded(values)
-    return Decoded({}, "only a magnetic direction" if fields["dirM"] else EMPTY)
+    knots = {name: speed * WIND["N"] for name, speed in _numbers(fields, true_wind_speed="speedN").items()}
+    values = knots | _numbers(fields, twd="dirT", true_wind_speed="speedM")
+    why = "" if len(values) == 2 else "only a magnetic direction" if fields["dirM"] else EMPTY
+    return Decoded({} if why else values, why)
 
 
 def _xdr(fields: Fields) -> Decoded:
@@ -249,13 +229,13 @@ def _xdr(fields: Fields) -> Decoded:
 
 
 DECODERS: dict[str, Callable[[Fields], Decoded]] = {
-    "RMC": _rmc, "GGA": _gga, "GNS": _gns, "GLL": _gll, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
+    "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
     "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
     "HDT": _plain({"heading": "headingT"}),
     "THS": _plain({"heading": "headt"}, mode="mi"),
     "VHW": _plain({"heading": "hdgT"}, water="spdN"),
-    "HDM": _plain({"magnetic": "headingM"}),
+    "HDM": _plain({"heading_magnetic": "headingM"}),
     "ROT": _plain({"rot": "rot"}, status="valid"),
     "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
 }  # fmt: skip

@@ -7,7 +7,7 @@ Messages are in the axes of REP-103 unless their frames say NED or FRD, or the m
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,9 +41,11 @@ SINCE_1970 = 1e8
 
 def bag_of(path: Path) -> Path:
     """The first file of the bag that ``path`` is a part of; any other file itself."""
-    if path.suffix in PARTS and (path.parent / "metadata.yaml").is_file():
-        return min(p for p in path.parent.iterdir() if p.suffix == path.suffix)
-    return path
+    return min(p for p in path.parent.iterdir() if p.suffix == path.suffix) if _in_parts(path) else path
+
+
+def _in_parts(path: Path) -> bool:
+    return path.suffix in PARTS and (path.parent / "metadata.yaml").is_file()
 
 
 @dataclass
@@ -76,11 +78,10 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise NotInstalled(f"{path}: ROS bags need rosbags; pip install 'mmg-ident[import]'") from None
-    whole = path.suffix in PARTS and (path.parent / "metadata.yaml").is_file()
     accounts: list[Account] = []
     try:
         store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path.parent if whole else path], default_typestore=store) as reader:
+        with AnyReader([path.parent if _in_parts(path) else path], default_typestore=store) as reader:
             topics = _topics(reader, chosen.ignored_in(path), accounts)
     except Exception as error:  # rosbags and its decoders raise many kinds for damaged files
         why = " ".join(str(error).split())[:120] or type(error).__name__
@@ -90,11 +91,17 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
     stamps = np.array([t for topic in stamped for t in topic.stamps])
     series, axes = [], []
     for topic in topics:
-        columns, means, words = _columns(topic, chosen.axes == "ned")
+        said, words = _columns(topic, chosen.axes == "ned")
         axes += [words] if words else []
-        t = np.array(topic.stamps) if topic in stamped else _stamps_of(np.array(topic.received), received, stamps)
+        t = np.array(topic.stamps)
+        if topic not in stamped:  # the clock of the stamps against that of the receipt
+            t = np.array(topic.received)
+            if len(stamps) > 1 and np.ptp(received) > 0:
+                slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
+                t = stamps[0] + late + slope * (t - received[0])
         order = np.argsort(t, kind="stable")  # of messages that overtook others
-        columns = {header: values[order] for header, values in columns.items()}
+        columns = {header: values[order] for header, (_, values) in said.items()}
+        means = {header: own for header, (own, _) in said.items()}
         series.append(SourceSeries(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
     absolute = bool(series) and min(float(one.t[0]) for one in series) > SINCE_1970
     clock = Clock(np.zeros(0), absolute, "time", "stamps of the messages, of those without one when they were received")
@@ -110,8 +117,10 @@ def _topics(reader: Any, ignored: set[str], accounts: list[Account]) -> list[Top
         kind = connection.msgtype.rsplit("/", 1)[-1]
         why = "an order" if is_order(connection.topic) else ""
         why = "ignored by the map" if connection.topic in ignored else why
-        fields[connection.topic] = [] if kind in RANKS else _fields(reader, connection.msgtype)
-        if not why and kind not in RANKS and not fields[connection.topic]:
+        parts = [] if kind in RANKS else reader.typestore.get_msgdef(connection.msgtype).fields
+        numbers = [name for name, node in parts if NUMBERS.fullmatch(str(node[1][0]))]
+        fields[connection.topic] = numbers
+        if not why and kind not in RANKS and not 0 < len(numbers) <= MOST_FIELDS:
             why = f"{connection.msgtype} holds no numbers that are read"
         if why:
             accounts.append(Account(connection.topic, connection.msgcount, (), why))
@@ -129,12 +138,6 @@ def _topics(reader: Any, ignored: set[str], accounts: list[Account]) -> list[Top
             topic.world = str(getattr(header, "frame_id", ""))
             topic.body = str(getattr(message, "child_frame_id", "")) or topic.world
     return [topic for topic in wanted.values() if topic.rows]
-
-
-def _fields(reader: Any, kind: str) -> list[str]:
-    """The fields of a type of messages that are numbers, where they are few."""
-    fields = [name for name, node in reader.typestore.get_msgdef(kind).fields if NUMBERS.fullmatch(str(node[1][0]))]
-    return fields if len(fields) <= MOST_FIELDS else []
 
 
 def _numbers(message: Any, kind: str, fields: list[str]) -> dict[str, float]:
@@ -168,16 +171,8 @@ def _inner(message: Any, name: str) -> Any:
     return message
 
 
-def _stamps_of(t: np.ndarray, received: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """Times of receipt t (N,) [s] on the clock of the ``stamps`` (M,) of messages that were ``received`` (M,)."""
-    if len(stamps) < 2 or np.ptp(received) == 0:
-        return t
-    slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
-    return np.asarray(stamps[0] + late + slope * (t - received[0]))
-
-
-Columns = tuple[dict[str, np.ndarray], dict[str, Meaning], str]
-"""Header -> (N,) numbers, header -> what it means, and the axes in words."""
+Columns = tuple[dict[str, tuple[Meaning, np.ndarray]], str]
+"""Header -> what it means and its numbers (N,), and the axes in words."""
 
 
 def _columns(topic: Topic, ned: bool) -> Columns:
@@ -185,72 +180,59 @@ def _columns(topic: Topic, ned: bool) -> Columns:
     names = dict.fromkeys(name for row in topic.rows for name in row)
     if topic.kind in RANKS and topic.kind not in ("JointState", "NavSatFix"):
         return _motion(topic, names, ned)
-    columns, means = {}, {}
+    columns = {}
     for name in names:
         header = topic.name if name == "data" else f"{topic.name} {name}"
-        columns[header] = topic.column(name)
-        if topic.kind == "NavSatFix":
-            means[header] = Meaning(name, "deg")
-        elif topic.kind == "JointState":
+        own = Meaning(name, "deg") if topic.kind == "NavSatFix" else of_topic(header)
+        if topic.kind == "JointState":
             joint, _, part = name.rpartition(" ")
-            quantity = of_topic(joint).quantity
-            fits = quantity.startswith("n") if part == "velocity" else quantity.startswith(("delta", "azimuth"))
-            means[header] = Meaning(quantity if fits else "", "rad/s" if part == "velocity" else "rad")
-        else:
-            means[header] = of_topic(header)
-    return columns, means, ""
+            quantity, turns = of_topic(joint).quantity, part == "velocity"
+            fits = quantity.startswith("n" if turns else ("delta", "azimuth"))
+            own = Meaning(quantity if fits else "", "rad/s" if turns else "rad")
+        columns[header] = own, topic.column(name)
+    return columns, ""
 
 
 def _motion(topic: Topic, names: Iterable[str], ned: bool) -> Columns:
     """Poses, twists and inertial units in axes north-east-down and forward-starboard-down."""
-    down = ned or bool(re.search(DOWN, topic.world, re.IGNORECASE))
-    starboard = ned or bool(re.search(DOWN, topic.body, re.IGNORECASE))
-    sign = 1.0 if starboard else -1.0
-    found: dict[str, tuple[str, str, np.ndarray]] = {}
-    world = ""
+    down, starboard = (ned or bool(re.search(DOWN, frame, re.IGNORECASE)) for frame in (topic.world, topic.body))
+    sign, along = 1.0 if starboard else -1.0, ""
+    found: dict[str, tuple[Meaning, np.ndarray]] = {}
     if "qx" in names:
         psi = _heading(np.column_stack([topic.column(f"q{axis}") for axis in "xyzw"]), down)
-        found["orientation"] = ("psi", "rad", psi)
+        found["orientation"] = Meaning("psi", "rad"), psi
     if "px" in names:
         north, east = (topic.column(name) for name in (("px", "py") if down else ("py", "px")))
-        found |= {"position north": ("x", "m", north), "position east": ("y", "m", east)}
+        found |= {"position north": (Meaning("x", "m"), north), "position east": (Meaning("y", "m"), east)}
     if "ux" in names:
-        u, v = topic.column("ux"), sign * topic.column("uy")
+        ux, uy = topic.column("ux"), topic.column("uy")
+        velocity = ux + 1j * sign * uy  # ahead + 1j to starboard
         if "qx" in names:
-            along, across = topic.column("ux"), topic.column("uy")
-            north, east = (along, across) if down else (across, along)
-            turned = north * np.cos(psi) + east * np.sin(psi), east * np.cos(psi) - north * np.sin(psi)
+            turned = (ux + 1j * uy if down else uy + 1j * ux) * np.exp(-1j * psi)
             declared = topic.body == topic.world != ""
-            if declared or ("px" in names and _fits_better(topic, (u, v), turned, found)):
-                (u, v), world = (
-                    turned,
-                    "; velocities along the axes of the world, "
-                    + ("as it says" if declared else "as its positions show"),
-                )
-        found |= {"linear x": ("u", "m/s", u), "linear y": ("v", "m/s", v)}
+            if declared or ("px" in names and _fits_better(topic, velocity, turned, psi, north + 1j * east)):
+                why = "as it says" if declared else "as its positions show"
+                velocity, along = turned, f"; velocities along the axes of the world, {why}"
+        found["linear x"], found["linear y"] = (
+            (Meaning("u", "m/s"), velocity.real),
+            (Meaning("v", "m/s"), velocity.imag),
+        )
     if "rz" in names:
-        found["angular z"] = ("r", "rad/s", sign * topic.column("rz"))
+        found["angular z"] = Meaning("r", "rad/s"), sign * topic.column("rz")
     frames = f"{topic.world or 'no frame'}{f', {topic.body}' if topic.body != topic.world else ''}"
-    axes = f"{'north-east-down' if down else 'ENU'}, {'FRD' if starboard else 'FLU'}{world}"
-    columns = {f"{topic.name} {name}": values for name, (_, _, values) in found.items()}
-    means = {f"{topic.name} {name}": Meaning(quantity, unit) for name, (quantity, unit, _) in found.items()}
-    return columns, means, f"{topic.name} ({frames}) {axes}"
+    axes = f"{'north-east-down' if down else 'ENU'}, {'FRD' if starboard else 'FLU'}{along}"
+    return {f"{topic.name} {name}": own for name, own in found.items()}, f"{topic.name} ({frames}) {axes}"
 
 
-def _fits_better(
-    topic: Topic, body: tuple[np.ndarray, np.ndarray], turned: tuple[np.ndarray, np.ndarray], found: Mapping[str, Any]
-) -> bool:
-    """Whether the positions in ``found`` move as the ``turned`` velocities (u, v; (N,) each) say, not as those of the
-    ``body``: by their definition messages hold the latter, but some drivers write the former."""
-    t = np.array(topic.stamps if min(topic.stamps) > 0 else topic.received)
-    psi, x, y = (found[name][2] for name in ("orientation", "position north", "position east"))
-    h = np.diff(t)
-    middle = psi[:-1] + 0.5 * np.angle(np.exp(1j * np.diff(psi)))
+def _fits_better(topic: Topic, body: np.ndarray, turned: np.ndarray, psi: np.ndarray, place: np.ndarray) -> bool:
+    """Whether a ``place`` (N,) [m, north + 1j east] moves as the ``turned`` velocities (N,) [m/s, ahead + 1j to
+    starboard] say, not as those of the ``body``: by their definition messages hold the latter, but some drivers write
+    the former. psi: (N,) [rad]."""
+    h = np.diff(topic.stamps if min(topic.stamps) > 0 else topic.received)
+    middle = np.exp(1j * psi[:-1]) * np.exp(0.5j * np.angle(np.exp(1j * np.diff(psi))))
     off = []
-    for u, v in (body, turned):
-        u, v = (0.5 * (part[1:] + part[:-1]) for part in (u, v))
-        north, east = u * np.cos(middle) - v * np.sin(middle), u * np.sin(middle) + v * np.cos(middle)
-        apart = np.hypot(np.diff(x) - h * north, np.diff(y) - h * east)
+    for velocity in (body, turned):
+        apart = np.abs(np.diff(place) - h * 0.5 * (velocity[1:] + velocity[:-1]) * middle)
         off.append(float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else np.inf)
     return off[1] < 0.5 * off[0]
 

@@ -12,20 +12,26 @@ from typing import Any
 import numpy as np
 
 from cases.importing.clocks import check_forward, within_stamps
-from cases.importing.import_map import ColumnMap, ImportMap, magnetic
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import MOST_CELLS, Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, turn_in
-from cases.io.units import DEG, factor_of
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData
+from mmg.errors import BadValue, OutOfRange, TooFewData
 from mmg.messages import Message
 
 ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
 """What the revolutions of an engine may be."""
+OVER_WATER = "(over the water, where there is no current) or nothing"
+"""What is said of a true wind that is worked out with the speed through the water."""
 STAMP = re.compile(
-    r"(?:(\d{4})-(\d\d)-(\d\d)[-T ])?(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)\s*([Zz]|[+-]\d\d(?::?\d\d)?)?", re.ASCII
+    r"(?<!\d)(?:((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[-T ,;_]*)?([01]?\d|2[0-3])(?(1):?|:)([0-5]\d)"
+    r"(?(1):?|:)([0-6]\d(?:[.,]\d+)?)\s?(Z|[+-]\d\d(?::?\d\d)?)?",
+    re.ASCII | re.IGNORECASE,
 )
-"""A date and time of ISO 8601 (canboat writes a dash between them), or a time of the day."""
-POSITION = {"x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y"}
+"""A date and time of ISO 8601, with other signs between or none (canboat writes a dash), or a time of the day."""
+ALIKE = {
+    "x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y", "psi": "heading_magnetic",
+    "heading_magnetic": "psi",
+}  # fmt: skip
 """What says the same in another way."""
 FEW = 20
 """Times from which a clock is said to jump."""
@@ -65,7 +71,7 @@ class Heard:
         rows = self._rows.setdefault((name, rank), [])
         if not rows or rows[-1][0] != t or header in rows[-1][1]:
             rows.append((t, {}))
-        rows[-1][1][header] = float(value) if _is_number(value) else np.nan
+        rows[-1][1][header] = number(value)
         if means is not None:
             self._means[header] = means
 
@@ -80,35 +86,19 @@ class Heard:
         return out
 
 
-class Compass:
-    """Magnetic directions of a log, made true by its variation, or that of the map.
+def number(value: Any) -> float:
+    """A ``value`` of a message as a number, NaN of one that is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
 
-    variations: pairs of time [s] and variation, east positive, in the ``unit`` of the directions.
-    """
 
-    def __init__(self, variations: Iterable[tuple[float, Any]], unit: str, chosen: ImportMap) -> None:
-        self._known = np.array([(t, v) for t, v in variations if _is_number(v)], dtype=float).reshape(-1, 2)
-        said = chosen.variation
-        self._of_map = None if said is None else said * DEG / (factor_of("rad", unit) or 1.0)
-        self._unit, self._magnetic = unit, ""
-
-    def say(self, heard: Heard, name: str, t: float, quantity: str, value: Any, *parts: Any) -> None:
-        """The source ``name`` says a magnetic ``quantity``. parts: deviation and variation that it says with it."""
-        deviation, variation = [*parts, None, None][:2]
-        if self._of_map is not None:
-            variation = self._of_map
-        elif not _is_number(variation) and len(self._known):
-            variation = float(np.interp(t, *self._known.T))
-        if not _is_number(value) or not _is_number(variation):
-            self._magnetic = name if quantity == "psi" else self._magnetic
-            return
-        value += variation + (deviation if _is_number(deviation) else 0.0)
-        heard.say(name, t, f"{name} magnetic {quantity}, made true", value, Meaning(quantity, self._unit), rank=1)
-
-    def check(self, path: Path, heard: Heard) -> None:
-        """Raises UserError where headings are magnetic, and nothing makes them true."""
-        if self._magnetic and not any("psi" in one.quantities().values() for one in heard.series()):
-            raise Missing(f"{path}: {magnetic(self._magnetic)}")
+def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:
+    """Whether half of the lines of the begin of ``content`` hold one of the ``patterns``, or more; the last may be cut
+    off."""
+    lines = [line for line in content[:65536].decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
+    return 2 * sum(any(pattern.search(line) for pattern in patterns) for line in lines) >= len(lines) > 1
 
 
 def seconds_of_stamp(stamp: Any) -> float:
@@ -119,6 +109,11 @@ def seconds_of_stamp(stamp: Any) -> float:
     match = STAMP.fullmatch(str(stamp).strip())
     if match is None:
         raise ValueError(f"'{str(stamp)[:40]}' is no time")
+    return seconds_of(match)
+
+
+def seconds_of(match: re.Match[str]) -> float:
+    """As ``seconds_of_stamp``, of a ``match`` of STAMP."""
     *day, hour, minute, second, zone = match.groups()
     t = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
     if match[1]:
@@ -126,10 +121,6 @@ def seconds_of_stamp(stamp: Any) -> float:
     if zone and zone not in "Zz":
         t -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:] if len(zone) > 3 else 0))
     return t
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def table_of_series(
@@ -153,19 +144,22 @@ def table_of_series(
         columns = {h: v for h, v in one.columns.items() if np.isfinite(v).any() and not {h, one.name} & ignored}
         if ignored & {one.name, *one.columns}:
             accounts.append(Account(one.name, len(one.t), (), "ignored by the map"))
-        if columns and np.ptp(one.t) > 0:
+        if columns and (np.ptp(one.t) > 0 or _says_variation(one)):
             kept.append(_ordered(replace(one, columns=columns), name))
         elif one.name not in ignored:
             accounts.append(Account(one.name, len(one.t), (), "holds fewer than two values or times"))
-    kept = _one_source(kept, name, chosen.columns_of(path), accounts)
-    if not kept:
+    kept = _one_source(kept, path, chosen.columns_of(path), accounts)
+    sampled = [one for one in kept if not _says_variation(one)]
+    if not any("heading_magnetic" in one.quantities().values() for one in sampled):
+        kept = sampled
+    if not sampled:
         raise TooFewData(f"{name}: holds no series of numbers that says something of a ship")
-    spans = [one.t[-1] - one.t[0] for one in kept]
-    long = [one for one, span in zip(kept, spans, strict=True) if span >= MOST_OF_LOG * max(spans)]
-    first, last = max(one.t[0] for one in long), min(one.t[-1] for one in long)
+    spans = np.array([np.ptp(one.t) for one in sampled])
+    ends = np.array([(one.t[0], one.t[-1]) for one in sampled])[spans >= MOST_OF_LOG * spans.max()]
+    first, last = ends[:, 0].max(), ends[:, 1].min()
     if last <= first:
-        first, last = min(one.t[0] for one in long), max(one.t[-1] for one in long)
-    t = np.unique(np.concatenate([one.t for one in kept]))
+        first, last = ends.min(), ends.max()
+    t = np.unique(np.concatenate([one.t for one in sampled]))
     at = int(np.argmax(np.diff(t, append=t[-1])))
     if len(t) > FEW and (jump := t[at + 1] - t[at]) > 0.5 * (t[-1] - t[0]):
         words = f"the clock jumps by {jump:.6g} s after {t[at] - t[0]:.6g} s, more than the rest of the log lasts"
@@ -190,23 +184,29 @@ def _table(
     """The ``kept`` series at the times of the ``clock``."""
     import pandas as pd
 
-    headers, units, cells, means = [clock.header], ["s"], [clock.t], {clock.header: Meaning("t")}
+    cells, means = {clock.header: clock.t}, {clock.header: Meaning("t", "s")}
     for one in kept:
-        quantities = one.quantities()
         inside = (clock.t[0] <= one.t) & (one.t <= clock.t[-1])
         at = np.searchsorted(clock.t, one.t[inside])
         for header, values in one.columns.items():
+            known = np.isfinite(values)
             column = np.full(len(clock.t), np.nan)
             column[at] = values[inside]
+            if _says_variation(one):  # it changes slowly, and is said rarely
+                column = np.interp(clock.t, one.t[known], values[known])
             own = one.means.get(header) or meaning(header)
-            used = (quantities[header],) if header in quantities else ()
-            accounts.append(Account(header, int(np.isfinite(values).sum()), used, "" if used else own.may_be))
-            headers, units, cells = [*headers, header], [*units, own.unit], [*cells, column]
-            means[header] = own
-    frame = pd.DataFrame(dict(enumerate(cells)))
+            used = (own.quantity,) if own.quantity else ()
+            accounts.append(Account(header, int(known.sum()), used, "" if used else own.may_be))
+            cells[header], means[header] = column, own
+    units, frame = tuple(own.unit for own in means.values()), pd.DataFrame(dict(enumerate(cells.values())))
     return RawTable(
-        path, name, tuple(headers), tuple(units), frame, tuple(notices), clock, accounts=tuple(accounts), means=means
+        path, name, tuple(cells), units, frame, tuple(notices), clock, accounts=tuple(accounts), means=means
     )
+
+
+def _says_variation(one: SourceSeries) -> bool:
+    """Whether a series is that of the variation of the compass alone."""
+    return set(one.quantities().values()) == {"variation"}
 
 
 def _ordered(one: SourceSeries, name: str) -> SourceSeries:
@@ -218,10 +218,10 @@ def _ordered(one: SourceSeries, name: str) -> SourceSeries:
 
 
 def _one_source(
-    kept: Sequence[SourceSeries], name: str, mapped: Mapping[str, ColumnMap], accounts: list[Account]
+    kept: Sequence[SourceSeries], path: Path, mapped: Mapping[str, ColumnMap], accounts: list[Account]
 ) -> list[SourceSeries]:
-    """The series with each quantity in that of the lowest rank only; of several of one rank that say the same, in the
-    first. mapped: columns of the map, which need no choice."""
+    """The series of the log ``path`` with each quantity in that of the lowest rank only; of several of one rank that
+    say the same, in the first. mapped: columns of the map, which need no choice."""
     of: dict[str, tuple[SourceSeries, str]] = {}
     out, said = [], {column.header for column in mapped.values()}
     for one in sorted(kept, key=lambda one: (one.rank, -len(one.t))):
@@ -229,15 +229,15 @@ def _one_source(
         for header, quantity in one.quantities().items():
             if quantity in mapped or header in said:
                 continue
-            other, same = of.get(quantity) or of.get(POSITION.get(quantity, quantity)) or (one, header)
+            other, same = of.get(quantity) or of.get(ALIKE.get(quantity, quantity)) or (one, header)
             if other is one or (quantity not in of and other.rank == one.rank):
                 of.setdefault(quantity, (one, header))
                 continue
-            if other.rank == one.rank and not _agree(one, header, other, same, quantity):
-                raise Conflict(
-                    f"{name}: {quantity} is said by '{other.name}' and by '{one.name}', and they differ; leave one of "
-                    f'them out in the map: ignore = ["{one.name}"]'
-                )
+            same_rank = other.rank == one.rank and quantity != "variation"  # models of the earth's field differ little
+            if same_rank and not _agree(one, header, other, same, quantity):
+                words = f"{quantity} is said by '{other.name}' and by '{one.name}', and they differ"
+                choices = {f"'{a.name}'": {"ignore": [b.name]} for a, b in ((other, one), (one, other))}
+                raise OpenQuestion(path, words, choices)
             accounts.append(Account(header, len(one.t), (), f"{quantity} is taken from {other.name}"))
             del columns[header]
         if columns:

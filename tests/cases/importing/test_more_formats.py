@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cases.importing.import_logs import Imported, import_logs
-from cases.importing.import_map import ImportMap, read_map
+from cases.importing.import_map import ImportMap, line_of, read_map
 from cases.importing.written_trials import write_import
 from cases.io.toml_file import validated
 from cases.trial import Trial
@@ -114,7 +114,7 @@ def refusal(path: Path, **said: Any) -> str:
     return found.problems[0]
 
 
-def line_of(words: str) -> dict[str, Any]:
+def said_in(words: str) -> dict[str, Any]:
     """The line of the map that a refusal ends with."""
     line = re.search(r"\b(ignore|columns|variation) = .*", words)
     assert line, words
@@ -123,9 +123,10 @@ def line_of(words: str) -> dict[str, Any]:
 
 def test_two_topics_of_odometry_are_asked_for(tmp_path: Path) -> None:
     path = format_logs.bag(tmp_path / "a", TRUTH, twice=True)
-    answer = line_of(refusal(path))
-    assert answer == {"ignore": ["/odom/filtered"]}
-    found = import_logs([path], validated(ImportMap, answer, "map"))
+    (question,) = import_logs([path]).questions
+    answer = question.choices["'/odom'"]
+    assert answer == {"ignore": ["/odom/filtered"]} and line_of(answer) in refusal(path)
+    found = import_logs([path], validated(ImportMap, dict(answer), "map"))
     assert not found.problems and off(found)["psi"] < 1e-6
     used = {account.what: account.used_as for account in found.runs[0].logs[0].table.accounts}
     assert used["/odom linear y"] == ("v",) and used["/odom/filtered"] == used["/cmd/rudder"] == ()
@@ -171,17 +172,17 @@ def test_the_map_says_the_axes_where_frames_do_not(tmp_path: Path) -> None:
 
 def test_a_magnetic_heading_needs_a_variation(tmp_path: Path) -> None:
     path = format_logs.bus(tmp_path / "a.log", TRUTH, magnetic=np.radians(5.7))
-    answer = line_of(refusal(path, columns=ENGINE))
+    answer = said_in(refusal(path, columns=ENGINE))
     assert off(import_logs([path], validated(ImportMap, answer | {"columns": ENGINE}, "map")))["psi"] < 2e-4
 
 
 def test_revolutions_of_an_engine_are_asked_for(tmp_path: Path) -> None:
     for path in (format_logs.bus(tmp_path / "a.log", TRUTH), format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)):
-        assert [q.choices[:2] for q in import_logs([path]).questions] == [("n", "n_2")]
+        (question,) = import_logs([path]).questions
+        assert list(question.choices) == ["n", "n_2", "nothing"]
         line = re.search(r"\[columns\] (n = .*)", refusal(path))
-        assert (
-            line and not import_logs([path], validated(ImportMap, {"columns": tomllib.loads(line[1])}, "map")).problems
-        )
+        assert line
+        assert not import_logs([path], validated(ImportMap, {"columns": tomllib.loads(line[1])}, "map")).problems
 
 
 def test_ships_of_ais_are_told_apart(tmp_path: Path) -> None:
@@ -207,7 +208,7 @@ def test_a_file_without_headers_names_the_line_of_the_map(tmp_path: Path) -> Non
     path = format_logs.without_headers(tmp_path / "a.dat", TRUTH)
     words = refusal(path)
     assert "0.0, 0.0, 0.0" in words
-    assert validated(ImportMap, line_of(words), "map").columns["x"].header == "column 2"
+    assert validated(ImportMap, said_in(words), "map").columns["x"].header == "column 2"
 
 
 @pytest.mark.parametrize(

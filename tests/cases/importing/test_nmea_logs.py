@@ -189,7 +189,6 @@ LOGGERS: dict[str, Callable[[float], str]] = {
     "milliseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}\t",
     "nanoseconds": lambda t: f"{1e3 * (EPOCH + t):.0f}000000 ",
     "tag block": lambda t: f"\\s:VDR1,c:{1e3 * (EPOCH + t):.0f}*00\\",
-    "elapsed": lambda t: f"{1e3 * t + 777:.0f}: ",
 }
 
 
@@ -203,13 +202,6 @@ def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, name: str
     assert off(found, "psi") < 2 * TURN
 
 
-def test_a_receiver_may_be_late_by_a_right_clock(tmp_path: Path) -> None:
-    """Its sentences come 0.3 s after their fix, by a logger set to its zone; those of the gyro at once."""
-    delay = lambda rng: 0.25 + rng.uniform(0.0, 0.1)  # noqa: E731
-    path = log(tmp_path / "a.nmea", (rmc, 1.0, delay), *RATES["gyro 10 Hz"][1:], logger=off_clock("%H:%M:%S.%f", 0.0))
-    assert off(columns(path), "psi") < TURN and "logger_clock" in codes(path)
-
-
 @pytest.mark.parametrize(
     ("late", "jitter", "logger"),
     [(0.25, 0.0, None), (0.0, 0.04, off_clock("%H:%M:%S.%f")), (0.3, 0.04, off_clock("%H:%M:%S.%f", 0.0))],
@@ -221,6 +213,7 @@ def test_the_heading_is_right_within_a_tenth_of_a_degree(
     some = tuple((body, 0.1, lambda rng: rng.uniform(0.0, jitter)) for body in (hdt, rsa))
     found = columns(log(tmp_path / "a.nmea", (rmc, 1.0, lambda rng: rng.uniform(0.01, 0.01 + late)), *some, (rpm, 1.0),
                         logger=logger))  # fmt: skip
+    assert ("logger_clock" in codes(tmp_path / "a.nmea")) == (late == 0.3)
     fastest = np.degrees(np.abs(TRUTH["r"]).max())
     assert np.degrees(off(found, "psi")) / fastest * 2.0 < 0.105
 
@@ -394,8 +387,7 @@ def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, m
     """Zeros of a receiver are none."""
     path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))
     found = import_logs([path])
-    words = f"the log has a magnetic heading ({body(0.0)[2:5]}): give variation = "
-    assert not found.runs and words in found.problems[0]
+    assert not found.runs and "variation = " in found.problems[0]
     assert off(columns(path, validated(ImportMap, {"variation": -7.5}, "map")), "psi") < 2 * TURN
 
 
@@ -443,7 +435,6 @@ SECOND: dict[str, tuple[tuple[Any, ...], str, float | None]] = {
     "one talker": (((rmc, 1.0), (partial(rmc, north=12.0), 1.0)), "GPRMC", 12.0),
     "one talker, jitter": (((rmc, 1.0, lambda r: r.uniform(0, 0.2)),
                             (partial(rmc, north=12.0), 1.0, lambda r: r.uniform(0, 0.2))), "GPRMC", 12.0),
-    "one talker, in turn": (((rmc, 1.0), (lambda t: rmc(t, north=12.0) if t % 1 else "", 0.5)), "GPRMC", 12.0),
     "one talker, rates": (((partial(gga, north=12.0), 1.0), (gga, 0.2), (zda, 1.0)), "GPGGA", 12.0),
     "tag blocks": (((lambda t: f"\\s:A*00\\{sentence(rmc(t))}", 1.0),
                     (lambda t: f"\\s:B*00\\{sentence(rmc(t, north=12.0))}", 1.0)), "GPRMC of B", 12.0),
