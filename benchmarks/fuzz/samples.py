@@ -103,7 +103,7 @@ def _write_diagnosis(folder: Path) -> None:
     current = {"x": EstimatedParameter(0.03, 0.002, "m/s")}
     found = Diagnosis(
         verdict="named", sentence="The gap is a current.", instruments=(), remainder=True, next_test="Stop.",
-        effects=(NamedEffect("current", current, 1e-12, 280.0, 0.3, {"run": {"x": 0.1}}),),
+        effects=(NamedEffect("current", current, 1e-12, 280.0, 0.3),),
         equivalence_class=("wave_drift",), warnings=("beware of the tide.",), not_screened={"bank": "no line is known"},
         candidates=(RankedCandidate("current", 300.0, 1e-12, 280.0, True, 0.3, current),),
         where={"channels": {"surge": {"share": 0.5}}}, noise=RandomSizes((1.0, 2.0, 3.0), 4.0, (0.1,) * 6, (0.2,) * 6),
