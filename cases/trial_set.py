@@ -17,7 +17,7 @@ import numpy as np
 
 from cases.checks import CheckReport, check
 from cases.checks.copies import duplicates
-from cases.checks.report import CONTRADICTORY, DOUBTFUL
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
 from cases.inputs import is_sampled
 from cases.io.campaigns import Campaigns, campaign_labels, campaigns_of, ship_of_campaign
@@ -69,12 +69,16 @@ class TrialSet(Sequence[Trial]):
     @cached_property
     def reports(self) -> tuple[CheckReport, ...]:
         """What mmg check says of each: units, signs, frames, lags, broken stretches, copies, excitation."""
-        return tuple(check(self.trials))
+        return tuple(check(self.trials, self._duplicates))
+
+    @cached_property
+    def _duplicates(self) -> list[tuple[list[dict[str, Any]], list[Found]]]:
+        return duplicates(self.trials)
 
     @cached_property
     def copies(self) -> tuple[list[dict[str, Any]], ...]:
         """For each, the others with which it shares rows."""
-        return tuple(found for found, _ in duplicates(self.trials))
+        return tuple(found for found, _ in self._duplicates)
 
     @cached_property
     def campaigns(self) -> Campaigns:

@@ -310,12 +310,17 @@ def _keys() -> list[tuple[tuple[str, float, float], tuple[float, float], int]]:
 
 
 def scores(
-    trial: Trial, turning: float | None, standing: Sequence[str] = (), labels: Mapping[str, str] | None = None
+    trial: Trial,
+    record: Signals | None,
+    turning: float | None,
+    standing: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
 ) -> Scores:
     """What ``trial`` says of each reading.
 
-    turning: correlation of its turn rate with the rudder, None where it is not known; standing: columns that stand
-    still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
+    record: its ``signals``; turning: correlation of its turn rate with the rudder, None where it is not known;
+    standing: columns that stand still and say nothing; labels: column -> unit in its header, without which they are
+    those of a Trial.
     """
     keys, strange = _keys(), _unlikely_units(labels or {})
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
@@ -324,7 +329,7 @@ def scores(
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
     factors, rates = tuple({way[2] for way, _, _ in keys}), tuple({spun[1] for _, spun, _ in keys})
     for unit in HEADINGS:
-        s = signals(trial, unit)
+        s = record if unit == 1.0 else signals(trial, unit)
         if s is None:
             continue
         if not blind and s.has_turn:

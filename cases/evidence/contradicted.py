@@ -33,9 +33,10 @@ def standing(trial: Trial) -> dict[str, str]:
     out: dict[str, str] = {}
     if not still or len(trial) < 20:
         return out
-    turned, integrated = _range(psi), _range(integral(trial.t, np.nan_to_num(r)))
-    if "r" in still and turned > TURNED:
-        out["r"] = f"the heading turns by {turned:.2g} rad"
+    made = integral(trial.t, np.nan_to_num(r))
+    integrated = _range(made)
+    if "r" in still and _range(psi - made) > TURNED:  # in a steady circle the heading goes with the one turn rate
+        out["r"] = f"the heading turns by {_range(psi):.2g} rad and not by {integrated:.2g}"
     if "psi" in still and integrated > TURNED:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
     speed = float(np.sqrt(np.nanmean(trial["u"] ** 2 + trial["v"] ** 2)))

@@ -35,7 +35,7 @@ def check(
     """
     from cases.checks import check as check_trials
     from cases.checks import pooled
-    from cases.checks.propulsion import doubtful_revolutions
+    from cases.checks.single import doubtful_revolutions
     from cases.inputs import model_inputs
     from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
