@@ -2,9 +2,9 @@
 
 How she moves tells of states that were derived from one another, as integrals cannot: she makes headway with
 revolutions ahead. On straight legs both ways her sway is a share of her surge where the heading is off, and an
-earth-fixed vector where there is a current; in turns it is against the turn, -x r at a distance x abaft the pivot point (Yasukawa &
-Yoshimura 2015). A true wind does not turn with her. The coefficients that may be excited are those of the low-speed
-four-quadrant model (Yoshimura 2009 hull, Hachii 2004 propeller, Yasukawa & Yoshimura 2015 rudder).
+earth-fixed vector where there is a current; in turns it is against the turn, -x r at a distance x abaft the pivot
+point (Yasukawa & Yoshimura 2015). A true wind does not turn with her. The coefficients that may be excited are those of
+the low-speed four-quadrant model (Yoshimura 2009 hull, Hachii 2004 propeller, Yasukawa & Yoshimura 2015 rudder).
 """
 
 from __future__ import annotations

@@ -111,10 +111,12 @@ def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
 
 
 def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
-    """The same (n,) where what ``name`` says is late by ``lags`` (n,) [s]."""
-    at_once = max(1, ROOM // len(s.psi))
-    parts = [lags[k : k + at_once] for k in range(0, len(lags), at_once)]
-    return np.concatenate([np.empty(0), *(_nats(s.shifted(part, *LAGS[name]), s.has_track) for part in parts)])
+    """Nats (n,) over those of no lag, of the same windows, where what ``name`` says is late by ``lags`` (n,) [s]."""
+    at_once, out = max(1, ROOM // len(s.psi)), [np.empty(0)]
+    for k in range(0, len(lags), at_once):
+        late = s.shifted(lags[k : k + at_once], *LAGS[name])
+        out.append(_nats(late, s.has_track) - _nats(replace(s, good=late.good), s.has_track))
+    return np.concatenate(out)
 
 
 def _nats(s: Signals, has_track: bool) -> np.ndarray:
@@ -154,10 +156,9 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
 
 def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
     """Lags [s] of what ``name`` says is late, up to the ``longest``."""
-    plain = np.array([nats(s) for s in some])
 
     def over_none(grid: np.ndarray) -> np.ndarray:
-        return np.array([nats_of_lags(s, name, grid) for s in some]) - plain[:, None]
+        return np.array([nats_of_lags(s, name, grid) for s in some])
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = over_none(grid)
