@@ -208,14 +208,12 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
             elif other < len(train):
                 words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
                 messages.append(Message(words, "shared_rows"))
-    found = list(dict.fromkeys(messages))
+    out: list[Message] = []
     for code in ("not_held_out", "shared_rows"):
-        same = [m for m in found if m.code == code]
-        if len(same) > MOST_LISTED:
-            found = [m for m in found if m.code != code] + same[:MOST_LISTED]
-            more = f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)"
-            found.append(Message(more, code))
-    return found
+        same = [message for message in dict.fromkeys(messages) if message.code == code]
+        more = f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)"
+        out += same[:MOST_LISTED] + [Message(more, code)] * (len(same) > MOST_LISTED)
+    return out
 
 
 def _judged(trial: Trial, report: CheckReport) -> Trial:
