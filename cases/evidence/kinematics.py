@@ -14,11 +14,10 @@ well are named beside them. All times and sizes are those of a 3 m model; others
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -394,30 +393,13 @@ class Kinematics:
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
     """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data.
 
-    The last answer is kept, by what it depends on: a process that is asked the same again calculates nothing.
+    The last answer is kept: who asks the same of the same trials again calculates nothing.
     """
-    k = time_scale(ship.particulars["L"])
-    key = _contents(trials, k)
-    answer = _LAST.get(key)
-    if answer is None:
-        answer = _consistency(trials, k)
-        _LAST.clear()
-        _LAST[key] = answer
-    return answer
+    return _consistency(tuple(trials), time_scale(ship.particulars["L"]))
 
 
-_LAST: dict[bytes, Kinematics] = {}
-
-
-def _contents(trials: Sequence[Trial], k: float) -> bytes:
-    """A digest of what the consistency of ``trials`` depends on."""
-    digest = hashlib.sha256(repr((k, [(t.name, t.has_position, t.dt) for t in trials])).encode())
-    for trial in trials:
-        digest.update(np.ascontiguousarray(trial.t).tobytes() + np.ascontiguousarray(trial.states).tobytes())
-    return digest.digest()
-
-
-def _consistency(trials: Sequence[Trial], k: float) -> Kinematics:
+@lru_cache(maxsize=1)
+def _consistency(trials: tuple[Trial, ...], k: float) -> Kinematics:
     logs = [_Log(trial, k) for trial in trials]
     sound = [log for log in logs if not log.faults()]
     frame, lag = _axes_of_lag(sound, k)
