@@ -56,8 +56,8 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarra
     rows = pd.concat(parts)
     rows = rows[rows.duplicated("hash", keep=False)]
     both = rows.merge(rows, on="hash", suffixes=("", "_other"))
-    pairs = both[both["trial"] < both["trial_other"]].groupby(["trial", "trial_other"])
-    return {(int(i), int(j)): (some["row"].to_numpy(), some["row_other"].to_numpy()) for (i, j), some in pairs}
+    pairs: Any = both[both["trial"] < both["trial_other"]].groupby(["trial", "trial_other"])
+    return {pair: (some["row"].to_numpy(), some["row_other"].to_numpy()) for pair, some in pairs}
 
 
 def _overlap(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from cases.checks import CheckReport, check, inputs_are_constant, pooled
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from mmg_ident import simulate
 from mmg_ident.commands.check import check as command
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
 
@@ -37,6 +39,20 @@ def test_a_consistent_trial_is_ok():
     numbers = report.numbers["kinematics"]
     assert set(numbers["lag_s"].values()) == {None}
     assert list(numbers["gain"].values()) == pytest.approx([1.0] * 3, abs=0.01)
+
+
+def test_a_steady_circle_and_a_crash_stop_without_a_turn_are_sound():
+    t = np.arange(0.0, 300.0, 0.5)
+    psi = 0.02 * t
+    place, still = 200.0 * np.exp(1j * (psi - np.pi / 2)), np.ones(len(t))
+    circle = {"x": place.real, "y": place.imag, "psi": psi, "u": 4 * still, "v": 0 * still, "r": 0.02 * still}
+    assert "frozen_channel" not in {f.code for f in one(Trial("circle", {"t": t, **circle, "n": still})).findings}
+    turning = one(Trial("circle", {"t": t, **circle, "r": 0.01 * still, "n": still, "delta": 0.1 * still}))
+    assert "frozen_channel" in codes(turning, "contradictory")
+    for seed in range(3):  # heading and turn rate are noise, of which a lag explains nothing
+        stop = simulate("kvlcc2_l7", "crash-stop", noise=True, dt=0.5, duration=300, seed=seed)
+        derived = replace(stop, ancestors=dict.fromkeys("uv", ("x", "y", "psi")))
+        assert [one(trial).verdict for trial in (stop, derived)] == ["ok", "consistent"]
 
 
 @pytest.mark.parametrize("name", ["r", "u, v"])
