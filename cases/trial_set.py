@@ -147,18 +147,14 @@ class TrialSet(Sequence[Trial]):
                 copies.setdefault(first, []).append(i)
         campaign = campaign_labels(self.trials) if copies else []
         for first, others in copies.items():
-            name = self[first].name
-            words = (
-                f"{_listed([self[i].name for i in others])}: copies of {name}, which say nothing more; left out, so "
-            )
-            messages.append(Message(words + "that no run counts twice", "copies_left_out"))
-            for i in others:
-                if campaign[i] != campaign[first]:
-                    words = (
-                        f"{name} of campaign {campaign[first]} and {self[i].name} of campaign {campaign[i]} are the "
-                    )
-                    words += f"same file; it counts for {campaign[first]}: remove the one that is wrong"
-                    messages.append(Message(words, "same_file_in_two_campaigns"))
+            name, its = self[first].name, campaign[first]
+            names = _listed([self[i].name for i in others])
+            words = f"{names}: copies of {name}, which say nothing more; left out, so that no run counts twice"
+            messages.append(Message(words, "copies_left_out"))
+            for i in [i for i in others if campaign[i] != its]:
+                words = f"{name} of campaign {its} and {self[i].name} of campaign {campaign[i]} are the same file"
+                words += f"; it counts for {its}: remove the one that is wrong"
+                messages.append(Message(words, "same_file_in_two_campaigns"))
         return TrialSet(tuple(self[i] for i in first_of.values())), messages
 
     def training(self, judges: Sequence[Trial] = ()) -> tuple[TrialSet, list[Message]]:
