@@ -17,7 +17,7 @@ import numpy as np
 
 from cases.checks import CheckReport, check
 from cases.checks.copies import duplicates
-from cases.checks.report import CONTRADICTORY, DOUBTFUL
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
 from cases.inputs import is_sampled
 from cases.io.campaigns import Campaigns, campaign_labels, campaigns_of, ship_of_campaign
@@ -73,12 +73,16 @@ class TrialSet(Sequence[Trial]):
     @cached_property
     def reports(self) -> tuple[CheckReport, ...]:
         """What mmg check says of each: units, signs, frames, lags, broken stretches, copies, excitation."""
-        return tuple(check(self.trials))
+        return tuple(check(self.trials, self._duplicates))
+
+    @cached_property
+    def _duplicates(self) -> list[tuple[list[dict[str, Any]], list[Found]]]:
+        return duplicates(self.trials)
 
     @cached_property
     def copies(self) -> tuple[list[dict[str, Any]], ...]:
         """For each, the others with which it shares rows."""
-        return tuple(found for found, _ in duplicates(self.trials))
+        return tuple(found for found, _ in self._duplicates)
 
     @cached_property
     def campaigns(self) -> Campaigns:
@@ -147,18 +151,14 @@ class TrialSet(Sequence[Trial]):
                 copies.setdefault(first, []).append(i)
         campaign = campaign_labels(self.trials) if copies else []
         for first, others in copies.items():
-            name = self[first].name
-            words = (
-                f"{_listed([self[i].name for i in others])}: copies of {name}, which say nothing more; left out, so "
-            )
-            messages.append(Message(words + "that no run counts twice", "copies_left_out"))
-            for i in others:
-                if campaign[i] != campaign[first]:
-                    words = (
-                        f"{name} of campaign {campaign[first]} and {self[i].name} of campaign {campaign[i]} are the "
-                    )
-                    words += f"same file; it counts for {campaign[first]}: remove the one that is wrong"
-                    messages.append(Message(words, "same_file_in_two_campaigns"))
+            name, its = self[first].name, campaign[first]
+            names = _listed([self[i].name for i in others])
+            words = f"{names}: copies of {name}, which say nothing more; left out, so that no run counts twice"
+            messages.append(Message(words, "copies_left_out"))
+            for i in [i for i in others if campaign[i] != its]:
+                words = f"{name} of campaign {its} and {self[i].name} of campaign {campaign[i]} are the same file"
+                words += f"; it counts for {its}: remove the one that is wrong"
+                messages.append(Message(words, "same_file_in_two_campaigns"))
         return TrialSet(tuple(self[i] for i in first_of.values())), messages
 
     def training(self, judges: Sequence[Trial] = ()) -> tuple[TrialSet, list[Message]]:
@@ -208,14 +208,12 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
             elif other < len(train):
                 words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
                 messages.append(Message(words, "shared_rows"))
-    found = list(dict.fromkeys(messages))
+    out: list[Message] = []
     for code in ("not_held_out", "shared_rows"):
-        same = [m for m in found if m.code == code]
-        if len(same) > MOST_LISTED:
-            found = [m for m in found if m.code != code] + same[:MOST_LISTED]
-            more = f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)"
-            found.append(Message(more, code))
-    return found
+        same = [message for message in dict.fromkeys(messages) if message.code == code]
+        more = f"{len(same) - MOST_LISTED} more pairs of trials share rows (mmg check lists them)"
+        out += same[:MOST_LISTED] + [Message(more, code)] * (len(same) > MOST_LISTED)
+    return out
 
 
 def _judged(trial: Trial, report: CheckReport) -> Trial:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.propulsion import doubtful_revolutions
+from cases.checks.single import doubtful_revolutions
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial

@@ -118,15 +118,6 @@ def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
 
 
-def frozen_share(trial: Trial) -> dict[str, float]:
-    """Columns, in words, that stand still for a part of ``trial`` -> share of its time."""
-    out: dict[str, float] = {}
-    for first, last, _, group in frozen(trial, mismatches(trial)):
-        name = ", ".join(group)
-        out[name] = out.get(name, 0.0) + float(trial.t[last] - trial.t[first]) / max(trial.duration, 1e-9)
-    return out
-
-
 def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ...], first: int, last: int) -> bool:
     """Whether more of the motion is missing between the rows than rounded columns do not show.
 
@@ -164,15 +155,12 @@ def usual_length(lengths: np.ndarray, rows: int) -> float:
 
     lengths: of its repetitions (M,), in rows.
     """
-    if not len(lengths):
+    single = rows - lengths.sum()
+    if not len(lengths) or single >= USUAL * rows:
         return 1.0
     lengths = np.sort(lengths)
-    within = rows - lengths.sum() + np.cumsum(lengths)
-    return (
-        float(lengths[np.searchsorted(within, USUAL * rows).clip(max=len(lengths) - 1)])
-        if (rows - lengths.sum() < USUAL * rows)
-        else 1.0
-    )
+    within = np.searchsorted(single + np.cumsum(lengths), USUAL * rows)
+    return float(lengths[within.clip(max=len(lengths) - 1)])
 
 
 def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) -> bool:
@@ -251,21 +239,21 @@ APART = 3.0
 RARE = 0.05
 """Share of samples from which spikes are the noise of the channel."""
 
-PIECE = 100000
-"""Rows that are looked at at once."""
-
 REACH = 3
 """Neighbours on each side."""
 
 
 def spike_trains(trial: Trial) -> Iterator[Break]:
     """First and last row, what, and column of each train of spikes of ``trial``."""
+    from scipy.ndimage import median_filter  # slow to import
+
+    speed = np.nan_to_num(trial["u"]) ** 2 + np.nan_to_num(trial["v"]) ** 2
     for name in LEAST_SPIKE:
         values = trial[name]
         if not np.isfinite(values).all():
             continue
-        rms = float(np.sqrt(np.mean(values**2 + (0.0 if name == "r" else _other(trial, name)))))
-        off = _off(values)
+        rms = float(np.sqrt(np.mean(values**2 if name == "r" else speed)))
+        off = np.abs(values - median_filter(values, 2 * REACH + 1, mode="nearest"))
         usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
         rows = np.flatnonzero(off > max(SURE * usual, LEAST_SPIKE[name] * rms))
         if len(rows) > RARE * len(values):
@@ -274,19 +262,6 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
         for train in np.split(rows, np.flatnonzero(np.diff(trial.t[rows]) > apart) + 1):
             if len(train) >= LEAST:
                 yield int(train[0]), int(train[-1]), f"spikes of {name}", (name,)
-
-
-def _off(values: np.ndarray) -> np.ndarray:
-    """Distance of each of the ``values`` from the median of its neighbours, (N,), in pieces that need little memory."""
-    padded = np.pad(values, REACH, mode="edge")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1)
-    pieces = [np.median(around[i : i + PIECE], axis=1) for i in range(0, len(values), PIECE)]
-    return np.abs(values - np.concatenate(pieces))
-
-
-def _other(trial: Trial, name: str) -> np.ndarray:
-    """Square of the other velocity beside u or v, 0 where it is missing, (N,)."""
-    return np.nan_to_num(trial["v" if name == "u" else "u"]) ** 2
 
 
 PODS = tuple(f"{name}_{i}" for i in (2, 3, 4) for name in ("n_azimuth", "azimuth"))
@@ -308,11 +283,9 @@ MOST = 0.9
 BEYOND_NOISE = 6.0
 """And by so many standard deviations of its own noise, after smoothing."""
 
-QUICKER = 1.0
-"""It does so faster, by this factor, than 95 % of the record."""
-
 STOPPED = 0.15
-"""The same factor where the propeller is stopped as well: nothing of the ship's own is left that turns her."""
+"""It does so faster than 95 % of the record, or by this factor where the propeller is stopped as well: nothing of the
+ship's own is left that turns her."""
 
 SHORTER = 0.4
 """So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
@@ -328,6 +301,8 @@ def without_cause(trial: Trial) -> Iterator[Break]:
 
     The spell counts from its beginning: when the hand took hold is not in the record.
     """
+    from scipy.ndimage import uniform_filter1d  # slow to import
+
     width = max(5, round(1.0 / trial.dt)) | 1
     r = trial["r"]
     if not np.isfinite(r).all() or len(trial) < 10 * width:
@@ -337,19 +312,17 @@ def without_cause(trial: Trial) -> Iterator[Break]:
         if name in trial:
             values = trial[name]
             moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
-    smooth = _mean(r, width)
+    smooth = uniform_filter1d(r, width, mode="nearest")
     rate = np.abs(np.gradient(smooth, trial.t))
-    turning = _mean(np.gradient(trial.psi_unwrapped, trial.t), width)
+    turning = uniform_filter1d(np.gradient(trial.psi_unwrapped, trial.t), width, mode="nearest")
     noise = float(np.std(r - smooth)) / np.sqrt(width)
-    size, quick = (
-        max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise),
-        QUICKER * float(np.quantile(rate, 0.95)),
-    )
+    size = max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise)
+    quick = float(np.quantile(rate, 0.95))
     for first, last in runs(~moved):
         if last - first < 3 * width or last - first > MOST * len(r):
             continue
         stopped = last - first <= SHORTER * len(r) and _stopped(trial, first, last)
-        fast = quick * (STOPPED / QUICKER if stopped else 1.0)
+        fast = quick * (STOPPED if stopped else 1.0)
         turns = _extrema(smooth[first : last + 1], size)
         swings = [
             (i, j)
@@ -357,12 +330,8 @@ def without_cause(trial: Trial) -> Iterator[Break]:
             if abs(smooth[first + j] - smooth[first + i]) > fast * (trial.t[first + j] - trial.t[first + i])
             and (turning[first + j] - turning[first + i]) / (smooth[first + j] - smooth[first + i]) > AGREED
         ]
-        if len([pair for pair in swings if pair[0] > 0]) >= SWINGS:
+        if sum(i > 0 for i, _ in swings) >= SWINGS:
             yield int(first), int(last), SWINGING, ("u", "v", "r")
-
-
-def _mean(values: np.ndarray, width: int) -> np.ndarray:
-    return np.convolve(np.pad(values, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
 
 
 def _stopped(trial: Trial, first: int, last: int) -> bool:

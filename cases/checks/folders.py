@@ -11,24 +11,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.checks.independent import not_checked, sternway, sway, sway_findings, turning_wind
+from cases.checks.copies import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.single import following
-from cases.checks.stretches import DRIFTING
+from cases.checks.single import (
+    excitation,
+    following,
+    not_checked,
+    rudder_sign,
+    sampling,
+    sternway,
+    sway_findings,
+    turning_wind,
+    wind,
+)
+from cases.checks.stretches import DRIFTING, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores
 from cases.evidence.contradicted import standing, wrong_inputs
 from cases.evidence.scale import TRACK, TURN, Scale, scale
 from cases.evidence.shifts import LAGS, Shift, Value, candidates, nats, shifts
-from cases.evidence.signals import independent, signals
+from cases.evidence.signals import Signals, independent, signals
 from cases.io.conventions import converted
 from cases.io.leave_out import left_out
 from cases.io.read import SUFFIXES, read_trial
-from cases.io.sidecar import NAME, SidecarEntry, sidecar_entry
+from cases.io.sentinels import CODE, without_sentinels
+from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.unit_sanity import mislabelled
 from cases.io.units import to_si, unit_by_factor
 from cases.quantities import quantity
 from cases.trial import Trial
 from mmg.errors import UserError
+from mmg.messages import Message, message_rows
 
 LATE = 1.5
 """Lag [s] of a channel beyond which the verdict is no longer "ok"."""
@@ -46,7 +58,17 @@ DISAGREE = 0.8
 SURE = 20.0
 """Nats from which one file refutes its labels although all others of its folder bear theirs out."""
 
+LOOKS = {
+    "sampling": sampling,
+    "stretches": stretch_findings,
+    "rudder": rudder_sign,
+    "wind": wind,
+    "excitation": excitation,
+}
+"""Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
+
 TOPICS = {"unit": "units", "rudder_sign": "rudder"}
+"""Code -> topic, where it is not kinematics."""
 
 LATE_WORDS = {
     "w": ("u and v are", ("u", "v")),
@@ -61,48 +83,99 @@ LATE_WORDS = {
 class Said(NamedTuple):
     """What is said of one trial: findings as (level, code, sentence), and the keys that mend it."""
 
-    findings: list[tuple[str, str, str]]
+    findings: list[Found]
     keys: Keys
 
 
-def decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
-    """``reports`` on ``trials`` with what their folders show together: frames, signs, units, channels that stand still,
-    lags, lever arms, gains, offsets, and what could not be checked. What follows from a contradiction is not said
-    beside it.
+def check(
+    trials: Sequence[Trial], copies: Sequence[tuple[list[dict[str, Any]], list[Found]]] | None = None
+) -> list[CheckReport]:
+    """One report for each of ``trials``, in their order: each by itself, and what their folders show together.
+
+    copies: ``duplicates`` of the trials, where they are known. Notices of the reading come last.
     """
-    out = list(reports)
+    trials = [_without_sentinels(trial) for trial in trials]
+    reports = []
+    for trial, (others, shared) in zip(trials, duplicates(trials) if copies is None else copies, strict=True):
+        looks = {topic: look(trial) for topic, look in LOOKS.items()}
+        read = [
+            (DOUBTFUL if row["code"] == CODE else INFO, row["code"], _capital(row["text"]) + ".")
+            for row in message_rows(trial.notices)
+        ]
+        found = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
+        findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
+        numbers = {"duplicates": others, **{topic: values for topic, (values, _) in looks.items()}}
+        reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     folders: dict[Path | None, list[int]] = {}
     for i, trial in enumerate(trials):
         folders.setdefault(trial.path.parent if trial.path else None, []).append(i)
     for rows in folders.values():
-        some = [_whole(trials[i], reports[i].numbers) for i in rows]
-        still = [standing(trials[i]) for i in rows]
-        turning = [reports[i].numbers["rudder"]["correlation"] for i in rows]
-        found = [_scored(*each) for each in zip(some, still, turning, strict=True)]
-        own = [trials[i] for i in rows]
-        said = [_contradicted(own, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
-        whole = [all(f.code != "frozen_channel" for f in reports[i].findings) for i in rows]
-        quiet = [k for k, each in enumerate(said) if not each.findings and whole[k]]
-        alone: dict[int, dict[str, Value | None]] = {k: {} for k in range(len(rows))}
-        for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet]), strict=True):
-            alone[k] = dict(values)
-            if shift:
-                said[k], alone[k][shift.name] = _shift_said(shift), shift.value
-                some[k] = _in_time(some[k], shift)
-        quiet = [k for k in quiet if all(level == INFO for level, *_ in said[k].findings)]
-        for k, (values, more) in zip(quiet, _scaled([some[k] for k in quiet]), strict=True):
-            said[k].findings.extend(more)
-            alone[k].update(values)
-        for k, more in zip(quiet, _moved([own[k] for k in quiet]), strict=True):
-            said[k].findings.extend(more)
-        for k, (i, each) in enumerate(zip(rows, _with_lines(own, said), strict=True)):
-            out[i] = _joined(out[i], each, not_checked(trials[i]), found[k], alone[k])
-    return out
+        together = _decided([trials[i] for i in rows], [reports[i] for i in rows])
+        for i, report in zip(rows, together, strict=True):
+            reports[i] = report
+    return reports
+
+
+def _without_sentinels(trial: Trial) -> Trial:
+    """``trial`` without numbers that stand for no value, where it was not read from a file."""
+    if trial.path is not None:
+        return trial
+    notices: list[Message] = []
+    columns = without_sentinels(trial.columns, {name: (0, 1.0) for name in trial.columns}, (), notices)
+    return replace(trial, columns=columns, notices=(*trial.notices, *notices)) if notices else trial
+
+
+def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
+    """``reports`` on the ``trials`` of a folder with what they show together: frames, signs, units, channels that stand
+    still, lags, lever arms, gains, offsets, and what could not be checked; not what follows from a contradiction."""
+    some = [_whole(*each) for each in zip(trials, reports, strict=True)]
+    records = [signals(trial) for trial in some]
+    still = [standing(trial) for trial in trials]
+    turning = [report.numbers["rudder"]["correlation"] for report in reports]
+    found = [
+        scores(
+            trial,
+            record,
+            None if "r" in names else follows,
+            tuple(names),
+            {c: u for c, (_, u) in labels(trial).items()},
+        )
+        for trial, record, names, follows in zip(some, records, still, turning, strict=True)
+    ]
+    said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
+    alone: list[dict[str, Value | None]] = [{} for _ in trials]
+    frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
+    quiet = [k for k, each in enumerate(said) if not each.findings and not frozen[k]]
+    for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):
+        alone[k] = dict(values)
+        if shift:
+            said[k], alone[k][shift.name] = _shift_said(shift), shift.value
+            some[k] = _in_time(some[k], shift)
+    quiet = [k for k in quiet if all(level == INFO for level, *_ in said[k].findings)]
+    sound = [some[k] for k in quiet]
+    for k, (values, more) in zip(quiet, _scaled(sound), strict=True):
+        said[k].findings.extend(more)
+        alone[k].update(values)
+    sways = sway_findings([trials[k] for k in quiet])
+    for k in quiet:
+        derived = trials[k].has_position and not independent(trials[k], "track")
+        said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
+        said[k].findings.extend([*sternway(trials[k]), *turning_wind(trials[k])])
+    rows = zip(reports, _with_lines(trials, said), map(not_checked, trials), found, alone, strict=True)
+    return [_joined(*row) for row in rows]
+
+
+def _whole(trial: Trial, report: CheckReport) -> Trial:
+    """``trial`` without its broken stretches, but for those in which positions and velocities drift apart: a wrong
+    frame makes such ones, and they are what tells."""
+    broken = report.numbers["stretches"]["broken"]
+    spans = [(s["begin_s"], s["end_s"]) for s in broken if DRIFTING["position"][0] not in s["what"]]
+    return left_out(trial, spans, "") if spans else trial
 
 
 def _in_time(trial: Trial, shift: Shift) -> Trial:
     """``trial`` without the lag that ``shift`` says."""
-    late = {name for group in LAGS.get(shift.name, ()) for name in {"w": "uv", "place": "xy"}.get(group, (group,))}
+    late = LATE_WORDS[shift.name][1] if shift.name in LAGS else ()
     t, by = trial.t, float(np.real(shift.value))
     moved = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
     return trial.with_columns(**{name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in moved.items()})
@@ -113,12 +186,13 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
     show together, or each by itself where they do not."""
     out: list[tuple[dict[str, Value | None], list[Found]]] = [({}, []) for _ in trials]
     for names in (TRACK[:6], TURN):
-        able = [k for k, trial in enumerate(trials) if independent(trial, "turn" if names == TURN else "track")]
-        own = {k: scale([trials[k]], names) for k in able}
-        together = scale([trials[k] for k in able], names)
+        able = {k: t for k, t in enumerate(trials) if independent(t, "turn" if names == TURN else "track")}
+        every = list(able.values())
+        together = scale(every, names)
+        own = {k: together if len(able) == 1 else scale([trial], names) for k, trial in able.items()}
         for name in names[:3]:
             shared = together is not None and together.significant(name, LEAST_SHARE)
-            said = _scale_said(together, name, [trials[k] for k in able]) if together and shared else None
+            said = _scale_said(together, name, every) if together and shared else None
             for k, one in own.items():
                 if one is None:
                     continue
@@ -153,30 +227,6 @@ def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:
         current = water is None or not water.significant(name)
         text += ", u or the positions in a wrong unit or grid" + (", or u through the water in a current" * current)
     return (DOUBTFUL if found.matters(name) else INFO), "gain", text
-
-
-def _moved(trials: Sequence[Trial]) -> list[list[Found]]:
-    """What the motion of the ship says of each of the ``trials``, whether or not their columns are relatives."""
-    derived = [not independent(trial, "track") and trial.has_position for trial in trials]
-    together = sway_findings(sway(trials)) if trials else []
-    out = []
-    for trial, relatives in zip(trials, derived, strict=True):
-        shared = [(level if relatives else INFO, code, text) for level, code, text in together]
-        out.append([*shared, *sternway(trial), *turning_wind(trial)[1]])
-    return out
-
-
-def _whole(trial: Trial, numbers: Mapping[str, Any]) -> Trial:
-    """``trial`` without its broken stretches, but for those in which positions and velocities drift apart: a wrong
-    frame makes such ones, and they are what tells."""
-    broken = numbers["stretches"].get("broken", [])
-    spans = [(s["begin_s"], s["end_s"]) for s in broken if DRIFTING["position"][0] not in s["what"]]
-    return left_out(trial, spans, "") if spans else trial
-
-
-def _scored(trial: Trial, still: Mapping[str, str], turning: float | None) -> Scores:
-    turning = None if "r" in still else turning
-    return scores(trial, turning, tuple(still), {name: unit for name, (_, unit) in labels(trial).items()})
 
 
 def _contradicted(
@@ -218,9 +268,13 @@ def _contradicted(
         rudder = turning if turning is not None else following(trial, 1e-4)["correlation"]
         wrong += [each for each in wrong_inputs(trial, rudder) if each[0] not in [name for name, *_ in wrong]]
     for name, factor, text in wrong:
-        said.append((CONTRADICTORY, "unit", text[0].upper() + text[1:]))
+        said.append((CONTRADICTORY, "unit", _capital(text)))
         keys = {**keys, "units": {**keys.get("units", {}), name: factor}}
     return Said(said, keys)
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
 
 
 def _sentence(code: str, meaning: str, found: Judged) -> str:
@@ -235,12 +289,13 @@ def _sentence(code: str, meaning: str, found: Judged) -> str:
     return f"The track says that {meaning}: {fits}" if np.isfinite(found.after) else f"It looks as if {meaning}"
 
 
-def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Value | None]]]:
+def _shifted(
+    trials: Sequence[Trial], records: Sequence[Signals | None]
+) -> list[tuple[Shift | None, dict[str, Value | None]]]:
     """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
-    kept = [(k, s) for k, trial in enumerate(trials) if (s := signals(trial)) and (s.has_track or s.has_turn)]
     out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
     for track in (True, False):
-        some = [(k, s) for k, s in kept if s.has_track == track]
+        some = [(k, s) for k, s in enumerate(records) if s and s.has_track == track and (track or s.has_turn)]
         if not some:
             continue
         own = [trials[k] for k, _ in some]
@@ -254,10 +309,6 @@ def _shifted(trials: Sequence[Trial]) -> list[tuple[Shift | None, dict[str, Valu
         for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
             out[k] = shift, {name: one.alone[i] for name, one in found.items()}
     return out
-
-
-def _matters(shift: Shift) -> bool:
-    return abs(shift.value) >= (LATE if shift.name in LAGS else LEAST_ARM)
 
 
 def _shift_said(shift: Shift) -> Said:
@@ -278,7 +329,8 @@ def _shift_said(shift: Shift) -> Said:
     if shift.rivals:
         names = dict.fromkeys("a lag" if name in LAGS else "a lever arm" for name in shift.rivals)
         text, keys = f"{text} (or {' or '.join(names)}: the data cannot tell)", {}
-    return Said([(DOUBTFUL if _matters(shift) else INFO, code, text)], keys if shift.shared and _matters(shift) else {})
+    matters = abs(value) >= (LATE if shift.name in LAGS else LEAST_ARM)
+    return Said([(DOUBTFUL if matters else INFO, code, text)], keys if shift.shared and matters else {})
 
 
 def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
@@ -287,17 +339,19 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
     out = [Said([(level, code, f"{text.rstrip('.')}.") for level, code, text in each.findings], {}) for each in said]
     groups: dict[str, list[int]] = {}
     for k, (trial, each) in enumerate(zip(trials, said, strict=True)):
-        wanted = settings(trial, each.keys) if each.keys else None
-        if wanted:
+        if each.keys and (wanted := settings(trial, each.keys)):
             groups.setdefault(line(wanted), []).append(k)
     for text, rows in groups.items():
         gained = [_gained(trials[k], said[k]) for k in rows]
         if min(gained) < 0 or sum(gained) <= 0:
             continue
+        everywhere = len(rows) == len(trials) and _all_there(trials)
         for k in rows:
             level, code, sentence = out[k].findings[0]
-            where = place(trials[k], len(rows) == len(trials) and _all_there(trials))
-            tried = f"{sentence} Tried on these files, this ends the contradiction: {where}: {text}."
+            path = trials[k].path
+            default = f"{path.parent / NAME if path else NAME}, [default]: {text}"
+            where = default if everywhere else line_for(path, trials[k].name, text)
+            tried = f"{sentence} Tried on these files, this ends the contradiction: {where}."
             out[k] = Said([(level, code, tried), *out[k].findings[1:]], said[k].keys)
     return out
 
@@ -340,7 +394,7 @@ def _joined(
     codes = {code for level, code, _ in said.findings if level != INFO}
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
-        kept = [f for f in kept if f.topic != "sampling" or f.code not in ("coarse_sampling", "gaps")]
+        kept = [f for f in kept if f.code not in ("coarse_sampling", "gaps")]
     own = [
         CheckFinding(TOPICS.get(code, "kinematics"), level, code, text)
         for level, code, text in (*said.findings, *unchecked)
@@ -423,13 +477,6 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
         return replace(trial, columns=converted(columns, SidecarEntry(**told), []))
     except UserError:
         return None
-
-
-def place(trial: Trial, everywhere: bool) -> str:
-    """Where in which sidecar a line on ``trial`` belongs: for all files of its folder if ``everywhere``, or its own."""
-    file = trial.path.name if trial.path else trial.name
-    where = "[default]" if everywhere else f'[files."{file}"]'
-    return f"{trial.path.parent / NAME if trial.path else NAME}, {where}"
 
 
 def entry_of(trial: Trial) -> SidecarEntry:

@@ -1,17 +1,32 @@
-"""What one file says by itself of its sampling, of the sign of its rudder and of its wind."""
+"""What one trial says by itself: sampling, the sign of its rudder, wind, how a ship moves, what its inputs excite.
+
+How she moves tells of states that were derived from one another, as integrals cannot: she makes headway with
+revolutions ahead. On straight legs both ways her sway is a share of her surge where the heading is off, and an
+earth-fixed vector where there is a current; in turns it is against the turn, -x r at a distance x abaft the pivot
+point (Yasukawa & Yoshimura 2015). A true wind does not turn with her. The coefficients that may be excited are those of
+the low-speed four-quadrant model (Yoshimura 2009 hull, Hachii 2004 propeller, Yasukawa & Yoshimura 2015 rudder).
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
+from cases.evidence.scale import SIGMAS
+from cases.evidence.signals import PIECES, independent
 from cases.inputs import is_sampled
 from cases.trial import REQUIRED, Trial
-from mmg.messages import has_code
+from mmg.errors import UserError
+from mmg.messages import Message, has_code
+from mmg.motion.flow import INPUTS
 from mmg.motion.frames import apparent_wind
+from mmg.ship import Ship
 
 GAP = 3.0
 """A stretch without complete required columns that is longer than this many median steps is a gap."""
@@ -43,9 +58,12 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
     whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
     t, between = trial.t[whole], np.diff(trial.t[whole])
-    gaps = [(float(t[i]), float(between[i])) for i in np.flatnonzero(between > GAP * dt)]
-    gaps = gaps if len(whole) > 1 else [(float(trial.t[0]), trial.duration)]
+    gaps = [(float(between[i]), float(t[i])) for i in np.flatnonzero(between > GAP * dt)]
+    gaps = gaps if len(whole) > 1 else [(trial.duration, float(trial.t[0]))]
+    longest, at = max(gaps, default=(0.0, 0.0))
     missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
+    spiky = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
+    turned = _turned_per_step(trial)
     numbers = {
         "rows": len(trial),
         "duration_s": trial.duration,
@@ -54,38 +72,35 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "dt_max_s": float(steps.max()),
         "uneven_share": uneven,
         "gaps": len(gaps),
-        "longest_gap_s": max((length for _, length in gaps), default=0.0),
+        "longest_gap_s": longest,
         "nan_share": missing,
+        "spikes": spiky,
+        "turn_per_step_rad": turned,
     }
-    spiky = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
-    numbers["spikes"] = spiky
-    rates = trial["r"][np.isfinite(trial["r"])]
-    numbers["turn_per_step_rad"] = turned = dt * float(np.quantile(np.abs(rates), 0.95)) if len(rates) else 0.0
-    findings = []
-    if spiky:
-        words = ", ".join(f"{count} in {c}" for c, count in spiky.items())
-        text = f"Spikes: single samples far off both neighbours ({words}); leave these cells empty."
-        findings.append((DOUBTFUL, "spikes", text))
-    if turned > COARSE:
-        text = (
-            f"Coarse sampling: the heading turns by up to {np.degrees(turned):.0f} deg from one sample to the next, "
-            f"{dt:.3g} s later; what the ship and her rudder do in between is not known, log faster."
-        )
-        findings.append((DOUBTFUL, "coarse_sampling", text))
-    if gaps:
-        at, length = max(gaps, key=lambda gap: gap[1])
-        text = f"{len(gaps)} gap(s) in the states; the longest lasts {length:.3g} s from t = {at:.6g} s."
-        findings.append((DOUBTFUL, "gaps", text))
-    if uneven > 0.01:
-        text = f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s."
-        findings.append((INFO, "uneven_sampling", text))
-    worst = [c for c in missing if missing[c] > 0.05]
-    if worst:
-        text = "Missing samples: " + ", ".join(f"{c} {missing[c]:.0%}" for c in worst) + "."
-        findings.append((DOUBTFUL, "missing_samples", text))
-    if trial.duration < 20 * dt:
-        findings.append((DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s."))
-    return numbers, findings
+    words = ", ".join(f"{count} in {c}" for c, count in spiky.items())
+    holes = ", ".join(f"{c} {share:.0%}" for c, share in missing.items() if share > 0.05)
+    coarse = (
+        f"Coarse sampling: the heading turns by up to {np.degrees(turned):.0f} deg from one sample to the next, "
+        f"{dt:.3g} s later; what the ship and her rudder do in between is not known, log faster."
+    )
+    off = f"Spikes: single samples far off both neighbours ({words}); leave these cells empty."
+    lost = f"{len(gaps)} gap(s) in the states; the longest lasts {longest:.3g} s from t = {at:.6g} s."
+    steps_off = f"Uneven sampling: {uneven:.0%} of the steps differ by more than 10 % from {dt:.4g} s."
+    rows: list[tuple[Any, Found]] = [
+        (spiky, (DOUBTFUL, "spikes", off)),
+        (turned > COARSE, (DOUBTFUL, "coarse_sampling", coarse)),
+        (gaps, (DOUBTFUL, "gaps", lost)),
+        (uneven > 0.01, (INFO, "uneven_sampling", steps_off)),
+        (holes, (DOUBTFUL, "missing_samples", f"Missing samples: {holes}.")),
+        (trial.duration < 20 * dt, (DOUBTFUL, "short", f"Very short: {len(trial)} rows, {trial.duration:.3g} s.")),
+    ]
+    return numbers, [found for so, found in rows if so]
+
+
+def _turned_per_step(trial: Trial) -> float:
+    """How far [rad] the heading of ``trial`` turns from one sample to the next, but for the quickest twentieth."""
+    rates = np.abs(trial["r"][np.isfinite(trial["r"])])
+    return trial.dt * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
 
 
 TURNED = math.radians(1.0)
@@ -105,9 +120,8 @@ def _held(trial: Trial) -> list[Found]:
     """Whether the heading turns by TURNED and more over a sample in which the rudder on its way is held."""
     if is_sampled(trial) is not None or "delta" not in trial:
         return []
-    delta, rate = np.nan_to_num(trial["delta"]), trial["r"][np.isfinite(trial["r"])]
-    turned = trial.dt * float(np.quantile(np.abs(rate), 0.95)) if len(rate) else 0.0
-    moves = np.abs(np.diff(delta)) > math.radians(0.1)
+    turned = _turned_per_step(trial)
+    moves = np.abs(np.diff(np.nan_to_num(trial["delta"]))) > math.radians(0.1)
     several = float((moves[1:] & moves[:-1]).sum())
     if turned < TURNED or several < 0.5 * moves.sum() or not several:
         return []
@@ -214,3 +228,306 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
         level, why = DOUBTFUL, "check directions, heading and units"
     text = f"True wind, u, v and psi give an apparent wind {misfit['as logged']:.2f} m/s off the logged one; {why}."
     return [(level, "wind_direction", text)]
+
+
+AHEAD = 0.5
+"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it."""
+
+STRAIGHT = 0.2
+"""Share of the greatest turn rate within which a ship goes straight."""
+
+APART = 0.1
+"""Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
+legs in directions a quarter turn apart."""
+
+MOSTLY = 0.9
+"""Share of the rows with revolutions ahead in which sternway is no manoeuvre."""
+
+OFFSET = math.radians(2.0)
+"""A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
+
+COST = 8.0
+"""Nats by which wind is likelier to turn with the ship."""
+
+WOULD = {
+    "track": "a speed log, or a receiver of its own for course and speed over ground",
+    "turn": "a rate gyro",
+}
+"""Comparison -> what would make it."""
+
+
+def not_checked(trial: Trial) -> list[Found]:
+    """A note for each comparison of ``trial`` whose sides are relatives, and what would check them."""
+    out: list[Found] = []
+    for comparison, rest, of in (("track", "positions", ("u", "v")), ("turn", "heading", ("r",))):
+        if independent(trial, comparison) or (comparison == "track" and not trial.has_position):
+            continue
+        made = [name for name in (*of, "x", "y", "psi") if name in trial.ancestors]
+        roots = sorted({root for name in made for root in trial.roots(name)} - set(of))
+        come = f"{', '.join(made)} come from {', '.join(roots)}" if roots else f"{', '.join(made)} were assumed"
+        also = " and runs in both directions" if comparison == "track" else ""
+        text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}{also} would check it."
+        out.append((INFO, "not_checked", text))
+    return out
+
+
+def _regressed(trials: Sequence[Trial], most: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Offset, pivot and current (north, east), (4,), their standard errors, and the least eigenvalue of what they are
+    regressed on, over rows ahead with a turn rate of at ``most`` so much of the greatest; NaN without any."""
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    for trial in trials:
+        u, v, r, psi = trial["u"], trial["v"], trial["r"], trial["psi"]
+        good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(psi)
+        if not good.any():
+            continue
+        good &= np.nan_to_num(u) > AHEAD * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
+        good &= np.abs(np.nan_to_num(r)) <= most * float(np.nanquantile(np.abs(r), 0.95))
+        good &= ~(trial["n"] < 0) if "n" in trial else True  # a reversed propeller pushes the stern aside
+        A = np.stack([u, -r, -np.sin(psi), np.cos(psi)], axis=1)
+        for rows in np.array_split(np.flatnonzero(good), PIECES):
+            blocks.append((A[rows].T @ A[rows], A[rows].T @ v[rows]))
+    nothing = np.full(4, math.nan)
+    if not blocks:
+        return nothing, nothing, 0.0
+    N, h = (np.stack(some) for some in zip(*blocks, strict=True))
+    size = np.sqrt(np.diag(N.sum(axis=0))) + 1e-12
+    N, h = N / np.outer(size, size), h / size
+    flat = 1e-6 * np.eye(4)
+    values = np.linalg.solve(N.sum(axis=0) + flat, h.sum(axis=0)) / size
+    without = np.linalg.solve(N.sum(axis=0) - N + flat, (h.sum(axis=0) - h)[..., None])[..., 0] / size
+    return values, np.sqrt((len(N) - 1) * without.var(axis=0)), float(np.linalg.eigvalsh(N.sum(axis=0))[0])
+
+
+def sway_findings(trials: Sequence[Trial]) -> list[Found]:
+    """Doubts about heading and reference point, from what the sway of ``trials`` of one ship going ahead is together:
+    v = offset u - pivot r + a current across, the offset [rad] where she goes straight, the pivot [m] everywhere."""
+    out: list[Found] = []
+    values, std, least = _regressed(trials, STRAIGHT)
+    off, error = float(values[0]), float(std[0])
+    if least > APART and abs(off) > max(SIGMAS * error, OFFSET):
+        side = "starboard" if off > 0 else "port"
+        text = (
+            f"On all headings the ship goes {abs(math.degrees(off)):.1f} deg to {side} of hers (standard error "
+            f"{math.degrees(error):.1g}): the heading is off, by a mounting or by a variation"
+        )
+        out.append((DOUBTFUL, "heading_offset", text))
+    values, std, _ = _regressed(trials, math.inf)
+    ahead, error = float(values[1]), float(std[1])
+    if -ahead > SIGMAS * error:
+        text = (
+            f"The stern does not swing out: sway goes with the turn, as {-ahead:.3g} m ahead of the pivot point "
+            f"(standard error {error:.1g}): velocities or positions are those of an antenna far forward "
+            "(reference_point), or v has the other sign"
+        )
+        out.append((DOUBTFUL, "lever_arm", text))
+    return out
+
+
+def sternway(trial: Trial) -> list[Found]:
+    """A doubt where a ship with revolutions ahead goes astern throughout ``trial``."""
+    if "n" not in trial or "n_azimuth" in trial:  # a pod may push either way
+        return []
+    u, n = trial["u"], trial["n"]
+    known = np.isfinite(u) & np.isfinite(n)
+    driven = known & (n > 0.1 * np.nanmax(np.abs(n), initial=1e-9))
+    if known.sum() < PIECES or driven.sum() < AHEAD * known.sum() or np.mean(u[driven] < 0) < MOSTLY:
+        return []
+    text = (
+        f"With revolutions ahead the ship goes astern in {np.mean(u[driven] < 0):.0%} of the rows: n is positive "
+        "astern, u is, or the heading is turned by 180 deg"
+    )
+    return [(DOUBTFUL, "u_sign", text)]
+
+
+def turning_wind(trial: Trial) -> list[Found]:
+    """A doubt where the true wind of ``trial`` turns with the ship."""
+    if not trial.has_wind:
+        return []
+    air = (trial.wind_vector @ [1.0, 1j]) * np.exp(-1j * trial["psi"])
+    known = np.isfinite(air)
+    if known.sum() < 10 * PIECES:
+        return []
+    body, turn = air[known], np.exp(1j * trial["psi"][known])
+    fixed, turning = (float(np.mean(np.abs(w - w.mean()) ** 2)) for w in (body * turn, body))
+    nats = PIECES * math.log((fixed + 1e-12) / (turning + 1e-12))
+    if nats < COST or turning > 0.5 * fixed:
+        return []
+    text = (
+        "The true wind turns with the ship: its direction is counted from the bow, or the angle of the apparent "
+        f"wind it was derived from has another sign or zero (log odds {nats:.0f})"
+    )
+    return [(DOUBTFUL, "wind_direction", text)]
+
+
+ENOUGH = 20.0
+"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
+
+
+GROUPS = {
+    "hull_ahead": ("headway (u > 0)", r"X_0F?|R_0"),
+    "hull_astern": ("sternway (u < 0)", r"X_0A"),
+    "cross_flow": ("drift beyond 30 deg or turning nearly on the spot", r"C_D|C_rY|C_rN"),
+    "sway_yaw_linear": ("sway and yaw at headway", r"Y_v|Y_r|N_v|N_r|X_vr"),
+    "propeller_ahead": ("n > 0 with u > 0", r"k_[0-2]|t_P|w_P0|tau|C_P"),
+    "propeller_ahead_astern_motion": ("n > 0 with u < 0", r"[AB]_[678]"),
+    "propeller_reversed": ("n < 0", r"C_(3|6|7|10)|[AB]_[1-5]"),
+    "rudder_ahead": ("rudder angles with n > 0 and u > 0", r"t_R|a_H|x_H|ell_R|gamma_[PN]|k_x|epsilon"),
+    "rudder_reversed_flow": ("rudder angles with n < 0 and u > 0, or u < 0", r"k_xR|C_PR"),
+    "wind": ("true wind above the ship's speed from changing sides", r"[XYN]_A\d+"),
+}
+"""Group of coefficients -> what must happen for it to matter, and the pattern of the symbols."""
+
+QUADRANTS = {
+    "u+ n+": "ahead with n > 0",
+    "u+ n-": "ahead with n < 0",
+    "u- n+": "astern with n > 0",
+    "u- n-": "astern with n < 0",
+    "n 0": "propeller stopped",
+    "u 0": "no way on",
+}
+"""Keys of the quadrants in the numbers -> the words for them."""
+
+
+def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
+    """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
+    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], trial.rudder
+    good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
+    seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
+    total = float(seconds[good].sum())
+    if total <= 0:
+        text = "No row holds u, v, r, n and delta together: nothing to identify."
+        return {}, [(DOUBTFUL, "nothing_to_identify", text)]
+    still = 0.02 * max(float(np.percentile(np.hypot(u[good], v[good]), 95)), 1e-9)
+    ahead, astern = good & (u > still), good & (u < -still)
+    forward, reverse, stopped = good & (n > 1e-6), good & (n < -1e-6), good & (np.abs(n) <= 1e-6)
+    quadrants = {
+        "u+ n+": ahead & forward, "u+ n-": ahead & reverse,
+        "u- n+": astern & forward, "u- n-": astern & reverse,
+        "n 0": stopped, "u 0": good & ~ahead & ~astern & ~stopped,
+    }  # fmt: skip
+    beta = np.abs(np.arctan2(v, np.abs(u)))
+    steered = np.abs(delta) > math.radians(2.0)
+    moving = np.hypot(u, v) > still
+    moved = good & moving
+    turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
+    excited = {
+        "hull_ahead": ahead,
+        "hull_astern": astern,
+        "cross_flow": (moved & (beta > math.radians(30))) | (good & ~moving & turning),
+        "sway_yaw_linear": ahead & turning & (np.abs(r) > 1e-4),
+        "propeller_ahead": ahead & forward,
+        "propeller_ahead_astern_motion": astern & forward,
+        "propeller_reversed": reverse,
+        "rudder_ahead": ahead & forward & steered,
+        "rudder_reversed_flow": steered & ((ahead & reverse) | astern),
+        "wind": _windy(trial, good),
+    }
+    shares = {name: float(seconds[mask].sum()) / total for name, mask in quadrants.items()}
+    group_seconds = {name: float(seconds[mask].sum()) for name, mask in excited.items()}
+    constant = inputs_are_constant(trial)
+    numbers: dict[str, Any] = {
+        "inputs_constant": constant,
+        "quadrants": shares,
+        "group_seconds": group_seconds,
+        "seconds": total,
+        "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
+        "n_range_rps": [float(n[good].min()), float(n[good].max())],
+        "drift_max_deg": math.degrees(float(np.percentile(beta[moved], 99))) if moved.any() else None,
+    }
+    nothing = (DOUBTFUL, "nothing_to_identify", "No actuator ever changes: nothing to identify.")
+    of_time = ", ".join(f"{QUADRANTS[name]} {share:.0%}" for name, share in shares.items() if share >= 0.005)
+    rest = [(INFO, "not_excited", text) for text in _missing(group_seconds, total)]
+    return numbers, [*[nothing] * constant, (INFO, "quadrants", f"Share of time: {of_time}."), *rest]
+
+
+def inputs_are_constant(trial: Trial) -> bool:
+    """True when in ``trial`` no actuator ever changes: nothing to identify."""
+    names = [c for c in INPUTS if c in trial and np.isfinite(trial[c]).any()]
+    spans = [float(np.nanmax(trial[c]) - np.nanmin(trial[c])) for c in names]
+    return all(span < 1e-9 for span in spans)
+
+
+def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[dict[str, float], list[str]]:
+    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited.
+
+    ship: whose coefficients are named in these sentences; groups of which it has none are left out.
+    """
+    found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
+    seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
+    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found), ship)
+
+
+def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) -> list[str]:
+    """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
+    free = list(ship.free) if ship else []
+    symbols = {name: [s for s in free if re.fullmatch(pattern, s)] for name, (_, pattern) in GROUPS.items()}
+    asked = [name for name in seconds if ship is None or symbols[name]]
+    never = [name for name in asked if seconds[name] <= 0]
+    few = [name for name in asked if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
+    listed = {name: ", ".join(found) for name, found in symbols.items()}
+    behind = {name: f": {found} cannot be determined" if found else "" for name, found in listed.items()}
+    sentences = [f"Never {GROUPS[name][0]}{behind[name]}." for name in never]
+    if few:
+        hardly = [f"{GROUPS[k][0]} {seconds[k]:.1f} s{f' ({listed[k]})' if listed[k] else ''}" for k in few]
+        sentences.append(f"Hardly excited: {'; '.join(hardly)}.")
+    return sentences
+
+
+def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:
+    """Rows with a true wind stronger than the ship's speed, if it comes from more than a 60 deg sector."""
+    if not trial.has_wind:
+        return np.zeros(len(trial), bool)
+    angle = trial["wind_direction"] - trial["psi"]
+    strong = good & np.isfinite(angle) & (trial["wind_speed"] > np.hypot(trial["u"], trial["v"]))
+    sectors = np.unique(np.floor((angle[strong] % (2 * math.pi)) / math.radians(30)))
+    return strong & (len(sectors) > 2)
+
+
+STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
+"""Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead."""
+FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
+"""Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
+ship length; ship lengths that must be made so."""
+TWICE = 1.6
+"""Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do
+not fit: wider than fouling, wind and a poor guess of the resistance make it."""
+
+
+def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:
+    """Median revolutions [1/s] and speed [m/s] of a ``trial`` where the ship of this ``length`` [m] goes straight ahead
+    at a steady speed, or None."""
+    delta, n, u, r = trial.rudder, trial["n"], trial["u"], trial["r"]
+    if not np.isfinite(u).any():
+        return None
+    fast = max(FASTEST * float(np.nanquantile(u, 0.95)), 1e-3)
+    rows = max(1, round(0.5 * FASTEST * length / fast / trial.dt))
+    ahead = (np.abs(delta) < STRAIGHT_RUDDER) & (u > fast) & (n > 0) & (np.abs(r) * length < STRAIGHT_TURN * u)
+    for values in (u, n):
+        later = np.concatenate([values[rows:], np.full(min(rows, len(values)), np.nan)])
+        ahead &= np.abs(later - values) < STEADY * values
+    if float(u[ahead].sum()) * trial.dt < LEAST * length:
+        return None
+    return float(np.median(n[ahead])), float(np.median(u[ahead]))
+
+
+def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
+    """A sentence, code "revolutions", where the revolutions of ``trials`` do not give their speeds with the propeller
+    of the ``ship``; or none."""
+    from cases.maneuvers.self_propulsion import revolutions_for  # CasADi, which a check without a ship does without
+
+    if "n" not in ship.actuators:
+        return []
+    able = [trial for trial in trials if "n" in trial and ("delta" in trial or "delta_port" in trial)]
+    found: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
+    for n, u in filter(None, (steady_ahead(trial, float(ship.particulars["L"])) for trial in able)):
+        with suppress(UserError):
+            needed = revolutions_for(ship, u)
+            found.append((needed / n, u, needed, n))
+    if not found or 1 / TWICE < np.median([ratio for ratio, *_ in found]) < TWICE:
+        return []
+    _, u, needed, n = sorted(found)[len(found) // 2]
+    words = (
+        f"the propeller does not fit: at {u:.3g} m/s straight ahead {ship.name} needs {needed:.3g} "
+        f"revolutions per second, the trials have {n:.3g}; check the unit of n, a gear ratio, D_P and pitch_ratio"
+    )
+    return [Message(words, "revolutions")]

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from cases.checks.breaks import (
     Break,
     filled,
     frozen,
-    frozen_share,
     grain,
     mismatches,
     repeated,
@@ -171,6 +169,10 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     Nothing is left to decide, as they are left out: the verdict on the rest of the record is what counts.
     """
     found = broken_stretches(trial)
+    still: dict[str, float] = {}
+    for first, last, _, group in frozen(trial, mismatches(trial)) if len(trial) >= 8 * STEP else ():
+        name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
+        still[name] = still.get(name, 0.0) + seconds / trial.duration
     seconds = sum(s.end_s - s.begin_s for s in found)
     findings = [
         (
@@ -181,7 +183,7 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         )
         for s in found
     ]
-    for names, share in frozen_share(trial).items() if len(trial) >= 8 * STEP else ():
+    for names, share in still.items():
         if share > MUCH:
             findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
     return {"broken": [asdict(s) for s in found], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
@@ -226,15 +228,16 @@ def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterat
             peaks = _peaks(ratio[name], SURE[name], 2)
             if name.removeprefix("sharp ") in signals:
                 peaks = [run for run in peaks if _changes(signals[name.removeprefix("sharp ")], found[name][0], *run)]
-            yield from ((first, last, what, channels) for first, last in peaks)
-            yield from (
-                (first, last, what, channels)
-                for first, last in _there_and_back(trial.t, found[name][0], peaks, side * trial.dt * PAIR)
-            )
+            step = found[name][0]
+            jumps = [(a, b, complex(step[a + int(np.argmax(np.abs(step[a : b + 1])))])) for a, b in peaks]
+            pairs = there_and_back(jumps, trial.t, side * trial.dt * PAIR, 0.5)
+            yield from ((first, last, what, channels) for first, last in pairs)
     if not set(TOGETHER) <= set(ratio):
         return
+    from scipy.ndimage import maximum_filter1d  # slow to import
+
     shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
-    agreed = np.minimum(*(_most(share, 4 * side + 1) for share in shares)) >= 1.0
+    agreed = np.minimum(*(maximum_filter1d(share, 4 * side + 1, mode="nearest") for share in shares)) >= 1.0
     for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
         yield first, last, "heading and velocities jump together", ("psi", "u", "v")
 
@@ -244,17 +247,6 @@ def _changes(signal: np.ndarray, step: np.ndarray, first: int, last: int) -> boo
     trend around is wrong, and the step a jump that is not there."""
     inside = slice(first, last + 1)
     return bool(np.ptp(np.abs(signal[inside] - signal[first])) >= 0.5 * np.abs(step[inside]).max())
-
-
-def _there_and_back(
-    t: np.ndarray, step: np.ndarray, jumps: Sequence[tuple[int, int]], longest: float
-) -> Iterator[tuple[int, int]]:
-    """First and last row from each of the ``jumps`` to the next one, where its step (N,) undoes that of the first."""
-    peaks = [first + int(np.argmax(np.abs(step[first : last + 1]))) for first, last in jumps]
-    for (here, i), (there, j) in pairwise(zip(jumps, peaks, strict=True)):
-        size = max(abs(step[i]), abs(step[j]))
-        if t[j] - t[i] <= longest and abs(step[i] + step[j]) < 0.5 * size:
-            yield here[0], there[1]
 
 
 def _peaks(size: np.ndarray, limit: float, margin: int) -> list[tuple[int, int]]:
@@ -300,12 +292,6 @@ def _level(values: np.ndarray, m: int) -> np.ndarray:
     out[rows] = (total[rows + gap + m] - total[rows + gap] - total[rows - gap] + total[rows - gap - m]) / m
     out[rows] -= np.median(out[rows])
     return out
-
-
-def _most(values: np.ndarray, width: int) -> np.ndarray:
-    """Greatest of the ``width`` neighbours of each value (N,)."""
-    padded = np.pad(values, width // 2, mode="edge")
-    return np.max(np.lib.stride_tricks.sliding_window_view(padded, width), axis=1)[: len(values)]
 
 
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0, 60.0, 75.0, 95.0)
@@ -452,19 +438,17 @@ def tightened(total: np.ndarray, first: int, last: int) -> tuple[int, int]:
     return (max(int(far[0]) - 1, first), min(int(far[-1]) + 1, last)) if len(far) else (first, last)
 
 
-def there_and_back(found: Sequence[Drift], t: np.ndarray, longest: float) -> Iterator[tuple[int, int]]:
-    """First and last row of each of the ``found`` drifts, together with the next one where that undoes it within
-    ``longest`` [s] of the times t (N,)."""
-    skip = False
-    for i, (first, last, change) in enumerate(found):
-        if skip:
-            skip = False
-            continue
-        if i + 1 < len(found):
-            begin, end, other = found[i + 1]
-            size = max(abs(change), abs(other))
-            if t[begin] - t[last] <= longest and abs(change + other) < 0.4 * size:
-                skip = True
-                yield first, end
-                continue
+def there_and_back(
+    found: Sequence[Drift], t: np.ndarray, longest: float, alike: float = 0.4
+) -> Iterator[tuple[int, int]]:
+    """First and last row of each of the ``found`` drifts, together with the next one where that undoes it, but for a
+    share ``alike``, within ``longest`` [s] of the times t (N,)."""
+    rest = list(found)
+    while rest:
+        first, last, change = rest.pop(0)
+        if rest:
+            begin, end, other = rest[0]
+            if t[begin] - t[last] <= longest and abs(change + other) < alike * max(abs(change), abs(other)):
+                last = end
+                rest.pop(0)
         yield first, last

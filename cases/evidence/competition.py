@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import product, starmap
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,9 +145,11 @@ RATES: Mapping[float, str] = {
 RUDDERS: Mapping[int, str] = {1: "", -1: "the rudder is positive to port"}
 """Factor that makes the rudder angle true -> what was mistaken."""
 
+CHOICES: tuple[Mapping[Any, Any], ...] = (FRAMES, HEADINGS, SPEEDS, CLOCKS, RATES, RUDDERS)
+"""Of each question, in the order of a ColumnReading."""
 
-@dataclass(frozen=True)
-class ColumnReading:
+
+class ColumnReading(NamedTuple):
     """One choice for each question: name of the frame, factors of psi, of (u, v), of t, of r and of delta."""
 
     frame: str = "body"
@@ -157,18 +160,9 @@ class ColumnReading:
     rudder: int = 1
 
     @property
-    def choices(self) -> tuple[Any, ...]:
-        """The choices in a fixed order."""
-        return (self.frame, self.heading, self.speed, self.clock, self.rate, self.rudder)
-
-    @property
     def faults(self) -> int:
         """How many choices differ from what the headers say."""
-        return self.differs(ColumnReading())
-
-    def differs(self, other: ColumnReading) -> int:
-        """In how many choices it differs from another."""
-        return sum(a != b for a, b in zip(self.choices, other.choices, strict=True))
+        return sum(a != b for a, b in zip(self, ColumnReading(), strict=True))
 
     @property
     def turning(self) -> int:
@@ -208,21 +202,9 @@ class ColumnReading:
 def readings() -> list[ColumnReading]:
     """All readings that compete: frame, unit of the heading, of the speeds and of the clock, two of them at most, each
     with every reading of r and of the rudder."""
-    bases = [
-        ColumnReading(frame, heading, speed, clock)
-        for frame in FRAMES
-        for heading in HEADINGS
-        for speed in SPEEDS
-        for clock in CLOCKS
-    ]
-    return [
-        ColumnReading(b.frame, b.heading, b.speed, b.clock, rate, rudder)
-        for b in bases
-        if b.faults <= 2
-        for rate in RATES
-        for rudder in RUDDERS
-        if FRAMES[b.frame].r == 1 or rate != -1
-    ]
+    every = starmap(ColumnReading, product(*CHOICES))
+    some = [r for r in every if r._replace(rate=1.0, rudder=1).faults <= 2]
+    return [r for r in some if FRAMES[r.frame].r == 1 or r.rate != -1]
 
 
 COST = 8.0
@@ -291,8 +273,7 @@ class Judged:
 def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     """The readings, that of the headers first; how many choices differ from it (H,); pairs of them (H, H)."""
     found = sorted(readings(), key=lambda reading: reading.faults)
-    table = {value: i for i, value in enumerate(dict.fromkeys(v for r in found for v in r.choices))}
-    codes = np.array([[table[value] for value in r.choices] for r in found], dtype=np.int16)
+    codes = np.array([[list(table).index(choice) for table, choice in zip(CHOICES, r, strict=True)] for r in found])
     apart = np.zeros((len(found), len(found)), dtype=np.int8)  # of four million pairs
     for column in codes.T:
         apart += column[:, None] != column[None, :]
@@ -310,12 +291,17 @@ def _keys() -> list[tuple[tuple[str, float, float], tuple[float, float], int]]:
 
 
 def scores(
-    trial: Trial, turning: float | None, standing: Sequence[str] = (), labels: Mapping[str, str] | None = None
+    trial: Trial,
+    record: Signals | None,
+    turning: float | None,
+    standing: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
 ) -> Scores:
     """What ``trial`` says of each reading.
 
-    turning: correlation of its turn rate with the rudder, None where it is not known; standing: columns that stand
-    still and say nothing; labels: column -> unit in its header, without which they are those of a Trial.
+    record: its ``signals``; turning: correlation of its turn rate with the rudder, None where it is not known;
+    standing: columns that stand still and say nothing; labels: column -> unit in its header, without which they are
+    those of a Trial.
     """
     keys, strange = _keys(), _unlikely_units(labels or {})
     track: dict[tuple[str, float, float], tuple[float, float]] = {}
@@ -324,7 +310,7 @@ def scores(
     lost = {"x", "y", "u", "v", "psi"} & set(standing)
     factors, rates = tuple({way[2] for way, _, _ in keys}), tuple({spun[1] for _, spun, _ in keys})
     for unit in HEADINGS:
-        s = signals(trial, unit)
+        s = record if unit == 1.0 else signals(trial, unit)
         if s is None:
             continue
         if not blind and s.has_turn:

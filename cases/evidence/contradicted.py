@@ -33,9 +33,10 @@ def standing(trial: Trial) -> dict[str, str]:
     out: dict[str, str] = {}
     if not still or len(trial) < 20:
         return out
-    turned, integrated = _range(psi), _range(integral(trial.t, np.nan_to_num(r)))
-    if "r" in still and turned > TURNED:
-        out["r"] = f"the heading turns by {turned:.2g} rad"
+    made = integral(trial.t, np.nan_to_num(r))
+    integrated = _range(made)
+    if "r" in still and _range(psi - made) > TURNED:  # in a steady circle the heading goes with the one turn rate
+        out["r"] = f"the heading turns by {_range(psi):.2g} rad and not by {integrated:.2g}"
     if "psi" in still and integrated > TURNED:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
     speed = float(np.sqrt(np.nanmean(trial["u"] ** 2 + trial["v"] ** 2)))
@@ -100,35 +101,30 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
     if known.sum() < 10 or not float(np.mean(change[known] ** 2)) > 0:
         return []
     tau = float(np.std(rate) / np.sqrt(np.mean(change[known] ** 2)))
-    return [*_revolutions(trial, tau), *_rudders(trial, tau * float(np.sqrt(np.mean(rate**2))), turning)]
-
-
-def _revolutions(trial: Trial, tau: float) -> list[tuple[str, float, str]]:
     out = []
     for name in ("n", "n_2"):
-        n = np.abs(trial[name][np.isfinite(trial[name])]) if name in trial else np.zeros(0)
-        running = n[n > 0]
-        if len(running) < 0.5 * max(len(n), 1) or not len(running):
-            continue
-        made = float(np.median(running)) * tau
-        words = f"the propeller would turn {made:.3g} times ({name}) while the ship begins to turn"
-        if made > REVOLUTIONS[1]:
-            out.append((name, 1 / 60, f"{name} holds rpm but is labelled rps: {words}"))
-        elif made < REVOLUTIONS[0]:
-            out.append((name, 60.0, f"{name} holds rps but is labelled rpm: {words}"))
+        n = np.abs(trial[name][np.isfinite(trial[name])]) if name in trial else np.zeros(1)
+        if np.sum(n > 0) >= max(0.5 * len(n), 1):
+            made = float(np.median(n[n > 0])) * tau
+            out += _outside(name, made, REVOLUTIONS, ("rps", "rpm", 60.0), "revolutions while the ship begins to turn")
+    size = float(np.sqrt(np.nanmean(trial.rudder**2))) if np.isfinite(trial.rudder).any() else 0.0
+    if turning is not None and abs(turning) >= FOLLOWS and size > 0:
+        response = tau * float(np.sqrt(np.mean(rate**2))) / size
+        for name in [name for name in RUDDERS if name in trial]:
+            out += _outside(name, response, RESPONSE, ("degrees", "rad", math.pi / 180), "times the rudder is her turn")
     return out
 
 
-def _rudders(trial: Trial, turned: float, turning: float | None) -> list[tuple[str, float, str]]:
-    size = float(np.sqrt(np.nanmean(trial.rudder**2))) if np.isfinite(trial.rudder).any() else 0.0
-    if turning is None or abs(turning) < FOLLOWS or not size > 0:
+def _outside(
+    name: str, value: float, limits: tuple[float, float], units: tuple[str, str, float], what: str
+) -> list[tuple[str, float, str]]:
+    """What is said of the column ``name`` where a ``value`` of ``what`` lies outside the ``limits``.
+
+    units: the first that it holds where the value is too small, though labelled as the second, and the factor of that.
+    """
+    low, high = limits
+    if low <= value <= high:
         return []
-    response = turned / size
-    names = [name for name in RUDDERS if name in trial]
-    if response < RESPONSE[0]:
-        words = f"holds degrees but is labelled rad: the ship turns by {response:.2g} of it only"
-        return [(name, math.pi / 180, f"{name} {words}") for name in names]
-    if response > RESPONSE[1]:
-        words = f"holds radians but is labelled deg: the ship turns by {response:.2g} times as much"
-        return [(name, 180 / math.pi, f"{name} {words}") for name in names]
-    return []
+    small, large, factor = units
+    held, labelled, by = (small, large, factor) if value < low else (large, small, 1 / factor)
+    return [(name, by, f"{name} holds {held} but is labelled {labelled}: there would be {value:.3g} {what}")]

@@ -14,11 +14,10 @@ well are named beside them. All times and sizes are those of a 3 m model; others
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -394,30 +393,13 @@ class Kinematics:
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
     """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data.
 
-    The last answer is kept, by what it depends on: a process that is asked the same again calculates nothing.
+    The last answer is kept: who asks the same of the same trials again calculates nothing.
     """
-    k = time_scale(ship.particulars["L"])
-    key = _contents(trials, k)
-    answer = _LAST.get(key)
-    if answer is None:
-        answer = _consistency(trials, k)
-        _LAST.clear()
-        _LAST[key] = answer
-    return answer
+    return _consistency(tuple(trials), time_scale(ship.particulars["L"]))
 
 
-_LAST: dict[bytes, Kinematics] = {}
-
-
-def _contents(trials: Sequence[Trial], k: float) -> bytes:
-    """A digest of what the consistency of ``trials`` depends on."""
-    digest = hashlib.sha256(repr((k, [(t.name, t.has_position, t.dt) for t in trials])).encode())
-    for trial in trials:
-        digest.update(np.ascontiguousarray(trial.t).tobytes() + np.ascontiguousarray(trial.states).tobytes())
-    return digest.digest()
-
-
-def _consistency(trials: Sequence[Trial], k: float) -> Kinematics:
+@lru_cache(maxsize=1)
+def _consistency(trials: tuple[Trial, ...], k: float) -> Kinematics:
     logs = [_Log(trial, k) for trial in trials]
     sound = [log for log in logs if not log.faults()]
     frame, lag = _axes_of_lag(sound, k)
@@ -456,7 +438,6 @@ class _Log:
         self.moved, self.swung = self.between(self.place), self.between(self.psi)
         self.track = _correlation(self.moved, self.integral(self.turned * (self.u + 1j * self.v)), MOVED * k**2)
         self.turn = _correlation(self.swung, self.integral(self.r), TURNED)
-        self._ways: dict[tuple[str, int], tuple[np.ndarray, ...]] = {}
 
     def between(self, values: np.ndarray) -> np.ndarray:
         """End less start of every window, (M,)."""
@@ -509,48 +490,18 @@ class _Log:
 
     def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
-        shift, weight = shift_and_weight(-lag / self.dt)
-        low, high = (self._way_ahead(frame, whole) for whole in (shift, shift + 1))
-        u, v = ((1 - weight) * a + weight * b for a, b in zip(low, high, strict=True))
+        rows = np.arange(len(self.u))
+        turn = self.turned if frame == "earth" else np.ones(1)
+        late = (np.interp(rows + lag / self.dt, rows, turn * w, np.nan, np.nan) for w in (self.u, self.v))
+        u, v = (self.integral(w if frame == "earth" else self.turned * w) for w in late)
         return u, 1j * v
-
-    def _way_ahead(self, frame: str, shift: int) -> tuple[np.ndarray, ...]:
-        """Integrals (M,) of u and of v so many samples ahead; kept, as fits ask for the same ones again and again."""
-        way = self._ways.get((frame, shift))
-        if way is None:
-            parts = (self.u, self.v)
-            late = (ahead(self.turned * w, shift) if frame == "earth" else self.turned * ahead(w, shift) for w in parts)
-            way = self._ways[frame, shift] = tuple(self.integral(w) for w in late)
-        return way
 
 
 def smooth(values: np.ndarray, width: int) -> np.ndarray:
     """Centred moving average of ``values`` (N,) over ``width`` samples, (N,), NaN where the window is not complete."""
     out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
-    if len(values) < width:
-        return out
-    kernel, whole = np.full(width, 1.0 / width), slice(width // 2, len(values) - width // 2)
-    if np.iscomplexobj(values):  # by parts: for real numbers there is a quicker way
-        out.real[whole], out.imag[whole] = (np.convolve(part, kernel, "valid") for part in (values.real, values.imag))
-    else:
-        out[whole] = np.convolve(values, kernel, "valid")
-    return out
-
-
-def shift_and_weight(steps: float) -> tuple[int, float]:
-    """How many samples ``ahead`` values lie that are late by a number of ``steps``, and the share of those one further
-    ahead."""
-    whole = round(-steps)
-    shift = whole if abs(whole + steps) < 1e-9 else math.floor(-steps)
-    return shift, max(-steps - shift, 0.0)
-
-
-def ahead(values: np.ndarray, shift: int) -> np.ndarray:
-    """``values`` (N,) ``shift`` samples later, (N,), NaN outside."""
-    out = np.full(len(values), np.nan, dtype=np.result_type(values, float))
-    first, last = max(0, -shift), min(len(values), len(values) - shift)
-    if last > first:
-        out[first:last] = values[first + shift : last + shift]
+    if len(values) >= width:
+        out[width // 2 : len(values) - width // 2] = np.convolve(values, np.full(width, 1.0 / width), "valid")
     return out
 
 

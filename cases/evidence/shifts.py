@@ -97,24 +97,18 @@ def _rare(name: str, values: Sequence[Value | None]) -> float:
     return RARE * (early + (name == "psi, r"))
 
 
-def without(s: Signals, shift: Shift) -> Signals:
-    """The signals ``s`` without what ``shift`` says of them."""
-    if shift.name in LAGS:
-        return s.shifted(float(np.real(shift.value)), *LAGS[shift.name])
-    return replace(s, place=s.place - shift.value * np.exp(1j * s.psi))
-
-
-def nats(s: Signals, value: Value = 0.0, name: str = "") -> float:
-    """Nats of positions against velocities and of heading against turn rate of ``s``, where ``name`` has ``value``."""
-    changed = without(s, Shift(name, value, 0.0)) if name else s
-    return float(_nats(changed, s.has_track))
+def nats(s: Signals) -> float:
+    """Nats of positions against velocities and of heading against turn rate of ``s``."""
+    return float(_nats(s, s.has_track))
 
 
 def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
-    """The same (n,) where what ``name`` says is late by ``lags`` (n,) [s]."""
-    at_once = max(1, ROOM // len(s.psi))
-    parts = [lags[k : k + at_once] for k in range(0, len(lags), at_once)]
-    return np.concatenate([np.empty(0), *(_nats(s.shifted(part, *LAGS[name]), s.has_track) for part in parts)])
+    """Nats (n,) over those of no lag, of the same windows, where what ``name`` says is late by ``lags`` (n,) [s]."""
+    at_once, out = max(1, ROOM // len(s.psi)), [np.empty(0)]
+    for k in range(0, len(lags), at_once):
+        late = s.shifted(lags[k : k + at_once], *LAGS[name])
+        out.append(_nats(late, s.has_track) - _nats(replace(s, good=late.good), s.has_track))
+    return np.concatenate(out)
 
 
 def _nats(s: Signals, has_track: bool) -> np.ndarray:
@@ -145,19 +139,20 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     alone = np.minimum(own, 0.0)
     shared = COST + np.minimum(costs, np.minimum(own, APART)[:, None]).sum(axis=0)
     value = int(np.argmin(shared))
-    if shared[value] < alone.sum():
-        best = np.argmin(np.stack([costs[:, value], own, np.full(len(costs), APART)]), axis=0)
-        picks = {0: lambda k: value, 1: lambda k: int(np.argmin(costs[k])), 2: lambda k: None}
-        return [picks[int(way)](k) for k, way in enumerate(best)], float(shared[value])
-    return [int(np.argmin(row)) if mine < 0 else None for row, mine in zip(costs, own, strict=True)], float(alone.sum())
+    alike = bool(shared[value] < alone.sum())
+    ways = np.stack(
+        [costs[:, value] if alike else np.full(len(costs), np.inf), own, np.full(len(costs), alike * APART)]
+    )
+    chosen = np.stack([np.full(len(costs), value), np.argmin(costs, axis=1), np.full(len(costs), -1)])
+    picked = chosen[np.argmin(ways, axis=0), np.arange(len(costs))]
+    return [None if i < 0 else int(i) for i in picked], float(shared[value] if alike else alone.sum())
 
 
 def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
     """Lags [s] of what ``name`` says is late, up to the ``longest``."""
-    plain = np.array([nats(s) for s in some])
 
     def over_none(grid: np.ndarray) -> np.ndarray:
-        return np.array([nats_of_lags(s, name, grid) for s in some]) - plain[:, None]
+        return np.array([nats_of_lags(s, name, grid) for s in some])
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = over_none(grid)
@@ -176,14 +171,18 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
 
 def _arms(some: Sequence[Signals]) -> Explanation:
     """Lever arms of least squares of each trial, and of all of them."""
+
+    def without(s: Signals, arm: Value) -> float:
+        return nats(replace(s, place=s.place - arm * np.exp(1j * s.psi)))
+
     normal = [_normal(s) for s in some]
     joint = sum(across for across, _ in normal), sum(power for _, power in normal)
     values: list[Value] = [across / power if power > 0 else 0.0 for across, power in (joint, *normal)]
     plain = np.array([nats(s) for s in some])
     costs = np.full((len(some), len(values)), np.inf)  # a trial has the value of all, or its own
-    costs[:, 0] = [nats(s, values[0], "arm") for s in some] - plain
+    costs[:, 0] = [without(s, values[0]) for s in some] - plain
     for k, s in enumerate(some):
-        costs[k, k + 1] = nats(s, values[k + 1], "arm") - plain[k]
+        costs[k, k + 1] = without(s, values[k + 1]) - plain[k]
     chosen, total = _together(costs)
     return Explanation([None if i is None else values[i] for i in chosen], total, values[1:])
 

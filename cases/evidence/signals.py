@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.inputs import integral
-from cases.trial import Trial
+from cases.trial import Trial, unwrapped
 
 PIECES = 12
 """A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
@@ -165,21 +165,20 @@ def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
         return None
     clock = trial.t[0] + step * np.arange(count)
     columns = {name: trial[name] for name in ("x", "y", "u", "v", "r") if name in trial}
-    columns["psi"] = _unwrapped(trial["psi"] * degrees)
+    columns["psi"] = unwrapped(trial["psi"] * degrees)
     used = {name: values for name, values in columns.items() if np.isfinite(values).sum() >= 2}
     if not {"u", "v", "r", "psi"} <= set(used):
         return None
     known = np.all([np.isfinite(values) for values in used.values()], axis=0)
     on = {name: _coarse(trial.t, values, clock, step) for name, values in used.items()}
     nothing = np.full(count, np.nan)
-    track = independent(trial, "track")
+    track, turn = (independent(trial, comparison) for comparison in COMPARED)
     place = on.get("x", nothing) + 1j * on.get("y", nothing) if track else nothing + 0j
     good = np.interp(clock, trial.t, known.astype(float)) > 0.999
     good[[0, -1]] = False  # means of half a step, which lie a quarter of it further in
     gap = np.flatnonzero(np.diff(trial.t) > max(3 * trial.dt, seconds))
     for i in gap:
         good &= ~((clock > trial.t[i]) & (clock < trial.t[i + 1]))
-    turn = independent(trial, "turn")
     return Signals(step, place, on["psi"], on["u"] + 1j * on["v"], on["r"], good, turn)
 
 
@@ -225,13 +224,6 @@ def relative(stats: Stats, factor: complex | np.ndarray) -> np.ndarray:
 def _total(of_pieces: np.ndarray) -> np.ndarray:
     """Sums (..., 1) over all pieces (..., PIECES)."""
     return np.asarray(of_pieces.sum(axis=-1, keepdims=True))
-
-
-def _unwrapped(values: np.ndarray) -> np.ndarray:
-    out = np.array(values, dtype=float)
-    good = np.isfinite(out)
-    out[good] = np.unwrap(out[good])
-    return out
 
 
 def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -> np.ndarray:

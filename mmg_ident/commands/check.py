@@ -34,8 +34,7 @@ def check(
     not.
     """
     from cases.checks import check as check_trials
-    from cases.checks import pooled
-    from cases.checks.propulsion import doubtful_revolutions
+    from cases.checks.single import doubtful_revolutions, pooled
     from cases.inputs import model_inputs
     from cases.io.read import read_trial, trial_files
     from cases.shipfiles.ship_file import load_ship
@@ -71,15 +70,14 @@ def check(
         together = {"group_seconds": dict(seconds), "sentences": list(sentences)}
         cli.print_json(_document(reports, unreadable) | {"pooled": together})
     else:
-        _print(reports, every or len(reports) == 1, unreadable)
+        every = every or len(reports) == 1
+        _print(reports, every, unreadable)
         if len(reports) > 1 or model:
             print("\nAll files together")
             for text in sentences or ["Every coefficient group is excited."]:
                 cli.print_wrapped("     ", text)
-        if not (every or len(reports) == 1):
+        if not every:
             print("\nEvery sentence on every file: --all")
-    if len(unreadable) > 1 and not json:
-        raise type(next(iter(unreadable.values())))(f"{len(unreadable)} files cannot be read, as said above")
     if unreadable:
         raise _of_all(unreadable)
 
@@ -115,8 +113,6 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
     rows += [(path.stem, "unreadable", *[""] * 6) for path in unreadable]
     cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag uv r, s|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
-    for error in unreadable.values() if len(unreadable) > 1 else ():
-        cli.print_wrapped("  !! ", str(error))
     if every:
         for report in reports:
             print(f"\n{report.name}: {report.verdict}")
@@ -140,16 +136,13 @@ def _cells(report: CheckReport) -> list[str]:
     late = report.numbers["kinematics"]["lag_s"]
     velocities = late["u, v"] if late["x, y"] is None else -late["x, y"]  # over ground, turned by the present heading
     lags = (velocities, late["r"])
-    low, high = excitation.get("n_range_rps", (None, None))
+    revolutions = excitation.get("n_range_rps", (None, None))
+    wind = report.numbers["wind"]["ratio_to_ship_speed"]
     return [
         str(sampling["rows"]),
         f"{sampling['duration_s']:.0f}",
         f"{sampling['dt_s']:.3g}",
-        " ".join(_short(lag, ".2f").rjust(5) for lag in lags),
-        _short(report.numbers["wind"]["ratio_to_ship_speed"], ".1f"),
-        f"{_short(low, '.3g')}..{_short(high, '.3g')}",
+        " ".join("    -" if lag is None else f"{lag:5.2f}" for lag in lags),
+        "-" if wind is None else f"{wind:.1f}",
+        "..".join("-" if n is None else f"{n:.3g}" for n in revolutions),
     ]
-
-
-def _short(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)

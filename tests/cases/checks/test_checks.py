@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,9 @@ from cases.checks import CheckReport, check, inputs_are_constant, pooled
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from fitting.prediction.score import pooled_sigma
+from mmg.errors import TooFewData
+from mmg_ident import simulate
 from mmg_ident.commands.check import check as command
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
 
@@ -37,6 +42,20 @@ def test_a_consistent_trial_is_ok():
     numbers = report.numbers["kinematics"]
     assert set(numbers["lag_s"].values()) == {None}
     assert list(numbers["gain"].values()) == pytest.approx([1.0] * 3, abs=0.01)
+
+
+def test_a_steady_circle_and_a_crash_stop_without_a_turn_are_sound():
+    t = np.arange(0.0, 300.0, 0.5)
+    psi = 0.02 * t
+    place, still = 200.0 * np.exp(1j * (psi - np.pi / 2)), np.ones(len(t))
+    circle = {"x": place.real, "y": place.imag, "psi": psi, "u": 4 * still, "v": 0 * still, "r": 0.02 * still}
+    assert "frozen_channel" not in {f.code for f in one(Trial("circle", {"t": t, **circle, "n": still})).findings}
+    turning = one(Trial("circle", {"t": t, **circle, "r": 0.01 * still, "n": still, "delta": 0.1 * still}))
+    assert "frozen_channel" in codes(turning, "contradictory")
+    for seed in range(3):  # heading and turn rate are noise, of which a lag explains nothing
+        stop = simulate("kvlcc2_l7", "crash-stop", noise=True, dt=0.5, duration=300, seed=seed)
+        derived = replace(stop, ancestors=dict.fromkeys("uv", ("x", "y", "psi")))
+        assert [one(trial).verdict for trial in (stop, derived)] == ["ok", "consistent"]
 
 
 @pytest.mark.parametrize("name", ["r", "u, v"])
@@ -68,37 +87,6 @@ def test_a_lever_arm_of_the_position_is_recovered(arm):
     place = (c["x"] + 1j * c["y"]) + (arm[0] + 1j * arm[1]) * np.exp(1j * c["psi"])
     lever = kinematics(make_trial(x=place.real, y=place.imag))["lever_arm_m"]
     assert (lever["x"], lever["y"]) == pytest.approx(arm, abs=0.05)
-
-
-def test_earth_fixed_velocities_passed_off_as_body_velocities_are_found():
-    c = motion_columns()
-    w = (c["u"] + 1j * c["v"]) * np.exp(1j * c["psi"])
-    report = one(make_trial(u=w.real, v=w.imag))
-    assert report.verdict == "contradictory" and codes(report, "contradictory") == {"velocity_frame"}
-    assert 'velocity_frame = "earth"' in text_of(report, "contradictory")
-
-
-@pytest.mark.parametrize(
-    ("flipped", "code", "said"),
-    [(("delta",), "rudder_sign", "positive to port"), (("y",), "mirrored_frame", "y is positive to port"),
-     (("r",), "r_sign", "r has the opposite sign"), (("y", "psi", "v", "r"), "rudder_sign", "mirrored")],
-)  # fmt: skip
-def test_wrong_signs_are_found(flipped, code, said):
-    c = motion_columns()
-    report = one(make_trial(**{name: -c[name] for name in flipped}))
-    assert report.verdict == "contradictory" and said in text_of(report, "contradictory")
-    assert code in codes(report, "contradictory")
-
-
-def test_knots_labelled_as_metres_per_second_are_found():
-    c = motion_columns()
-    report = one(make_trial(u=c["u"] * 1.944, v=c["v"] * 1.944))
-    assert "knots" in text_of(report, "contradictory") and codes(report, "contradictory") == {"unit"}
-
-
-def test_degrees_in_a_trial_made_in_memory_contradict_their_unit():
-    report = one(make_trial(psi=np.degrees(motion_columns()["psi"])))
-    assert report.verdict == "contradictory" and "unit" in codes(report, "contradictory")
 
 
 def test_constant_inputs_leave_nothing_to_identify():
@@ -281,3 +269,24 @@ def test_a_folder_is_one_table_and_what_is_wrong_once(tmp_path):
     assert "--all" in short
     document = json.loads(CliRunner().invoke(app(), [str(tmp_path), "--json"]).output)
     assert document["folders"] == [{"path": str(tmp_path), "verdict": "contradictory", "files": 3}]
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9, 0.97, 0.99])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_trial_of_gaps_is_checked_without_a_warning_of_numpy(share, seed):
+    columns, rng = motion_columns(60.0), np.random.default_rng(seed)
+    rows = len(columns["t"])
+    holes = {k: v if k == "t" else np.where(rng.random(rows) < share, np.nan, v) for k, v in columns.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check([Trial("gaps", holes)])
+
+
+def test_rows_that_are_never_whole_have_no_sigma():
+    columns = motion_columns(60.0)
+    odd = np.arange(len(columns["t"])) % 2 == 0
+    columns |= {"u": np.where(odd, np.nan, columns["u"]), "v": np.where(odd, columns["v"], np.nan)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(TooFewData):
+            pooled_sigma([Trial("gaps", columns)])

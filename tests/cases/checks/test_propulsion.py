@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cases.checks.propulsion import doubtful_revolutions, steady_ahead
+from cases.checks.single import doubtful_revolutions, steady_ahead
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship

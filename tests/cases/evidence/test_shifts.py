@@ -10,7 +10,7 @@ import pytest
 
 from cases.criteria.standard_runs import simulated_trial
 from cases.evidence.shifts import LAGS, candidates, nats, nats_of_lags, shifts
-from cases.evidence.signals import Signals, signals
+from cases.evidence.signals import Signals, signals, white_noise
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 
@@ -75,7 +75,19 @@ def test_many_lags_at_once_are_worth_what_each_alone_is(name: str) -> None:
     for trial in coarse_trials(1):
         s = signals(trial)
         assert s is not None
-        together = nats_of_lags(s, name, lags)
-        assert together[2] == pytest.approx(nats(s), abs=1e-6)
-        np.testing.assert_allclose(together, [nats(s, float(lag), name) for lag in lags], atol=0.02)
+        together, late = nats_of_lags(s, name, lags), [s.shifted(float(lag), *LAGS[name]) for lag in lags]
+        assert together[2] == pytest.approx(0.0, abs=1e-6)
+        plain = [nats(replace(s, good=one.good)) for one in late]
+        np.testing.assert_allclose(together, np.array([nats(one) for one in late]) - plain, atol=0.02)
         assert np.ptp(together) > 1.0
+
+
+def test_the_noise_on_a_slow_motion_is_recovered_and_unmeasured_columns_have_none() -> None:
+    rng, t = np.random.default_rng(0), np.arange(4000) * 0.1
+    sizes = np.array([0.01, 0.02, 0.003, 0.004, 0.005, 0.0006])
+    states = np.sin(0.05 * t)[:, None] + sizes * rng.standard_normal((len(t), 6))
+    np.testing.assert_allclose(white_noise([states[:2000], states[2000:], states[:2]]), sizes, rtol=0.1)
+    states[:, :2] = np.nan
+    assert white_noise([states]).tolist() == [0.0] * 6
+    noise = white_noise([states], slice(2, None))
+    assert noise[:2].tolist() == [0.0, 0.0] and noise[5] == pytest.approx(sizes[5], rel=0.1)
