@@ -122,13 +122,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
     return ImportedRun(
-        name,
-        canonical,
-        std,
-        tuple(log.without_rows() for log in logs),
-        day,
-        tuple(dict.fromkeys(notices)),
-        ancestors,
+        name, canonical, std, tuple(log.without_rows() for log in logs), day, tuple(dict.fromkeys(notices)), ancestors
     )
 
 
