@@ -230,6 +230,11 @@ class Masks(NamedTuple):
     of: dict[str, list[tuple[str, set[str]]]]
     account: dict[str, tuple[tuple[str, ...], str]]
 
+    @property
+    def headers(self) -> list[str]:
+        """Of the columns that say whether others hold."""
+        return [*self.rows, *(header for own in self.of.values() for header, _ in own)]
+
 
 def masks_of(
     table: RawTable, mapped: dict[str, ColumnMap], headers: Sequence[str], signs: Sequence[str], chosen: ImportMap

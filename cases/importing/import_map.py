@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from cases.importing.raw_table import NUMBERED
@@ -15,7 +14,7 @@ from cases.importing.vocabulary import factor, known_units
 from cases.io.sidecar import ReferencePoint
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
-from mmg.errors import BadValue, Missing
+from mmg.errors import BadValue
 
 NAME = "import.toml"
 POINT = "FORWARD STARBOARD"
@@ -155,12 +154,6 @@ class ImportMap(Section):
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
         return self
-
-    def true_heading(self, heading: np.ndarray, header: str) -> np.ndarray:
-        """The magnetic ``heading`` (N,) [deg] below a ``header`` as a true one. Raises UserError without variation."""
-        if self.variation is None:
-            raise Missing(magnetic(header))
-        return np.asarray(np.remainder(heading + self.variation, 360.0))
 
     def of(self, file: Path) -> FileMap:
         """What holds for ``file``, by the end of its path, its name or its stem."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
-from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question, magnetic
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.block_means import BlockMeans, rows_together
@@ -143,7 +143,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
     clock, anew, end, lost = None, 0.0, -np.inf, Counter[str]()
-    for piece in table.pieces([*(column.header for column in mapped.values()), *_of_masks(of.masks)]):
+    for piece in table.pieces([*(column.header for column in mapped.values()), *of.masks.headers]):
         if not piece.cells(mapped["t"].header).notna().any():
             continue
         own = table.clock or _clock(piece, mapped, chosen)
@@ -188,9 +188,12 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
     _check_globe(table, columns, mapped)
-    _check_one_each(table, words)
+    for name, several in words.items():
+        if len(several) > 1:
+            what = "ships" if name == "ship" else "UTM zones"
+            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     if "heading_magnetic" in columns:
-        notices += _true_heading(table, columns, mapped, chosen)
+        notices.append(_true_heading(table, columns, mapped, chosen))
         unitless = [q for q in unitless if q in columns]
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
@@ -234,22 +237,11 @@ def _scales(
     return scales, unitless
 
 
-def _check_one_each(table: RawTable, words: Mapping[str, set[str]]) -> None:
-    for name, several in words.items():
-        if len(several) > 1:
-            what = "ships" if name == "ship" else "UTM zones"
-            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
-
-
 def _without_zero(columns: dict[str, np.ndarray]) -> None:
     """Positions at latitude and longitude 0, which are none, become NaN before rows are averaged."""
     if {"latitude", "longitude"} <= set(columns):
         none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
         columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
-
-
-def _of_masks(masks: Masks) -> list[str]:
-    return [*masks.rows, *(header for own in masks.of.values() for header, _ in own)]
 
 
 def _newest_first(t: np.ndarray) -> bool:
@@ -264,23 +256,17 @@ def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> 
 
 def _true_heading(
     table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap], chosen: ImportMap
-) -> list[Message]:
+) -> Message:
     """The magnetic heading among the ``columns`` becomes a true one, where there is none. Raises UserError without a
     variation."""
     heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
-    variation = columns.pop("variation", None)
-    if variation is None and chosen.variation is None:
-        raise Missing(
-            f"{table.name}: the log has a magnetic heading ('{header}'): give variation = ... in the map [deg, "
-            "positive to the east]"
-        )
+    variation, words = columns.pop("variation", None), "of the log"
     if chosen.variation is not None:
         variation, words = np.radians(chosen.variation), f"{chosen.variation:g} deg of the map"
-    else:
-        assert variation is not None
-        words = f"those in '{mapped['variation'].header}'"
+    if variation is None:
+        raise Missing(f"{table.name}: {magnetic(header)}")
     columns["psi"] = heading + variation
-    return [Message(f"psi is the magnetic heading '{header}' and the variation, {words}", "magnetic")]
+    return Message(f"psi is the magnetic heading '{header}' and the variation {words}", "magnetic")
 
 
 def _values(
@@ -443,13 +429,11 @@ def _degrees_minutes(table: RawTable, quantity: str) -> bool:
         values = values[np.isfinite(values) & (values != 0) & ~np.isin(values, (99999.0, 9999.0, 91.0, 181.0))]
         if not len(values) or (values % 100 >= 60).any() or values.max() > 100 * known(name).limits[1]:
             return False
-        words = table.words(header)
-        digits = [len(str(w).lstrip("+-").partition(".")[0]) for w in words if w] if words is not None else []
-        zeros = words is not None and any(str(w).lstrip("+-").startswith("0") for w in words if w)
-        least = 4 if name == "latitude" else 5
-        sizes[name] = bool((values > 360).mean() > 0.5) or bool(  # up to 360 both may be exchanged
-            zeros and digits and min(digits) == max(digits) == least
-        )
+        written = table.words(header)
+        written = () if written is None else written
+        whole = [str(w).lstrip("+-").partition(".")[0] for w in written if w]
+        padded = {len(w) for w in whole} == {4 if name == "latitude" else 5} and any(w[0] == "0" for w in whole)
+        sizes[name] = padded or bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
     return quantity in sizes and any(sizes.values())
 
 
@@ -538,33 +522,33 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     counts where the channel jumps at its end, or, at the end of the log, where most other states go on moving.
     """
     out, said = dict(channels), []
-    held = {name: np.flatnonzero(np.isfinite(channels[name])) for name in STATES if name in channels}
-    states = {name: channels[name][at] for name, at in held.items() if len(at) > 1}  # each at the rows that hold it
-    moving = {name: _moves(values) for name, values in states.items()}
-    for name, values in states.items():
-        at = held[name]
+    states = [name for name in STATES if name in channels]
+    for name in states:
+        at = np.flatnonzero(np.isfinite(channels[name]))
+        values = channels[name][at]
         change = np.abs(np.diff(values))
         if wraps(name):
-            turn = 360.0 if np.nanmax(np.abs(values)) > 7 else 2 * np.pi
+            turn = turn_in(name, "", _largest(values))
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0
         share = (same.sum() + 1) / (len(change) + 2)
         if share > 0.9:  # so coarsely rounded that nothing can be said
             continue
         rows = max(FROZEN_ROWS, int(np.ceil(np.log(BY_CHANCE) / np.log(share))))
-        usual = float(np.percentile(change[change > 0], 95)) if (change > 0).any() else np.inf
-        out[name] = channels[name].copy()
-        for a, b in _runs(same):
+        usual = float(np.percentile(change[~same], 95)) if not same.all() else np.inf
+        for a, b in np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]))).reshape(-1, 2):
             begin, end = at[a], at[b]
             if b - a + 1 < rows or t[end] - t[begin] < FROZEN_S:
                 continue
-            others = [_share(moving[other], held[other], begin, end) > 0.5 for other in states if other != name]
-            jumps = b < len(change) and change[b] > JUMP * usual
-            if not jumps and not (b == len(change) and np.mean(others or [False]) > 0.5):
-                continue
-            out[name][begin + 1 : end + 1] = np.nan
-            words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out there"
-            said.append(Message(f"{name} {words}", "frozen"))
+            if b == len(change):
+                others = [_moves(channels[other][begin : end + 1]) for other in states if other != name]
+                counts = np.mean(others or [False]) > 0.5
+            else:
+                counts = change[b] > JUMP * usual
+            if counts:
+                out[name] = np.where((t > t[begin]) & (t <= t[end]), np.nan, out[name])
+                words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out"
+                said.append(Message(f"{name} {words} there", "frozen"))
     return out, said
 
 
@@ -580,10 +564,12 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
     none = np.zeros(len(a), dtype=bool)
     if pair[0] == "latitude":
         none = ((a == 0) & (b == 0)) | (np.abs(a) > 90) | (np.abs(b) > 360)
+    from scipy.ndimage import median_filter
+
     known = np.flatnonzero(np.isfinite(a) & np.isfinite(b) & ~none)
     if len(known) > 20:
         for values in (a, b):
-            typical = _running_median(values[known], 9)
+            typical = median_filter(values[known], size=9, mode="nearest")
             off = np.abs(values[known] - typical)
             step = np.abs(np.diff(typical))
             usual = max(float(np.percentile(step, 95)), float(np.median(off)), 1e-12)
@@ -597,25 +583,7 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
     return {**channels, pair[0]: a, pair[1]: b}, [Message(text, "position_lost")]
 
 
-def _moves(values: np.ndarray) -> np.ndarray:
-    """(N - 1,) whether a channel changes within a few rows."""
-    changed = np.nan_to_num(np.abs(np.diff(values))) > 0
-    return np.convolve(changed, np.ones(9), "same") > 0
-
-
-def _share(moves: np.ndarray, at: np.ndarray, begin: int, end: int) -> float:
-    """The share of a channel's changes between the rows ``begin`` and ``end`` that move; at: (N,) rows that hold it."""
-    inside = moves[(at[:-1] >= begin) & (at[1:] <= end)]
-    return float(inside.mean()) if len(inside) else 0.0
-
-
-def _runs(same: np.ndarray) -> list[tuple[int, int]]:
-    """First and last row of each stretch in which neighbours are equal."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _running_median(values: np.ndarray, width: int) -> np.ndarray:
-    from scipy.ndimage import median_filter
-
-    return np.asarray(median_filter(values, size=width, mode="nearest"))
+def _moves(values: np.ndarray) -> bool:
+    """Whether a channel changes in each quarter of a stretch."""
+    parts = np.array_split(values[np.isfinite(values)], 4)
+    return all(len(part) > 1 and np.ptp(part) > 0 for part in parts)
