@@ -80,10 +80,8 @@ class Log:
     def unit_question(self, quantity: str) -> Question:
         """In which unit the ``quantity`` is."""
         header = self.of[quantity].header
-        choices: dict[str, dict[str, Any]] = {
-            unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)
-        }
-        choices["nothing"] = {"ignore": [header]}
+        units = {unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)}
+        choices: dict[str, dict[str, Any]] = {**units, "nothing": {"ignore": [header]}}
         return Question(self.table.path, f"'{header}' ({quantity}) has no unit", choices)
 
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
@@ -119,12 +117,10 @@ class Assigned:
         out = []
         for header in table.headers:
             names, why = self.masks.account.get(header, self.account.get(header, ((), "")))
-            if header in self.unsure:
-                why = f"it may be {self.unsure[header]}"
+            why = f"it may be {self.unsure[header]}" if header in self.unsure else why
             own = tuple(used.get(header, names))
-            out.append(
-                Account(header, table.rows or len(table), own, why or ("" if own else "its words are not known"))
-            )
+            why = why or ("" if own else "its words are not known")
+            out.append(Account(header, table.rows or len(table), own, why))
         return tuple(out)
 
 
@@ -167,8 +163,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
         check_forward(own, table.name, piece.before, end)
         end = float(np.nanmax(own.t))
-        if count > 1:
-            _without_zero(columns)
+        if count > 1 and {"latitude", "longitude"} <= set(columns):  # no lost satellite is averaged
+            none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
+            columns |= {q: np.where(none, np.nan, columns[q]) for q in ("latitude", "longitude")}
         if not means.rows:  # without units, the first rows tell which turn directions have
             means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).period}
         t, columns, said = _rows(own.t, columns, means.periods)
@@ -237,13 +234,6 @@ def _scales(
     return scales, unitless
 
 
-def _without_zero(columns: dict[str, np.ndarray]) -> None:
-    """Positions at latitude and longitude 0, which are none, become NaN before rows are averaged."""
-    if {"latitude", "longitude"} <= set(columns):
-        none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
-        columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
-
-
 def _newest_first(t: np.ndarray) -> bool:
     step = np.diff(t[np.isfinite(t)])
     return bool(len(step) > 10 and (step <= 0).all() and (step < 0).any())
@@ -309,13 +299,11 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         whole = split_unit(column.header)[0]
         if column.header not in table.headers and whole in table.headers:  # the cell as it is in the file
             column = column.model_copy(update={"header": whole})
-        if column.header not in table.headers:
-            if quantity in own:
-                raise Missing(
-                    f"{table.name}: column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
-                )
-            continue  # of another file
-        mapped[quantity] = column
+        if column.header in table.headers:
+            mapped[quantity] = column
+        elif quantity in own:  # else of another file
+            words = f"column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
+            raise Missing(f"{table.name}: {words}")
     of.account |= {split_unit(cell)[0]: ((), "the map says so") for cell in chosen.ignored_in(table.path)}
     _clock_parts(table, mapped, of.account)
     taken = {column.header for column in mapped.values()}
@@ -326,18 +314,19 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         found = table.means.get(header) or meaning(header)
         unit = table.units[table.headers.index(header)]
         reference = re.fullmatch(REFERENCE, unit.strip().lower())
-        referred = meaning(f"{header} {reference[2]}") if reference else found
-        reference = reference if referred.quantity and known(referred.quantity).period else None
-        found = referred if reference else found
+        if reference and (referred := meaning(f"{header} {reference[2]}")).quantity and known(referred.quantity).period:
+            found, unit = referred, "deg"
+        else:
+            unit = ""
         if header == "pitch" and of_the_hull:
             of.unsure[header] = PITCH
         elif found.quantity and found.quantity not in mapped:
-            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": "deg" if reference else ""})
-        elif found.quantity and found.quantity not in chosen.columns_of(table.path):
-            _doubled(table, found.quantity, mapped[found.quantity].header, header)
-            of.account[header] = ((), f"it holds the same as '{mapped[found.quantity].header}'")
+            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": unit})
         elif found.quantity:
-            of.account[header] = ((), f"the map names '{mapped[found.quantity].header}'")
+            other, named = mapped[found.quantity].header, found.quantity in chosen.columns_of(table.path)
+            if not named:
+                _doubled(table, found.quantity, other, header)
+            of.account[header] = ((), f"the map names '{other}'" if named else f"it holds the same as '{other}'")
         elif found.may_be:
             of.unsure[header] = found.may_be
         elif is_order(header):
@@ -352,11 +341,9 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
     if "t" not in mapped and "t_part" in mapped:
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
     of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
-    found_signs = sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
-    mapped |= found_signs
-    taken = {column.header for column in mapped.values()} | set(of.masks.account) | set(of.account)
-    of.unknown += [header for header in signs if header not in taken]
-    of.unknown[:] = [header for header in of.unknown if header not in taken]
+    mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
+    taken = {*(column.header for column in mapped.values()), *of.masks.account, *of.account}
+    of.unknown = [header for header in [*of.unknown, *signs] if header not in taken]
     of.unsure = {header: what for header, what in of.unsure.items() if header not in taken}
     if "t" not in mapped and re.fullmatch(rf"{NUMBERED} \d+", table.headers[0]):
         first = ", ".join(str(cell) for cell in table.frame.iloc[0])
@@ -460,26 +447,21 @@ def _degrees(cell: Any, where: str, header: str) -> float:
 
 
 def _check_globe(table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
-    """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
-    for quantity in ("latitude", "longitude"):
-        most = known(quantity).limits[1]
-        values = np.abs(columns.get(quantity, np.zeros(0)))
-        beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
-        if beyond.sum() <= 0.5 * len(beyond):
+    """Raises OpenQuestion where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
+    headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in columns}
+    for quantity in headers:
+        most, values = known(quantity).limits[1], np.abs(columns[quantity])
+        values = values[np.isfinite(values) & (values != most + 1)]  # 91 stands for none
+        if (values > most).sum() <= 0.5 * len(values):
             continue
-        headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in mapped}
-        choices: dict[str, dict[str, Any]] = {}
-        if len(headers) == 2 and np.nanmax(values) <= 360:
+        largest, choices = float(values.max()), dict[str, dict[str, Any]]()
+        if len(headers) == 2 and largest <= 360:
             swapped = {"latitude": {"from": headers["longitude"]}, "longitude": {"from": headers["latitude"]}}
             choices["latitude and longitude are exchanged"] = {"columns": swapped}
-        for words, unit in (("degrees and minutes in one number", "ddmm"), ("units of 1e-7 degrees", "1e-7 deg")):
-            if (np.nanmax(values) > 1e6) == (unit != "ddmm"):
-                choices[words] = {"columns": {name: {"from": h, "unit": unit} for name, h in headers.items()}}
-        raise OpenQuestion(
-            table.path,
-            f"column '{headers[quantity]}' reaches {np.nanmax(values):g}, which is no {quantity} in degrees",
-            choices,
-        )
+        unit, words = ("1e-7 deg", "units of 1e-7 degrees") if largest > 1e6 else ("ddmm", "degrees and minutes in one")
+        choices[words] = {"columns": {name: {"from": h, "unit": unit} for name, h in headers.items()}}
+        words = f"column '{headers[quantity]}' reaches {largest:g}, which is no {quantity} in degrees"
+        raise OpenQuestion(table.path, words, choices)
 
 
 def _rows(
