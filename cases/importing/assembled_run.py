@@ -229,14 +229,13 @@ def _count_from_start(columns: dict[str, np.ndarray], where: str, notices: list[
     """Eastings and northings that are LARGE, from the first position on."""
     for name in ("x", "y"):
         known = columns[name][np.isfinite(columns[name])]
+        if len(known) and np.ptp(known) > LARGE:
+            words = f"positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
+            raise OutOfRange(f"{where}: {words}")
         if np.abs(known).max(initial=0.0) > LARGE:
             start = round(float(known[0]), -2)
             columns[name] = columns[name] - start
             notices.append(Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset"))
-        if np.ptp(known) > LARGE:
-            raise OutOfRange(
-                f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
-            )
 
 
 def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:

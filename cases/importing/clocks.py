@@ -133,20 +133,16 @@ def without_jumps(clock: Clock, columns: Mapping[str, np.ndarray], end: float = 
     t = clock.t[good]
     step = np.diff(t, prepend=end if np.isfinite(end) else t[:1])
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-    shift, said = np.zeros(len(t)), []
+    out, said = clock.t.copy(), []
     for i in np.flatnonzero((step < 0) | (step > 3600.0 - usual)) if usual else ():
+        back, row = step[i] < 0, int(good[i])
         for size, what in JUMPS.items():
-            rest = step[i] - np.copysign(size, step[i])
-            forward = step[i] > 0
-            if not -1e-6 <= rest <= 3 * usual or (forward and not _goes_on(columns, good, int(i))):
+            jump = -size if back else size
+            if not -1e-6 <= step[i] - jump <= 3 * usual or not (back or _goes_on(columns, good, int(i))):
                 continue
-            shift[i:] -= np.copysign(size, step[i])
-            way = "forward" if forward else "back"
-            row = int(good[i]) + 1
-            text = f"the clock '{clock.header}' jumps {way} by {size:.10g} s at row {row}, {what}; it is taken to go on"
-            said.append(Message(text, "clock_jump"))
-    out = clock.t.copy()
-    out[good] += shift
+            out[good[i:]] -= jump
+            words = f"jumps {'back' if back else 'forward'} by {size:.10g} s at row {row + 1}, {what}"
+            said.append(Message(f"the clock '{clock.header}' {words}; it is taken to go on", "clock_jump"))
     return replace(clock, t=out), said
 
 
@@ -367,9 +363,8 @@ def mixed_zones(where: str, row: int) -> UserError:
 def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
     """Raises UserError for the first row where ``bad`` (N,) is true, which follows ``before`` others."""
     if bad.any():
-        row = int(np.flatnonzero(bad.to_numpy())[0])
-        words = f"row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)"
-        raise BadValue(f"{where}: {words}")
+        row, count = int(np.argmax(bad.to_numpy())), int(bad.sum())
+        raise BadValue(f"{where}: row {before + row + 1}: '{text.iloc[row]}' is no time ({count} such cells)")
 
 
 def _normal_stamp(value: Any) -> Any:

@@ -131,9 +131,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
     clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
     """
-    of = assigned(table, chosen)
+    of, notices = assigned(table, chosen), list(table.notices)
     mapped = of.mapped
-    notices = list(table.notices)
     scales, unitless = _scales(table, mapped, notices)
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
@@ -153,8 +152,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             held = masked_rows(piece, q, of.masks)
             lost[q] += int((~held & np.isfinite(columns[q])).sum())
             columns[q] = np.where(held, columns[q], np.nan)
-        newest_first = table.source is None and _newest_first(own.t)
-        if newest_first:
+        step = np.diff(own.t[np.isfinite(own.t)])
+        if table.source is None and len(step) > 10 and (step <= 0).all() and (step < 0).any():
             own, columns = replace(own, t=own.t[::-1]), {q: values[::-1] for q, values in columns.items()}
             notices.append(Message("the rows are sorted newest first, and turned round", "newest_first"))
         if own.period and np.nanmin(own.t) + anew < end - 0.5 * own.period:
@@ -232,11 +231,6 @@ def _scales(
         if name in mapped and mapped[name].unit == "ddmm":
             notices.append(Message(f"{name}: degrees and minutes in one number (ddmm.mm)", "degrees_minutes"))
     return scales, unitless
-
-
-def _newest_first(t: np.ndarray) -> bool:
-    step = np.diff(t[np.isfinite(t)])
-    return bool(len(step) > 10 and (step <= 0).all() and (step < 0).any())
 
 
 def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:

@@ -36,7 +36,7 @@ def without_sentinels(
     further: Sequence[float],
     notices: list[Message],
 ) -> dict[str, np.ndarray]:
-    """As ``masked`` of ``columns``, ``wanted`` and ``further``; each number and column adds one of the ``notices``."""
+    """As ``masked`` of ``columns`` (N,), ``wanted`` and ``further``; each number adds one of the ``notices``."""
     out, counts = masked(columns, wanted, further)
     notices += remarks(counts)
     return out
