@@ -69,7 +69,7 @@ def sign_columns(
         for kind in _kinds(title, words):
             reads = _reads(kind, title)
             known = words <= set(reads) and not (words <= {"0", "1"} and reads["1"] == 1)
-            for quantity in _targets(kind, title, table, mapped, _beside(table, header, headers, mapped), chosen):
+            for quantity in _targets(kind, header, table, mapped, headers, chosen):
                 own = mapped[quantity].header
                 if not known and len(words) > 1:
                     shown = ", ".join(sorted(words)[:4])
@@ -108,15 +108,12 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     """
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
     reads = {"": 0 if table.before else 1, **_reads(kind, plain_words(header))}
-    cells = table.cells(header).ffill()  # some are logged where they change
-    words = {cell: _word(cell) for cell in cells.unique()}
-    sign = cells.map(lambda cell: reads.get(words.get(cell, ""), 0)).to_numpy()
+    words = table.cells(header).ffill().map(_word)  # some are logged where they change
+    sign = words.map(lambda word: reads.get(word, 0)).to_numpy()
     if not sign.all():
         row = int(np.argmin(np.abs(sign)))
-        said = words.get(cells.iloc[row], "")
-        raise BadValue(
-            f"{table.name}: row {table.before + row + 1}, column '{header}': '{said}' is no sign of {quantity}"
-        )
+        where = f"{table.name}: row {table.before + row + 1}, column '{header}'"
+        raise BadValue(f"{where}: '{words.iloc[row]}' is no sign of {quantity}")
     out = np.where(sign < 0, -np.abs(values), values)
     return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
 
@@ -144,26 +141,19 @@ def _reads(kind: Kind, title: str) -> dict[str, int]:
 
 
 def _targets(
-    kind: Kind, title: str, table: RawTable, mapped: Mapping[str, ColumnMap], beside: bool, chosen: ImportMap
+    kind: Kind, header: str, table: RawTable, mapped: Mapping[str, ColumnMap], signs: Sequence[str], chosen: ImportMap
 ) -> list[str]:
-    """The quantities without a sign whose headers share most words with the ``title`` of a column of signs.
-
-    beside: whether it stands beside positions.
-    """
-    own = _stems(title)
+    """The quantities without a sign whose headers share most words with ``header``, the title of a column of signs;
+    signs: those of all, which may stand between a position and its own."""
+    title, at = plain_words(header), table.headers.index(header)
+    own, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
+    neighbours = {next((h for h in way if h not in signs), "") for way in both_ways}
+    beside = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
     fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
-    shared = {q: len(own & _stems(plain_words(header))) for q, header in fit.items()}
+    shared = {q: len(own & _stems(plain_words(title))) for q, title in fit.items()}
     best = max(shared.values(), default=0)
     told = {"": True, "title": best > 0, "place": beside or re.fullmatch(PLACE, title) is not None}[kind.told_by]
     return [q for q in fit if told and shared[q] == best and _positive(table, fit[q], chosen)]
-
-
-def _beside(table: RawTable, header: str, signs: Sequence[str], mapped: Mapping[str, ColumnMap]) -> bool:
-    """Whether only columns of ``signs`` lie between ``header`` and one of latitude or longitude."""
-    places = [mapped[q].header for q in ("latitude", "longitude") if q in mapped]
-    at = table.headers.index(header)
-    both_ways = (reversed(table.headers[:at]), iter(table.headers[at + 1 :]))
-    return any(next((h for h in way if h not in signs), "") in places for way in both_ways)
 
 
 def _stems(title: str) -> set[str]:
