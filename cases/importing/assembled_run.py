@@ -6,6 +6,7 @@ import datetime
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -77,9 +78,8 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     _place(columns, logs, origin, where, notices)
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
-        unit, why = by_evidence(
-            quantity, columns[quantity], t, {k: v for k, v in columns.items() if k not in log.unitless}
-        )
+        others = {name: values for name, values in columns.items() if name not in log.unitless}
+        unit, why = by_evidence(quantity, columns[quantity], t, others)
         if not unit:
             problems.append(str(log.unit_question(quantity)))
             continue
@@ -122,13 +122,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
     return ImportedRun(
-        name,
-        canonical,
-        std,
-        tuple(log.without_rows() for log in logs),
-        day,
-        tuple(dict.fromkeys(notices)),
-        ancestors,
+        name, canonical, std, tuple(log.without_rows() for log in logs), day, tuple(dict.fromkeys(notices)), ancestors
     )
 
 
@@ -150,7 +144,9 @@ def _on_one_clock(
     if last <= first:
         raise Conflict(f"{where}: their clocks do not overlap; give clock_offset of one of them in the map")
     states = [s for log in logs for name in STATES if name in log.columns and np.isfinite(s := log.step(name))]
-    step = chosen.step or _round(min(states or [log.dt for log in logs]))
+    step = chosen.step or min(states or [log.dt for log in logs])
+    if 0 < abs(round(step, 4) - step) < 1e-6:  # the last digits of a clock since 1970 are none
+        step = round(step, 4) or step
     if last - first > MOST_ROWS * step:
         raise OutOfRange(
             f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
@@ -183,12 +179,6 @@ def _on_one_clock(
         narrower = float(np.cos(np.radians(np.nanmedian(columns["latitude"]))))
         grain["x"], grain["y"] = DEGREE * grain["latitude"], DEGREE * narrower * grain["longitude"]
     return t, columns, steps, grain
-
-
-def _round(step: float) -> float:
-    """A ``step`` [s] without the last digits that a clock since 1970 does not have."""
-    near = round(step, 4)
-    return near if near and abs(near - step) < 1e-6 else step
 
 
 def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.ndarray:
@@ -239,14 +229,13 @@ def _count_from_start(columns: dict[str, np.ndarray], where: str, notices: list[
     """Eastings and northings that are LARGE, from the first position on."""
     for name in ("x", "y"):
         known = columns[name][np.isfinite(columns[name])]
+        if len(known) and np.ptp(known) > LARGE:
+            words = f"positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
+            raise OutOfRange(f"{where}: {words}")
         if np.abs(known).max(initial=0.0) > LARGE:
             start = round(float(known[0]), -2)
             columns[name] = columns[name] - start
             notices.append(Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset"))
-        if np.ptp(known) > LARGE:
-            raise OutOfRange(
-                f"{where}: positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
-            )
 
 
 def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:
@@ -255,63 +244,62 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     if not missing:
         return
     more = {"u": "u (or positions, or speed and course over ground)", "v": "v (likewise)", "r": "r (or heading)"}
-    words = f"{where}: missing {', '.join(more.get(m, m) for m in missing)}"
     unsure = {header: what for log in logs for header, what in log.unsure.items()}
     unknown = [header for log in logs for header in log.unknown]
-    if unsure:
-        words += "; " + ", ".join(f"'{header}' may be {what}" for header, what in unsure.items())
-    if unknown:
-        words += f"; not known: {', '.join(unknown[:12])}{' ...' if len(unknown) > 12 else ''}"
-    left_out = [
-        str(a) for log in logs for a in log.table.accounts if not (a.used_as or a.why == NOT_READ or a.what in unsure)
-    ]
-    if left_out:
-        words += f"; {'; '.join(left_out[:12])}"
+    accounts = [a for log in logs for a in log.table.accounts if not a.used_as and a.why != NOT_READ]
+    left_out = [str(a) for a in accounts if a.what not in unsure]
     header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
-    if header != "HEADER" or not left_out:
-        words += f'; say it in a map: [columns] {missing[0]} = "{header}"'
-    raise Missing(words)
+    parts = [
+        f"{where}: missing {', '.join(more.get(m, m) for m in missing)}",
+        ", ".join(f"'{h}' may be {what}" for h, what in unsure.items()),
+        f"not known: {', '.join(unknown[:12])}{' ...' * (len(unknown) > 12)}" if unknown else "",
+        *left_out[:12],
+        f'say it in a map: [columns] {missing[0]} = "{header}"' if header != "HEADER" or not left_out else "",
+    ]
+    raise Missing("; ".join(filter(None, parts)))
 
 
 STOPPED = 0.05
 """Share of her speed below which a ship is not slowed down by her rudder alone."""
+SIDEWAYS = 0.05
+"""Share of the rows of a ship at speed in which she may go more sideways than ahead."""
 
 
 def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
     """Raises OpenQuestion where the ship stops or goes astern on revolutions that are never negative. Blades that turn
-    and pods may do so."""
+    and pods may do so; where she goes sideways or backwards from the beginning, heading or frame are wrong."""
     log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
-    if log is None or "n" in chosen.columns_of(log.table.path) or not {"n", "u"} <= set(columns):
+    if log is None or "n" in chosen.columns_of(log.table.path) or {"pitch", "azimuth"} & set(columns):
         return
-    if {"pitch", "azimuth"} & set(columns) or np.nanmin(columns["n"]) < 0 or not (columns["n"] > 0).any():
+    good = np.isfinite(columns["u"]) & np.isfinite(columns["v"]) & np.isfinite(columns["n"])
+    u, v, n = (columns[name][good] for name in ("u", "v", "n"))
+    if not len(u) or n.min() < 0 or not n.any():
         return
-    good = np.isfinite(columns["u"]) & np.isfinite(columns["n"])
-    u, n = columns["u"][good], columns["n"][good]
-    first = int(np.argmax(u)) if len(u) else 0
-    stopped = (u[first:] < STOPPED * u[first : first + 1]) & (n[first:] > 0.5 * n[first : first + 1])
-    if stopped.any():
+    speed, first = np.hypot(u, v), int(np.argmax(u))
+    fast = speed > 0.5 * speed.max()
+    if u[first] < 0.5 * speed.max() or np.mean(np.abs(v) > np.abs(u), where=fast) > SIDEWAYS:
+        return
+    if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first])).any():
         header = log.of["n"].header
-        raise OpenQuestion(
-            log.table.path,
-            f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write "
-            "it, or a column with it",
-            {"they are right": {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}},
-        )
+        words = f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write it"
+        right = {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}
+        raise OpenQuestion(log.table.path, f"{words}, or a column with it", {"they are right": right})
 
 
 def with_units_of_size(log: Log) -> Log:
     """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
-    for quantity in log.unitless:
-        values = log.columns[quantity]
-        largest = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
-        if wraps(quantity) and BEYOND_A_TURN < largest <= 361:
-            log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than a turn in radians")
-        elif (quantity in RUDDERS or quantity == "pitch") and 1.75 < largest <= 110:
-            log = log.with_unit(quantity, "deg", f"up to {largest:g}, more than 100 deg if in radians")
-        elif known(quantity).unit == "m" and largest > 2e4:
-            log = log.with_unit(quantity, "m", "of the size of eastings and northings")
-        elif known(quantity).unit == "rps" and 60 < largest < 5000:
-            log = log.with_unit(quantity, "rpm", f"up to {largest:g}: no shaft turns as often in a second")
+    for q in log.unitless:
+        own, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
+        tests = (
+            (wraps(q) and BEYOND_A_TURN < largest <= 361, "deg", "more than a turn in radians"),
+            ((q in RUDDERS or q == "pitch") and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
+            (own == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
+            (own == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
+        )
+        for fits, unit, why in tests:
+            if fits:
+                log = log.with_unit(q, unit, f"up to {largest:g}, {why}")
+                break
     return log
 
 
@@ -331,18 +319,17 @@ def local_positions(
     where: for messages. Raises UserError where pyproj is missing, for positions further than FURTHEST away and beyond
     NORTHERNMOST.
     """
-    pyproj = _pyproj(where)
     if np.nanmax(np.abs(latitude), initial=0.0) > NORTHERNMOST:
         raise OutOfRange(
             f"{where}: positions at a pole, where no direction is north; give x and y in a frame of their own"
         )
     lat, lon = origin
-    frame = pyproj.Proj(proj="tmerc", lat_0=lat, lon_0=lon, k=1.0, ellps="WGS84")
+    frame = _projection(where, proj="tmerc", lat_0=lat, lon_0=lon, k=1.0)
     east, north = frame(
         np.where(np.isfinite(longitude), longitude, lon), np.where(np.isfinite(latitude), latitude, lat)
     )
     known = np.isfinite(latitude) & np.isfinite(longitude)
-    x, y = (np.where(known & np.isfinite(v), v, np.nan) for v in (np.asarray(north), np.asarray(east)))
+    x, y = (np.where(known & np.isfinite(v), v, np.nan) for v in (north, east))
     far = np.hypot(x, y)
     if np.nanmax(far, initial=0.0) > FURTHEST:
         raise OutOfRange(
@@ -361,16 +348,16 @@ def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where:
     match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
     if match is None or not 1 <= int(match[1]) <= 60:
         raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")
-    south = (match[2] != "" and match[2] != "S" and match[2] < "N") or match[2] == "S"
-    frame = _pyproj(where).Proj(proj="utm", zone=int(match[1]), ellps="WGS84", south=south)
+    south = match[2] == "S" or "" < match[2] < "N"
+    frame = _projection(where, proj="utm", zone=int(match[1]), south=south)
     longitude, latitude = frame(easting, northing, inverse=True)
     return np.asarray(latitude), np.asarray(longitude)
 
 
-def _pyproj(where: str):  # type: ignore[no-untyped-def]
+def _projection(where: str, **parameters: Any) -> Any:
     try:
-        import pyproj
+        from pyproj import Proj
     except ImportError:
         words = "latitudes and longitudes need pyproj; pip install 'mmg-ident[import]'"
         raise NotInstalled(f"{where}: {words}") from None
-    return pyproj
+    return Proj(ellps="WGS84", **parameters)

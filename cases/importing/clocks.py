@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -51,6 +51,8 @@ SAMPLED = 0.1
 """Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
 """The end of a stamp with a zone."""
+LAST_STAMP = 253402300800.0
+"""s from 1970 to the year 10000."""
 LATEST = 1e21
 """No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
 
@@ -71,36 +73,33 @@ def clock_of(
     """
     import pandas as pd
 
-    beside = beside or {}
-    where = f"{table.name}: column '{header}'"
+    beside, where = beside or {}, f"{table.name}: column '{header}'"
     if "t_minute" in beside:
         return _of_parts(table, header, beside, zone_hours)
-    cells, no_times, date = table.cells(header), np.zeros(0), beside.get("date")
-    if getattr(cells.dtype, "kind", "O") in "mM" or _holds(cells, datetime.datetime):
-        return _stamps(cells, where, zone_hours, table.before, Clock(no_times, True, header, "dates and times"))
-    if _holds(cells, datetime.time):
+    clock = Clock(np.zeros(0), True, header, "dates and times")
+    cells, date = table.cells(header), beside.get("date")
+    first = next((value for value in cells if value is not None and value == value), None)
+    if getattr(cells.dtype, "kind", "O") in "mM" or isinstance(first, datetime.datetime):
+        return _stamps(cells, where, zone_hours, table.before, clock)
+    if isinstance(first, datetime.time):
         cells = cells.map(lambda value: None if value is None else str(value))
-    if table.numeric(header):
+    elif table.numeric(header):
         return _numbers(table, header, unit or _unit_of(table, header), beside)
     text = cells.astype(object).where(cells.notna(), None)
-    sample = next((str(value).strip() for value in text if value is not None), "")
-    if re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?", sample):
-        text = text.map(_full_time)
-        if date is not None:
-            joined = table.cells(date).map(_day) + " " + text.astype(str)
-            words = f"times of the days in '{date}'"
-            return _stamps(joined, where, zone_hours, table.before, Clock(no_times, True, header, words))
-        passed = pd.to_timedelta(text, errors="coerce")
-        _refuse(passed.isna() & text.notna(), text, where, table.before)
-        t = _padded(text, passed.dt.total_seconds().to_numpy(dtype=float))
-        return _going_on(Clock(t, False, header, "times of a day", period=DAY))
-    if re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample):
-        passed = pd.to_timedelta("00:" + text.astype(str).str.strip().str.replace(",", "."), errors="coerce")
-        _refuse(passed.isna() & text.notna(), text, where, table.before)
-        t = passed.dt.total_seconds().to_numpy(dtype=float)
-        return _going_on(Clock(t, False, header, "minutes and seconds of an hour", period=3600.0))
-    words = "ISO 8601" if sample[:4].isdigit() else "dates and times"
-    return _stamps(text, where, zone_hours, table.before, Clock(no_times, True, header, words))
+    sample = "" if first is None else str(first).strip()
+    of_hour = re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample)
+    if not of_hour and not re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?", sample):
+        words = "ISO 8601" if sample[:4].isdigit() else clock.words
+        return _stamps(text, where, zone_hours, table.before, replace(clock, words=words))
+    text = text.map(_full_time if not of_hour else lambda cell: cell and "00:" + str(cell).strip().replace(",", "."))
+    if date is not None and not of_hour:
+        joined = table.cells(date).map(_day) + " " + text.astype(str)
+        return _stamps(joined, where, zone_hours, table.before, replace(clock, words=f"times of the days in '{date}'"))
+    passed = pd.to_timedelta(text, errors="coerce")
+    _refuse(passed.isna() & text.notna(), text, where, table.before)
+    t = _padded(lambda: text, passed.dt.total_seconds().to_numpy(dtype=float))
+    words, period = ("minutes and seconds of an hour", 3600.0) if of_hour else ("times of a day", DAY)
+    return _going_on(Clock(t, False, header, words, period=period))
 
 
 def _day(value: Any) -> Any:
@@ -134,20 +133,16 @@ def without_jumps(clock: Clock, columns: Mapping[str, np.ndarray], end: float = 
     t = clock.t[good]
     step = np.diff(t, prepend=end if np.isfinite(end) else t[:1])
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
-    shift, said = np.zeros(len(t)), []
+    out, said = clock.t.copy(), []
     for i in np.flatnonzero((step < 0) | (step > 3600.0 - usual)) if usual else ():
+        back, row = step[i] < 0, int(good[i])
         for size, what in JUMPS.items():
-            rest = step[i] - np.copysign(size, step[i])
-            forward = step[i] > 0
-            if not -1e-6 <= rest <= 3 * usual or (forward and not _goes_on(columns, good, int(i))):
+            jump = -size if back else size
+            if not -1e-6 <= step[i] - jump <= 3 * usual or not (back or _goes_on(columns, good, int(i))):
                 continue
-            shift[i:] -= np.copysign(size, step[i])
-            way = "forward" if forward else "back"
-            row = int(good[i]) + 1
-            text = f"the clock '{clock.header}' jumps {way} by {size:.10g} s at row {row}, {what}; it is taken to go on"
-            said.append(Message(text, "clock_jump"))
-    out = clock.t.copy()
-    out[good] += shift
+            out[good[i:]] -= jump
+            words = f"jumps {'back' if back else 'forward'} by {size:.10g} s at row {row + 1}, {what}"
+            said.append(Message(f"the clock '{clock.header}' {words}; it is taken to go on", "clock_jump"))
     return replace(clock, t=out), said
 
 
@@ -255,14 +250,14 @@ def _numbers(table: RawTable, header: str, unit: str, beside: Mapping[str, str])
             if words.startswith("days of a spread") and table.since_1904:
                 zero += SINCE_1904
             since = (values + zero / factor) * factor  # days since the year 0 have few digits left for parts of seconds
-            t = _digits(table, header, since) + part
+            t = _padded(lambda: table.words(header), since) + part
             return Clock(t, True, header, words)
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
     scale = factor_of("s", unit)
     if scale is None:
         raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(FACTORS['s'])}")
-    return Clock(_digits(table, header, values * scale) + part, False, header, f"in {unit}")
+    return Clock(_padded(lambda: table.words(header), values * scale) + part, False, header, f"in {unit}")
 
 
 def _part_unit(table: RawTable, header: str) -> float:
@@ -274,25 +269,19 @@ def _part_unit(table: RawTable, header: str) -> float:
     return next(scale for scale in (1e-3, 1e-6, 1e-9) if most * scale < 1.0 or scale == 1e-9)
 
 
-def _digits(table: RawTable, header: str, t: np.ndarray) -> np.ndarray:
+def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
     """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of
-    nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s."""
-    if _unevenness(t) < UNEVEN:
-        return t
-    words = table.words(header)
-    return t if words is None else _padded(words, t)
+    nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s.
 
-
-def _padded(words: Any, t: np.ndarray) -> np.ndarray:
-    """As ``_digits``, from the cells as they are written."""
+    written: gives the cells as they are in the file, or None.
+    """
     uneven = _unevenness(t)
-    if uneven < UNEVEN:
-        return t
-    parts = [str(word).replace(",", ".").rpartition(".") for word in words]
+    words = written() if uneven >= UNEVEN else None
+    parts = [str(word).replace(",", ".").rpartition(".") for word in words] if words is not None else []
     longest = max((len(tail) for _, point, tail in parts if point), default=0)
-    places = next((n for n in (3, 6, 9) if longest <= n), 0)
-    if not places:
+    if not 0 < longest <= 9:
         return t
+    places = 3 * -(-longest // 3)
     count = np.array([float(tail) if point and tail.isdigit() else np.nan for _, point, tail in parts])
     mended = np.floor(t) + np.nan_to_num(count) * 10.0**-places
     return mended if _unevenness(mended) < UNEVEN * uneven else t
@@ -318,11 +307,6 @@ def _unit_of(table: RawTable, header: str) -> str:
         return unit
     ending = re.search(r"(?:^|[_\s.])(seconds|sec|ms|us|ns|min|s)$", header.lower())
     return ending[1] if ending else ""
-
-
-def _holds(cells: Any, kind: type) -> bool:
-    """Whether the first cell that is not empty is of that ``kind``."""
-    return isinstance(next((value for value in cells if value is not None and value == value), None), kind)
 
 
 def _full_time(text: Any) -> Any:
@@ -358,8 +342,10 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
         since = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
     except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
         raise BadValue(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
+    if np.nanmax(since, initial=0.0) > LAST_STAMP:
+        raise BadValue(f"{where}: holds a time after the year 9999, which no clock shows")
     _refuse(parsed.isna() & text.notna(), text, where, before)
-    since = _padded(text, since)
+    since = _padded(lambda: text, since)
     zoned = text.astype(str).str.contains(ZONE, regex=True).to_numpy()
     naive = (text.notna() & ~zoned).to_numpy()
     if zoned.any() and naive.any():
@@ -378,9 +364,8 @@ def mixed_zones(where: str, row: int) -> UserError:
 def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
     """Raises UserError for the first row where ``bad`` (N,) is true, which follows ``before`` others."""
     if bad.any():
-        row = int(np.flatnonzero(bad.to_numpy())[0])
-        words = f"row {before + row + 1}: '{text.iloc[row]}' is no time ({int(bad.sum())} such cells)"
-        raise BadValue(f"{where}: {words}")
+        row, count = int(np.argmax(bad.to_numpy())), int(bad.sum())
+        raise BadValue(f"{where}: row {before + row + 1}: '{text.iloc[row]}' is no time ({count} such cells)")
 
 
 def _normal_stamp(value: Any) -> Any:

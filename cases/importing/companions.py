@@ -13,6 +13,7 @@ from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import RawTable
 from cases.importing.vocabulary import SIDES, is_order, meaning, plain_words
 from cases.io.sentinels import sentinels_in
+from cases.io.units import as_number
 from cases.quantities import QUANTITIES
 from mmg.errors import BadValue
 
@@ -68,7 +69,7 @@ def sign_columns(
         for kind in _kinds(title, words):
             reads = _reads(kind, title)
             known = words <= set(reads) and not (words <= {"0", "1"} and reads["1"] == 1)
-            for quantity in _targets(kind, title, table, mapped, _beside(table, header, headers, mapped), chosen):
+            for quantity in _targets(kind, header, table, mapped, headers, chosen):
                 own = mapped[quantity].header
                 if not known and len(words) > 1:
                     shown = ", ".join(sorted(words)[:4])
@@ -107,15 +108,12 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     """
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
     reads = {"": 0 if table.before else 1, **_reads(kind, plain_words(header))}
-    cells = table.cells(header).ffill()  # some are logged where they change
-    words = {cell: _word(cell) for cell in cells.unique()}
-    sign = cells.map(lambda cell: reads.get(words.get(cell, ""), 0)).to_numpy()
+    words = table.cells(header).ffill().map(_word)  # some are logged where they change
+    sign = words.map(lambda word: reads.get(word, 0)).to_numpy()
     if not sign.all():
         row = int(np.argmin(np.abs(sign)))
-        said = words.get(cells.iloc[row], "")
-        raise BadValue(
-            f"{table.name}: row {table.before + row + 1}, column '{header}': '{said}' is no sign of {quantity}"
-        )
+        where = f"{table.name}: row {table.before + row + 1}, column '{header}'"
+        raise BadValue(f"{where}: '{words.iloc[row]}' is no sign of {quantity}")
     out = np.where(sign < 0, -np.abs(values), values)
     return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
 
@@ -143,26 +141,19 @@ def _reads(kind: Kind, title: str) -> dict[str, int]:
 
 
 def _targets(
-    kind: Kind, title: str, table: RawTable, mapped: Mapping[str, ColumnMap], beside: bool, chosen: ImportMap
+    kind: Kind, header: str, table: RawTable, mapped: Mapping[str, ColumnMap], signs: Sequence[str], chosen: ImportMap
 ) -> list[str]:
-    """The quantities without a sign whose headers share most words with the ``title`` of a column of signs.
-
-    beside: whether it stands beside positions.
-    """
-    own = _stems(title)
+    """The quantities without a sign whose headers share most words with ``header``, the title of a column of signs;
+    signs: those of all, which may stand between a position and its own."""
+    title, at = plain_words(header), table.headers.index(header)
+    own, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
+    neighbours = {next((h for h in way if h not in signs), "") for way in both_ways}
+    beside = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
     fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
-    shared = {q: len(own & _stems(plain_words(header))) for q, header in fit.items()}
+    shared = {q: len(own & _stems(plain_words(title))) for q, title in fit.items()}
     best = max(shared.values(), default=0)
     told = {"": True, "title": best > 0, "place": beside or re.fullmatch(PLACE, title) is not None}[kind.told_by]
     return [q for q in fit if told and shared[q] == best and _positive(table, fit[q], chosen)]
-
-
-def _beside(table: RawTable, header: str, signs: Sequence[str], mapped: Mapping[str, ColumnMap]) -> bool:
-    """Whether only columns of ``signs`` lie between ``header`` and one of latitude or longitude."""
-    places = [mapped[q].header for q in ("latitude", "longitude") if q in mapped]
-    at = table.headers.index(header)
-    both_ways = (reversed(table.headers[:at]), iter(table.headers[at + 1 :]))
-    return any(next((h for h in way if h not in signs), "") in places for way in both_ways)
 
 
 def _stems(title: str) -> set[str]:
@@ -230,6 +221,11 @@ class Masks(NamedTuple):
     of: dict[str, list[tuple[str, set[str]]]]
     account: dict[str, tuple[tuple[str, ...], str]]
 
+    @property
+    def headers(self) -> list[str]:
+        """Of the columns that say whether others hold."""
+        return [*self.rows, *(header for own in self.of.values() for header, _ in own)]
+
 
 def masks_of(
     table: RawTable, mapped: dict[str, ColumnMap], headers: Sequence[str], signs: Sequence[str], chosen: ImportMap
@@ -253,17 +249,12 @@ def masks_of(
             continue
         if words <= TRUE | MAGNETIC | RELATIVE and (targets := _referred(table, header, title, mapped)):
             _refer(table, header, words, targets, mapped, found)
-        elif header in signs:
             continue
-        elif (
-            words <= {"a", "v", "d"}
-            or (
-                len(words) > 1
-                and words & {"ok", "good", "valid"}
-                and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words)
-            )
-            or (re.fullmatch(STATUS, title) and not is_order(title))
-        ):
+        if header in signs:
+            continue
+        says = len(words) > 1 and bool(words & {"ok", "good", "valid"})
+        says = says and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words)
+        if says or words <= {"a", "v", "d"} or (re.fullmatch(STATUS, title) and not is_order(title)):
             _status(table, header, title, words, mapped, found)
         elif re.fullmatch(SOURCE, title) and len(words) > 1:
             _sources(table, header, mapped, found)
@@ -272,10 +263,8 @@ def masks_of(
 
 def _holds(table: RawTable, header: str, cells: set[str]) -> np.ndarray:
     """Rows (N,) of the ``table`` that hold one of the ``cells`` below ``header``."""
-    wanted = {_word(cell) for cell in cells}
-    column = table.cells(header)
-    accepted = {cell: _word(cell) in wanted for cell in column.unique()}
-    return column.map(lambda cell: accepted.get(cell, False)).to_numpy(dtype=bool)
+    wanted, column = {_word(cell) for cell in cells}, table.cells(header)
+    return column.isin([cell for cell in column.unique() if _word(cell) in wanted]).to_numpy(dtype=bool)
 
 
 def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
@@ -284,13 +273,6 @@ def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
     for header, cells in [*masks.rows.items(), *masks.of.get(quantity, [])]:
         good &= _holds(table, header, cells)
     return good
-
-
-def _left(table: RawTable, header: str, mapped: Mapping[str, ColumnMap]) -> str:
-    """The quantity in the column left of ``header``, or ""."""
-    at = table.headers.index(header)
-    of = {column.header: quantity for quantity, column in mapped.items()}
-    return of.get(table.headers[at - 1], "") if at else ""
 
 
 def _referred(table: RawTable, header: str, title: str, mapped: Mapping[str, ColumnMap]) -> list[str]:
@@ -336,7 +318,9 @@ def _status(
 ) -> None:
     """Mask quantities where their status does not hold."""
     targets = [q for q, row in QUANTITIES.items() if q in mapped and row.valid and re.fullmatch(row.valid, title)]
-    left, about = _left(table, header, mapped), meaning(title.rpartition("_")[0]).quantity
+    before = dict(zip(table.headers[1:], table.headers[:-1], strict=True)).get(header)
+    left = next((quantity for quantity, column in mapped.items() if column.header == before), "")
+    about = meaning(title.rpartition("_")[0]).quantity
     targets = targets or [about] * (about in mapped)
     if "_" not in title and left:
         targets = [q for q in GNSS if q in mapped] if left in (*GNSS, "t", "date") else [left]
@@ -363,16 +347,13 @@ def _status(
 
 def _says(word: str, title: str, words: set[str]) -> bool | None:
     """Whether what has the status ``word`` holds, None where it is not known. words: all that the column holds."""
-    fault = re.fullmatch(FAULT, title) is not None
-    if re.fullmatch(r"-?\d+(\.\d+)?", word):
-        number = float(word)
+    fault, number = re.fullmatch(FAULT, title) is not None, as_number(word)
+    if number == number:
         if fault:
             return number == 0
         if re.fullmatch(QUALITY, title):
             return 0 < number < 6  # 6 is estimated, 7 and 8 are typed in and simulated
-        if re.search("fix|gps|gnss", title) and number <= 0:
-            return False
-        return None
+        return False if re.search("fix|gps|gnss", title) and number <= 0 else None
     if word in ("m", "s", "e") and words & {"a", "d"}:  # mode indicators of NMEA: typed in, simulated, estimated
         return False
     return not fault if re.fullmatch(GOOD, word) else fault if re.fullmatch(BAD, word) else None
@@ -382,15 +363,11 @@ def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], foun
     """Raises OpenQuestion where several sensors that a column names measured the same quantity."""
     cells = table.cells(header).map(_word)
     names = [name for name, share in cells.value_counts(normalize=True).items() if name and share > SHARE]
-    for quantity in ("latitude", "x", "psi", "heading_magnetic", "sog", "delta", "n") if len(names) > 1 else ():
-        if quantity not in mapped:
-            continue
-        filled = table.cells(mapped[quantity].header).notna()
-        several = [name for name in names if (filled & (cells == name)).sum() > SHARE * len(cells)]
+    for quantity in [q for q in ("latitude", "x", "psi", "heading_magnetic", "sog", "delta", "n") if q in mapped]:
+        share = cells[table.cells(mapped[quantity].header).notna()].value_counts() / len(cells)
+        several = [name for name in names if share.get(name, 0.0) > SHARE]
         if len(several) > 1:
-            raise OpenQuestion(
-                table.path,
-                f"column '{header}' names several sensors, which all give {quantity}: {', '.join(several[:6])}",
-                {f"that of {name}": {"rows": {header: [name]}} for name in several[:4]} | {"all": {"ignore": [header]}},
-            )
+            words = f"column '{header}' names several sensors, which all give {quantity}: {', '.join(several[:6])}"
+            choices: dict[str, Any] = {f"that of {name}": {"rows": {header: [name]}} for name in several[:4]}
+            raise OpenQuestion(table.path, words, {**choices, "all": {"ignore": [header]}})
     found.account[header] = ((), f"names {', '.join(names[:4])}, which measured other columns")

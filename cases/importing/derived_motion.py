@@ -116,7 +116,7 @@ def _means(values: np.ndarray, k: int) -> np.ndarray:
     return np.where(share[:, None] >= 0.5, filled[inside].reshape(count, k, -1).mean(axis=1), np.nan)
 
 
-class _HeadingPath(NamedTuple):
+class _Likeliest(NamedTuple):
     """path: (N, C) the most likely; standard errors of it and of its rate; width: rows over which it smooths."""
 
     path: np.ndarray
@@ -125,7 +125,7 @@ class _HeadingPath(NamedTuple):
     width: float
 
 
-def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _HeadingPath:
+def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Likeliest:
     """The path through ``value`` and its ``rate`` per row, (N, C) in a range of one, at the most likely sizes.
 
     rounding: the least variances of noise, third differences and noise of the rates.
@@ -185,7 +185,7 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _He
     noise, jerk, *rates = sizes(logs)
     width = min([logs[1], *((size - jerk) / 4 for size in rates)])
     value_std, rate_std = (_std(root, known, weights) for weights in (ITSELF, STENCIL))
-    return _HeadingPath(path, value_std, rate_std, float(np.exp(width)))
+    return _Likeliest(path, value_std, rate_std, float(np.exp(width)))
 
 
 def _variance(values: np.ndarray) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.array_files import is_hdf5, is_matlab, read_arrays
-from cases.importing.assembled_run import ImportedRun, assembled, with_units_of_size
+from cases.importing.assembled_run import ImportedRun, assembled, globe_positions, with_units_of_size
 from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
 from cases.importing.json_logs import is_iso19848, is_signal_k, read_iso19848, read_signal_k, with_local_ids
 from cases.importing.log_columns import Log, log_of
@@ -69,16 +69,23 @@ def import_logs(
     logs: list[Log] = []
     problems: list[str] = []
     asked: list[Question] = []
+
+    def refused(error: UserError) -> None:
+        problems.append(str(error))
+        asked.extend([error.question] if isinstance(error, OpenQuestion) else [])
+
     for file in each(list(dict.fromkeys(files))):
         try:
             logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
-            problems.append(str(error))
-            asked += [error.question] if isinstance(error, OpenQuestion) else []
+            refused(error)
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
-    problems += _several_ships(logs)
+    ships = {log.ship: log.table.path.name for log in logs if log.ship}
+    if len(ships) > 1:
+        named = ", ".join(f"{ship} ({file})" for ship, file in sorted(ships.items())[:4])
+        problems.append(f"files of different ships: {named}; import each ship alone")
     if chosen.zone_hours is not None and logs and all(log.zoned for log in logs):
         words = f"zone_hours = {chosen.zone_hours:g} is for stamps without a time zone, and these have one"
         problems.append(f"{logs[0].name}: {words}; leave it out")
@@ -88,8 +95,7 @@ def import_logs(
         try:
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
-            problems.append(str(error))
-            asked += [error.question] if isinstance(error, OpenQuestion) else []
+            refused(error)
     asked += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
@@ -113,11 +119,7 @@ def _questions(log: Log) -> list[Question]:
         choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
         choices["nothing"] = {"ignore": [header]}
         found.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
-    for quantity in log.unitless:
-        if quantity in ("r", "sog", "u"):  # other columns show it
-            continue
-        found.append(log.unit_question(quantity))
-    return found
+    return found + [log.unit_question(q) for q in log.unitless if q not in ("r", "sog", "u")]  # others show those
 
 
 def _files_of(path: Path) -> list[Path]:
@@ -140,7 +142,7 @@ def _is_log(path: Path) -> bool:
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     """The tables of a ``file``, whose kind its content tells, or, where none does, its name."""
-    suffix = file.suffix.lower()
+    suffix, decimal = file.suffix.lower(), chosen.of(file).decimal or chosen.decimal
     check_file(file, LARGEST if suffix in BINARY and suffix not in BAGS else LARGEST_LOG)  # of bags topics are read
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
@@ -158,23 +160,13 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
         return [read_iso19848(file, chosen)]
     if is_signal_k(begin) or suffix in JSON:
         return [read_signal_k(file, chosen)]
+    if suffix == ".xls":
+        raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
     if suffix in (".xlsx", ".xlsm"):
         tables = read_excel_tables(file)
-    elif suffix == ".xls":
-        raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
     else:
-        decimal = chosen.of(file).decimal or chosen.decimal
         tables = [read_parquet(file) if suffix == ".parquet" else read_text_log(file, decimal)]
     return [with_local_ids(pivoted(table, chosen)) for table in tables]
-
-
-def _several_ships(logs: Sequence[Log]) -> list[str]:
-    """A line where files name different ships."""
-    ships = sorted({log.ship for log in logs if log.ship})
-    if len(ships) < 2:
-        return []
-    own = {ship: next(log.table.path.name for log in logs if log.ship == ship) for ship in ships}
-    return ["files of different ships: " + ", ".join(f"{s} ({own[s]})" for s in ships[:4]) + "; import each ship alone"]
 
 
 def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | None:
@@ -183,30 +175,26 @@ def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | Non
         return float(chosen.origin[0]), float(chosen.origin[1])
     for log in logs:
         if {"latitude", "longitude"} <= set(log.columns):
-            good = np.isfinite(log.columns["latitude"]) & np.isfinite(log.columns["longitude"])
-            if good.any():
-                i = int(np.argmax(good))
-                return round(float(log.columns["latitude"][i]), 4), round(float(log.columns["longitude"][i]), 4)
-        if log.zone and {"x", "y"} <= set(log.columns):
-            from cases.importing.assembled_run import globe_positions
-
-            lat, lon = globe_positions(log.columns["x"][:1], log.columns["y"][:1], log.zone, log.name)
-            return round(float(lat[0]), 4), round(float(lon[0]), 4)
+            place = log.columns["latitude"], log.columns["longitude"]
+        elif log.zone and {"x", "y"} <= set(log.columns):
+            place = globe_positions(log.columns["x"], log.columns["y"], log.zone, log.name)
+        else:
+            continue
+        good = np.flatnonzero(np.isfinite(place[0]) & np.isfinite(place[1]))
+        if len(good):
+            return round(float(place[0][good[0]]), 4), round(float(place[1][good[0]]), 4)
     return None
 
 
 def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
     """Runs of the same name get that of their folder before it, or a number behind it."""
-    names = Counter(run.name for run in runs)
-    seen: Counter[str] = Counter()
-    out = []
-    for run in runs:
-        if names[run.name] > 1:
-            parents = {r.logs[0].table.path.parent.name for r in runs if r.name == run.name}
-            seen[run.name] += 1
-            folder = run.logs[0].table.path.parent.name
-            new = f"{folder}_{run.name}" if len(parents) == names[run.name] else f"{run.name}_{seen[run.name]}"
-            run = replace(run, name=new)
+    out: list[ImportedRun] = []
+    for i, run in enumerate(runs):
+        folders = [other.logs[0].table.path.parent.name for other in runs if other.name == run.name]
+        if len(folders) > 1:
+            number = sum(other.name == run.name for other in runs[: i + 1])
+            apart = len(set(folders)) == len(folders)
+            run = replace(run, name=f"{folders[number - 1]}_{run.name}" if apart else f"{run.name}_{number}")
         out.append(run)
     return out
 
@@ -229,14 +217,12 @@ def grouped(logs: Sequence[Log], chosen: ImportMap) -> list[list[Log]]:
     runs: list[list[Log]] = []
     for log in logs:
         name = chosen.of(log.table.path).run
-        for run in runs:
-            other = chosen.of(run[0].table.path).run
-            same = bool(name) and name == other
-            if same or (not name and not other and not chosen.separate and _completes(log, run)):
-                run.append(log)
-                break
-        else:
+        alike = [run for run in runs if chosen.of(run[0].table.path).run == name]
+        own = next((run for run in alike if name or (not chosen.separate and _completes(log, run))), None)
+        if own is None:
             runs.append([log])
+        else:
+            own.append(log)
     return runs
 
 
@@ -248,16 +234,14 @@ def complete(quantities: set[str]) -> bool:
 def run_name(run: Sequence[Log], chosen: ImportMap) -> str:
     """The name of a ``run``: that of the map ``chosen``, the stem of its file, or what the stems of its files have in
     common."""
-    named = chosen.of(run[0].table.path).run
-    if named:
-        return named
     stems = [log.table.path.stem for log in run]
+    if named := chosen.of(run[0].table.path).run:
+        return named
     if len(set(stems)) == 1:
         sheet = re.search(r"(?:sheet|group) '(.*)'$", run[0].name)
         return f"{stems[0]}_{sheet[1]}" if sheet and len(run) == 1 else stems[0]
-    least, most = min(stems), max(stems)
-    same = next((i for i, (a, b) in enumerate(zip(least, most, strict=False)) if a != b), len(least))
-    return least[:same].rstrip("_- .") or stems[0]
+    same = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*stems, strict=False))
+    return "".join(letters[0] for letters in same).rstrip("_- .") or stems[0]
 
 
 def _completes(log: Log, run: Sequence[Log]) -> bool:

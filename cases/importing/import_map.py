@@ -191,14 +191,11 @@ class ImportMap(Section):
 
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:
     """For each of the ``paths`` its name, with as many folders before it as tell it from the others."""
-    paths, out = list(paths), {}
-    for path in paths:
-        parts = path.parts
-        for count in range(1, len(parts) + 1):
-            end = parts[-count:]
-            if sum(other.parts[-count:] == end for other in set(paths)) == 1:
-                break
-        out[path] = "/".join(end)
+    every, out = dict.fromkeys(paths), {}
+    for path in every:
+        ends = (path.parts[-count:] for count in range(1, len(path.parts) + 1))
+        apart = (end for end in ends if sum(other.parts[-len(end) :] == end for other in every) == 1)
+        out[path] = "/".join(next(apart, path.parts))
     return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
-from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question, magnetic
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.block_means import BlockMeans, rows_together
@@ -80,10 +80,8 @@ class Log:
     def unit_question(self, quantity: str) -> Question:
         """In which unit the ``quantity`` is."""
         header = self.of[quantity].header
-        choices: dict[str, dict[str, Any]] = {
-            unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)
-        }
-        choices["nothing"] = {"ignore": [header]}
+        units = {unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)}
+        choices: dict[str, dict[str, Any]] = {**units, "nothing": {"ignore": [header]}}
         return Question(self.table.path, f"'{header}' ({quantity}) has no unit", choices)
 
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
@@ -119,12 +117,10 @@ class Assigned:
         out = []
         for header in table.headers:
             names, why = self.masks.account.get(header, self.account.get(header, ((), "")))
-            if header in self.unsure:
-                why = f"it may be {self.unsure[header]}"
+            why = f"it may be {self.unsure[header]}" if header in self.unsure else why
             own = tuple(used.get(header, names))
-            out.append(
-                Account(header, table.rows or len(table), own, why or ("" if own else "its words are not known"))
-            )
+            why = why or ("" if own else "its words are not known")
+            out.append(Account(header, table.rows or len(table), own, why))
         return tuple(out)
 
 
@@ -135,15 +131,14 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
     clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
     """
-    of = assigned(table, chosen)
+    of, notices = assigned(table, chosen), list(table.notices)
     mapped = of.mapped
-    notices = list(table.notices)
     scales, unitless = _scales(table, mapped, notices)
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
     clock, anew, end, lost = None, 0.0, -np.inf, Counter[str]()
-    for piece in table.pieces([*(column.header for column in mapped.values()), *_of_masks(of.masks)]):
+    for piece in table.pieces([*(column.header for column in mapped.values()), *of.masks.headers]):
         if not piece.cells(mapped["t"].header).notna().any():
             continue
         own = table.clock or _clock(piece, mapped, chosen)
@@ -157,8 +152,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             held = masked_rows(piece, q, of.masks)
             lost[q] += int((~held & np.isfinite(columns[q])).sum())
             columns[q] = np.where(held, columns[q], np.nan)
-        newest_first = table.source is None and _newest_first(own.t)
-        if newest_first:
+        step = np.diff(own.t[np.isfinite(own.t)])
+        if table.source is None and len(step) > 10 and (step <= 0).all() and (step < 0).any():
             own, columns = replace(own, t=own.t[::-1]), {q: values[::-1] for q, values in columns.items()}
             notices.append(Message("the rows are sorted newest first, and turned round", "newest_first"))
         if own.period and np.nanmin(own.t) + anew < end - 0.5 * own.period:
@@ -167,8 +162,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
         check_forward(own, table.name, piece.before, end)
         end = float(np.nanmax(own.t))
-        if count > 1:
-            _without_zero(columns)
+        if count > 1 and {"latitude", "longitude"} <= set(columns):  # no lost satellite is averaged
+            none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
+            columns |= {q: np.where(none, np.nan, columns[q]) for q in ("latitude", "longitude")}
         if not means.rows:  # without units, the first rows tell which turn directions have
             means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).period}
         t, columns, said = _rows(own.t, columns, means.periods)
@@ -188,9 +184,12 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
     _check_globe(table, columns, mapped)
-    _check_one_each(table, words)
+    for name, several in words.items():
+        if len(several) > 1:
+            what = "ships" if name == "ship" else "UTM zones"
+            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
     if "heading_magnetic" in columns:
-        notices += _true_heading(table, columns, mapped, chosen)
+        notices.append(_true_heading(table, columns, mapped, chosen))
         unitless = [q for q in unitless if q in columns]
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
@@ -234,29 +233,6 @@ def _scales(
     return scales, unitless
 
 
-def _check_one_each(table: RawTable, words: Mapping[str, set[str]]) -> None:
-    for name, several in words.items():
-        if len(several) > 1:
-            what = "ships" if name == "ship" else "UTM zones"
-            raise Conflict(f"{table.name}: rows of several {what} ({', '.join(sorted(several)[:4])}); divide the file")
-
-
-def _without_zero(columns: dict[str, np.ndarray]) -> None:
-    """Positions at latitude and longitude 0, which are none, become NaN before rows are averaged."""
-    if {"latitude", "longitude"} <= set(columns):
-        none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
-        columns |= {name: np.where(none, np.nan, columns[name]) for name in ("latitude", "longitude")}
-
-
-def _of_masks(masks: Masks) -> list[str]:
-    return [*masks.rows, *(header for own in masks.of.values() for header, _ in own)]
-
-
-def _newest_first(t: np.ndarray) -> bool:
-    step = np.diff(t[np.isfinite(t)])
-    return bool(len(step) > 10 and (step <= 0).all() and (step < 0).any())
-
-
 def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
     beside = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
     return clock_of(piece, mapped["t"].header, mapped["t"].unit, beside, chosen.zone_hours)
@@ -264,23 +240,17 @@ def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> 
 
 def _true_heading(
     table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap], chosen: ImportMap
-) -> list[Message]:
+) -> Message:
     """The magnetic heading among the ``columns`` becomes a true one, where there is none. Raises UserError without a
     variation."""
     heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
-    variation = columns.pop("variation", None)
-    if variation is None and chosen.variation is None:
-        raise Missing(
-            f"{table.name}: the log has a magnetic heading ('{header}'): give variation = ... in the map [deg, "
-            "positive to the east]"
-        )
+    variation, words = columns.pop("variation", None), "of the log"
     if chosen.variation is not None:
         variation, words = np.radians(chosen.variation), f"{chosen.variation:g} deg of the map"
-    else:
-        assert variation is not None
-        words = f"those in '{mapped['variation'].header}'"
+    if variation is None:
+        raise Missing(f"{table.name}: {magnetic(header)}")
     columns["psi"] = heading + variation
-    return [Message(f"psi is the magnetic heading '{header}' and the variation, {words}", "magnetic")]
+    return Message(f"psi is the magnetic heading '{header}' and the variation {words}", "magnetic")
 
 
 def _values(
@@ -323,13 +293,11 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         whole = split_unit(column.header)[0]
         if column.header not in table.headers and whole in table.headers:  # the cell as it is in the file
             column = column.model_copy(update={"header": whole})
-        if column.header not in table.headers:
-            if quantity in own:
-                raise Missing(
-                    f"{table.name}: column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
-                )
-            continue  # of another file
-        mapped[quantity] = column
+        if column.header in table.headers:
+            mapped[quantity] = column
+        elif quantity in own:  # else of another file
+            words = f"column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
+            raise Missing(f"{table.name}: {words}")
     of.account |= {split_unit(cell)[0]: ((), "the map says so") for cell in chosen.ignored_in(table.path)}
     _clock_parts(table, mapped, of.account)
     taken = {column.header for column in mapped.values()}
@@ -340,18 +308,19 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         found = table.means.get(header) or meaning(header)
         unit = table.units[table.headers.index(header)]
         reference = re.fullmatch(REFERENCE, unit.strip().lower())
-        referred = meaning(f"{header} {reference[2]}") if reference else found
-        reference = reference if referred.quantity and known(referred.quantity).period else None
-        found = referred if reference else found
+        if reference and (referred := meaning(f"{header} {reference[2]}")).quantity and known(referred.quantity).period:
+            found, unit = referred, "deg"
+        else:
+            unit = ""
         if header == "pitch" and of_the_hull:
             of.unsure[header] = PITCH
         elif found.quantity and found.quantity not in mapped:
-            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": "deg" if reference else ""})
-        elif found.quantity and found.quantity not in chosen.columns_of(table.path):
-            _doubled(table, found.quantity, mapped[found.quantity].header, header)
-            of.account[header] = ((), f"it holds the same as '{mapped[found.quantity].header}'")
+            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": unit})
         elif found.quantity:
-            of.account[header] = ((), f"the map names '{mapped[found.quantity].header}'")
+            other, named = mapped[found.quantity].header, found.quantity in chosen.columns_of(table.path)
+            if not named:
+                _doubled(table, found.quantity, other, header)
+            of.account[header] = ((), f"the map names '{other}'" if named else f"it holds the same as '{other}'")
         elif found.may_be:
             of.unsure[header] = found.may_be
         elif is_order(header):
@@ -366,11 +335,9 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
     if "t" not in mapped and "t_part" in mapped:
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
     of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
-    found_signs = sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
-    mapped |= found_signs
-    taken = {column.header for column in mapped.values()} | set(of.masks.account) | set(of.account)
-    of.unknown += [header for header in signs if header not in taken]
-    of.unknown[:] = [header for header in of.unknown if header not in taken]
+    mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
+    taken = {*(column.header for column in mapped.values()), *of.masks.account, *of.account}
+    of.unknown = [header for header in [*of.unknown, *signs] if header not in taken]
     of.unsure = {header: what for header, what in of.unsure.items() if header not in taken}
     if "t" not in mapped and re.fullmatch(rf"{NUMBERED} \d+", table.headers[0]):
         first = ", ".join(str(cell) for cell in table.frame.iloc[0])
@@ -443,13 +410,11 @@ def _degrees_minutes(table: RawTable, quantity: str) -> bool:
         values = values[np.isfinite(values) & (values != 0) & ~np.isin(values, (99999.0, 9999.0, 91.0, 181.0))]
         if not len(values) or (values % 100 >= 60).any() or values.max() > 100 * known(name).limits[1]:
             return False
-        words = table.words(header)
-        digits = [len(str(w).lstrip("+-").partition(".")[0]) for w in words if w] if words is not None else []
-        zeros = words is not None and any(str(w).lstrip("+-").startswith("0") for w in words if w)
-        least = 4 if name == "latitude" else 5
-        sizes[name] = bool((values > 360).mean() > 0.5) or bool(  # up to 360 both may be exchanged
-            zeros and digits and min(digits) == max(digits) == least
-        )
+        written = table.words(header)
+        written = () if written is None else written
+        whole = [str(w).lstrip("+-").partition(".")[0] for w in written if w]
+        padded = {len(w) for w in whole} == {4 if name == "latitude" else 5} and any(w[0] == "0" for w in whole)
+        sizes[name] = padded or bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
     return quantity in sizes and any(sizes.values())
 
 
@@ -476,26 +441,21 @@ def _degrees(cell: Any, where: str, header: str) -> float:
 
 
 def _check_globe(table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap]) -> None:
-    """Raises UserError where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
-    for quantity in ("latitude", "longitude"):
-        most = known(quantity).limits[1]
-        values = np.abs(columns.get(quantity, np.zeros(0)))
-        beyond = values[np.isfinite(values) & (values != most + 1)] > most  # 91 stands for none
-        if beyond.sum() <= 0.5 * len(beyond):
+    """Raises OpenQuestion where most latitudes or longitudes [deg] lie beyond the globe: that is no lost satellite."""
+    headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in columns}
+    for quantity in headers:
+        most, values = known(quantity).limits[1], np.abs(columns[quantity])
+        values = values[np.isfinite(values) & (values != most + 1)]  # 91 stands for none
+        if (values > most).sum() <= 0.5 * len(values):
             continue
-        headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in mapped}
-        choices: dict[str, dict[str, Any]] = {}
-        if len(headers) == 2 and np.nanmax(values) <= 360:
+        largest, choices = float(values.max()), dict[str, dict[str, Any]]()
+        if len(headers) == 2 and largest <= 360:
             swapped = {"latitude": {"from": headers["longitude"]}, "longitude": {"from": headers["latitude"]}}
             choices["latitude and longitude are exchanged"] = {"columns": swapped}
-        for words, unit in (("degrees and minutes in one number", "ddmm"), ("units of 1e-7 degrees", "1e-7 deg")):
-            if (np.nanmax(values) > 1e6) == (unit != "ddmm"):
-                choices[words] = {"columns": {name: {"from": h, "unit": unit} for name, h in headers.items()}}
-        raise OpenQuestion(
-            table.path,
-            f"column '{headers[quantity]}' reaches {np.nanmax(values):g}, which is no {quantity} in degrees",
-            choices,
-        )
+        unit, words = ("1e-7 deg", "units of 1e-7 degrees") if largest > 1e6 else ("ddmm", "degrees and minutes in one")
+        choices[words] = {"columns": {name: {"from": h, "unit": unit} for name, h in headers.items()}}
+        words = f"column '{headers[quantity]}' reaches {largest:g}, which is no {quantity} in degrees"
+        raise OpenQuestion(table.path, words, choices)
 
 
 def _rows(
@@ -538,33 +498,33 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     counts where the channel jumps at its end, or, at the end of the log, where most other states go on moving.
     """
     out, said = dict(channels), []
-    held = {name: np.flatnonzero(np.isfinite(channels[name])) for name in STATES if name in channels}
-    states = {name: channels[name][at] for name, at in held.items() if len(at) > 1}  # each at the rows that hold it
-    moving = {name: _moves(values) for name, values in states.items()}
-    for name, values in states.items():
-        at = held[name]
+    states = [name for name in STATES if name in channels]
+    for name in states:
+        at = np.flatnonzero(np.isfinite(channels[name]))
+        values = channels[name][at]
         change = np.abs(np.diff(values))
         if wraps(name):
-            turn = 360.0 if np.nanmax(np.abs(values)) > 7 else 2 * np.pi
+            turn = turn_in(name, "", _largest(values))
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0
         share = (same.sum() + 1) / (len(change) + 2)
         if share > 0.9:  # so coarsely rounded that nothing can be said
             continue
         rows = max(FROZEN_ROWS, int(np.ceil(np.log(BY_CHANCE) / np.log(share))))
-        usual = float(np.percentile(change[change > 0], 95)) if (change > 0).any() else np.inf
-        out[name] = channels[name].copy()
-        for a, b in _runs(same):
+        usual = float(np.percentile(change[~same], 95)) if not same.all() else np.inf
+        for a, b in np.flatnonzero(np.diff(np.concatenate([[0], same, [0]]))).reshape(-1, 2):
             begin, end = at[a], at[b]
             if b - a + 1 < rows or t[end] - t[begin] < FROZEN_S:
                 continue
-            others = [_share(moving[other], held[other], begin, end) > 0.5 for other in states if other != name]
-            jumps = b < len(change) and change[b] > JUMP * usual
-            if not jumps and not (b == len(change) and np.mean(others or [False]) > 0.5):
-                continue
-            out[name][begin + 1 : end + 1] = np.nan
-            words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out there"
-            said.append(Message(f"{name} {words}", "frozen"))
+            if b == len(change):
+                others = [_moves(channels[other][begin : end + 1]) for other in states if other != name]
+                counts = np.mean(others or [False]) > 0.5
+            else:
+                counts = change[b] > JUMP * usual
+            if counts:
+                out[name] = np.where((t > t[begin]) & (t <= t[end]), np.nan, out[name])
+                words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out"
+                said.append(Message(f"{name} {words} there", "frozen"))
     return out, said
 
 
@@ -580,10 +540,12 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
     none = np.zeros(len(a), dtype=bool)
     if pair[0] == "latitude":
         none = ((a == 0) & (b == 0)) | (np.abs(a) > 90) | (np.abs(b) > 360)
+    from scipy.ndimage import median_filter
+
     known = np.flatnonzero(np.isfinite(a) & np.isfinite(b) & ~none)
     if len(known) > 20:
         for values in (a, b):
-            typical = _running_median(values[known], 9)
+            typical = median_filter(values[known], size=9, mode="nearest")
             off = np.abs(values[known] - typical)
             step = np.abs(np.diff(typical))
             usual = max(float(np.percentile(step, 95)), float(np.median(off)), 1e-12)
@@ -597,25 +559,7 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
     return {**channels, pair[0]: a, pair[1]: b}, [Message(text, "position_lost")]
 
 
-def _moves(values: np.ndarray) -> np.ndarray:
-    """(N - 1,) whether a channel changes within a few rows."""
-    changed = np.nan_to_num(np.abs(np.diff(values))) > 0
-    return np.convolve(changed, np.ones(9), "same") > 0
-
-
-def _share(moves: np.ndarray, at: np.ndarray, begin: int, end: int) -> float:
-    """The share of a channel's changes between the rows ``begin`` and ``end`` that move; at: (N,) rows that hold it."""
-    inside = moves[(at[:-1] >= begin) & (at[1:] <= end)]
-    return float(inside.mean()) if len(inside) else 0.0
-
-
-def _runs(same: np.ndarray) -> list[tuple[int, int]]:
-    """First and last row of each stretch in which neighbours are equal."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _running_median(values: np.ndarray, width: int) -> np.ndarray:
-    from scipy.ndimage import median_filter
-
-    return np.asarray(median_filter(values, size=width, mode="nearest"))
+def _moves(values: np.ndarray) -> bool:
+    """Whether a channel changes in each quarter of a stretch."""
+    parts = np.array_split(values[np.isfinite(values)], 4)
+    return all(len(part) > 1 and np.ptp(part) > 0 for part in parts)

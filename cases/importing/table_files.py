@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import itertools
 import re
 import warnings
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +32,7 @@ from cases.io.text_table import (
     cells_of,
     is_comment,
 )
+from cases.io.units import as_number
 from cases.quantities import QUANTITIES
 from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
@@ -91,7 +93,7 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
     if re.search(rf"(?<!\d)[1-9]\d{{0,2}}[,.{BLANKS}]\d{{3}}(?!\d)", sample.decode("utf-8", "replace")):
         rows = cells_of("\n".join(body), separator)
     table = [[row[i].strip() for row in rows[found.first :] if i < len(row)] for i in range(width)]
-    commas, grouped = _marks(path, found, table, separator, decimal)
+    commas, grouped = _marks(path, found, table, decimal)
     if commas:
         notices.append(Message(f"decimal commas in {len(commas)} columns", "decimal_commas"))
     if grouped:
@@ -122,7 +124,7 @@ def _from_places(path: Path) -> Iterator[bytes]:
 
 
 def _marks(
-    path: Path, found: Layout, columns: Sequence[Sequence[str]], separator: str, decimal: str
+    path: Path, found: Layout, columns: Sequence[Sequence[str]], decimal: str
 ) -> tuple[list[int], dict[int, str]]:
     """Columns with decimal commas, and those with characters between thousands: number -> the characters.
 
@@ -131,30 +133,26 @@ def _marks(
     OpenQuestion where none of these tells.
     """
     cells = [[cell for cell in column if cell] for column in columns]
-    shown = decimal or _decimal_of(cells, separator)
+    shown = decimal or _decimal_of(cells)
     grouped: dict[int, str] = {}
     decided: dict[int, bool | None] = {}
     for i, column in enumerate(cells):
         blank = any(re.search(rf"\d[{BLANKS}]\d", cell) for cell in column)
         if blank and _all(rf"[+-]?\d*([.,]\d+)?|{GROUPED.format(mark=BLANKS, decimal='.,')}", column):
             grouped[i] = BLANKS
-        for mark, other in ((",", "."), (".", ",")):
+        for mark, other in ((",", "."), *([(".", ",")] if shown == "," else [])):
             marked = [cell for cell in column if mark in cell]
-            if (
-                not marked
-                or (mark == "." and shown != ",")
-                or not _all(GROUPED.format(mark=mark, decimal=other), marked)
-            ):
+            if not marked or not _all(GROUPED.format(mark=mark, decimal=other), marked):
                 continue
             if any(cell.count(mark) > 1 or other in cell for cell in marked):
                 grouped[i] = mark
-            else:
-                decided[i] = _thousands(found.header[i], found.units[i], column, mark)
-                if decided[i] is None and shown:
-                    decided[i] = shown != mark
-                grouped |= {i: mark} if decided[i] else {}
+                continue
+            decided[i] = _thousands(found.header[i], found.units[i], column, mark)
+            if decided[i] is None and shown:
+                decided[i] = shown != mark
+            grouped |= {i: mark} if decided[i] else {}
+    others = set(decided.values()) - {None} | ({True} if "," in grouped.values() else set())
     for i in [i for i, thousands in decided.items() if thousands is None]:
-        others = set(decided.values()) - {None} | ({True} if "," in grouped.values() else set())
         if len(others) != 1:
             cell = next(cell for cell in cells[i] if "," in cell)
             whole, parts = cell.replace(",", ""), cell.replace(",", ".")
@@ -174,7 +172,7 @@ def _all(pattern: str, cells: Sequence[str]) -> bool:
     return all(re.fullmatch(pattern, cell) for cell in cells)
 
 
-def _decimal_of(columns: Sequence[Sequence[str]], separator: str) -> str:
+def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
     """The character before parts of a whole that numbers show which can have no other meaning; "" where none does."""
     count = Counter[str]()
     for column in columns:
@@ -189,8 +187,8 @@ def _decimal_of(columns: Sequence[Sequence[str]], separator: str) -> str:
 def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:
     """Whether ``mark`` is between thousands in a ``column`` of cells that may be read both ways; None where neither the
     limits of the quantity nor the run of the numbers tells."""
-    whole = np.array([_float(cell.replace(mark, "")) for cell in column])
-    parts = np.array([_float(cell.replace(mark, ".")) for cell in column])
+    whole = np.array([as_number(cell.replace(mark, "")) for cell in column])
+    parts = np.array([as_number(cell.replace(mark, ".")) for cell in column])
     own, inside = split_unit(header)
     known = QUANTITIES.get(meaning(own).quantity)
     if known is not None:
@@ -210,13 +208,6 @@ def _roughness(values: np.ndarray, change: np.ndarray) -> float:
     return float(np.median(step[change])) / max(usual, 1e-9) if change.any() else 1.0
 
 
-def _float(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return np.nan
-
-
 def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separator: str) -> Layout:
     """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells.
 
@@ -230,7 +221,8 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
             break
         lines.insert(0, [" ".join(cell.split()) for cell in row])
     above = [separator.join(row) for row in rows[:first]]
-    ship = ship_named([*commented, *above])
+    named = filter(None, (re.fullmatch(SHIP, line, re.IGNORECASE) for line in [*commented, *above]))
+    ship = next((match[1].strip(" ;,|\t\"'") for match in named), "")
     if not lines:
         return Layout(_commented_header(path, rows, first, commented, separator), [""] * width, first, [], ship)
     units = [""] * width
@@ -241,9 +233,13 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
             units = [cell.strip("[]() ") for cell in lines.pop(at)]
             break
     header = lines[-1]
-    joined = [_joined(group, cell) for group, cell in zip(_filled(lines[-2]), header, strict=True)] if lines[1:] else []
-    notices = []
-    if joined and _says_more(joined, header):
+    upper: list[str] = lines[-2] if lines[1:] else []
+    groups: Iterator[str] = itertools.accumulate(upper, lambda last, cell: cell or last)  # written where they begin
+    joined = [_joined(group, cell) for group, cell in zip(groups, header, strict=False)]
+    alone, together = ([meaning(split_unit(cell)[0]) for cell in names] for names in (header, joined))
+    gained = sum(a != b for a, b in zip(alone, together, strict=False))
+    notices: list[Message] = []
+    if gained > 1 or (gained and (len({*header} - {""}) < len(header) or any(map(is_order, joined)))):
         header = joined
         notices.append(Message("two lines of headers are read together", "two_header_lines"))
     skipped = first - 1 - bool(any(units)) - bool(notices)
@@ -252,30 +248,12 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
     return Layout(header, units, first, notices, ship)
 
 
-def _filled(groups: list[str]) -> list[str]:
-    """Names of groups of columns, each written once at its begin, for all columns."""
-    out: list[str] = []
-    for cell in groups:
-        out.append(cell or (out[-1] if out else ""))
-    return out
-
-
 def _joined(group: str, cell: str) -> str:
     """The header of a column that is ``cell`` in a ``group``: both, unless the cell alone says what it is."""
     both = f"{group} {cell}".strip()
-    own, alone = split_unit(both)[0], split_unit(cell)[0]
-    together = meaning(own)
-    if not cell or together.quantity or together.may_be or is_order(own) or not meaning(alone).quantity:
-        return both
-    return cell
-
-
-def _says_more(joined: list[str], header: list[str]) -> bool:
-    """Whether two lines together name columns that the lower one, ``header``, leaves without or with a second name, or
-    name them otherwise."""
-    names = [cell for cell in header if cell]
-    gained = sum(meaning(split_unit(a)[0]) != meaning(split_unit(b)[0]) for a, b in zip(joined, header, strict=True))
-    return gained > 0 and (len(set(names)) < len(header) or any(is_order(cell) for cell in joined) or gained > 1)
+    own = split_unit(both)[0]
+    said = meaning(own).quantity or meaning(own).may_be or is_order(own)
+    return cell if cell and not said and meaning(split_unit(cell)[0]).quantity else both
 
 
 def _commented_header(
@@ -296,15 +274,6 @@ def _commented_header(
     return [f"{NUMBERED} {i + 1}" for i in range(width)]
 
 
-def ship_named(lines: Iterable[str]) -> str:
-    """The ship, or its number, that one of the ``lines`` above a table names, as "Vessel: AURORA" does; else ""."""
-    for line in lines:
-        match = re.fullmatch(SHIP, line, re.IGNORECASE)
-        if match:
-            return match[1].strip(" ;,|\t\"'")
-    return ""
-
-
 def _separator(path: Path, lines: Sequence[str]) -> str:
     """The separator that gives most lines the same number of cells, two or more, of which most are numbers."""
     sample, best, score = lines[-min(len(lines), LOOKED_AT) :], "", 0.0
@@ -321,10 +290,8 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
         if value > score + 0.05:
             best, score = separator, value
     if not best:
-        raise BadValue(
-            f"{path}: no separator (semicolon, tab, bar, comma, blank) gives its lines equally many cells; is it a "
-            "table?"
-        )
+        tried = "semicolon, tab, bar, comma, blank"
+        raise BadValue(f"{path}: no separator ({tried}) gives its lines equally many cells; is it a table?")
     return best
 
 
@@ -345,13 +312,9 @@ def _first_data_row(path: Path, rows: list[list[str]], separator: str) -> int:
 
 def _are_units(cells: list[str]) -> bool:
     """Whether a line holds units: most cells are known ones, in brackets, or formats of times and positions."""
-    filled = [cell for cell in cells if cell]
-    known = [
-        c
-        for c in filled
-        if c.strip("[]() ").lower() in GIVEN_UNITS or re.fullmatch(rf"[\[(].*[\])]|{DATE_FORMAT}", c.lower())
-    ]
-    return bool(filled) and len(known) >= 0.7 * len(filled)
+    filled = [cell.lower() for cell in cells if cell]
+    known = [c.strip("[]() ") in GIVEN_UNITS or re.fullmatch(rf"[\[(].*[\])]|{DATE_FORMAT}", c) for c in filled]
+    return bool(filled) and sum(map(bool, known)) >= 0.7 * len(filled)
 
 
 def read_excel_tables(path: Path) -> list[RawTable]:
@@ -433,8 +396,6 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
         notices.append(
             Message(f"hidden columns ({', '.join(columns) or 'none'}) and rows ({count}) are read", "hidden")
         )
-    if since_1904:
-        notices.append(Message("days of the workbook are counted from 1904", "since_1904"))
     frame = pd.DataFrame(rows[found.first :], dtype=object)
     table = raw_table(path, name, found.header, found.units, frame, notices)
     return [replace(table, ship=found.ship, since_1904=since_1904)]

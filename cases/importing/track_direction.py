@@ -184,8 +184,8 @@ def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: Map
     return both / float(said @ said) if size > 0 and both**2 > 0.8 * size else np.nan
 
 
-EARLIEST, LATE, USUAL = 0.0, 0.10, 0.05
-"""Times by which the course of a ship may be late, and usually is, in periods of its swinging."""
+LATE, USUAL = 0.10, 0.05
+"""Times by which the course of a ship may be late, and usually is, in periods of its swinging; it is never early."""
 CHANGE = 0.10
 """Most that this time changes along a run with the speed of the ship, in periods."""
 SIGMAS, SIGMAS_DRIFT = 2.0, 4.0
@@ -232,6 +232,8 @@ def course_late(gyro: Log, other: Log) -> Late | None:
     """
     if "psi" not in gyro.columns or "psi" in gyro.unitless or "psi" in other.columns:
         return None
+    from scipy.ndimage import gaussian_filter1d
+
     first, last = max(gyro.t[0], other.t[0]), min(gyro.t[-1], other.t[-1])
     h = max(gyro.dt, other.dt, (last - first) / STEPS)
     t = np.arange(first, last, h)
@@ -241,7 +243,7 @@ def course_late(gyro: Log, other: Log) -> Late | None:
     psi = np.interp(t, gyro.t[good], np.unwrap(gyro.columns["psi"][good]))
     rate = np.gradient(psi, h)
     swing = float(np.std(psi - np.polyval(np.polyfit(t - first, psi, 1), t - first)))
-    bend = float(np.sqrt(np.mean(np.gradient(_smooth(rate, 5), h) ** 2)))
+    bend = float(np.sqrt(np.mean(np.gradient(gaussian_filter1d(rate, 5, mode="nearest"), h) ** 2)))
     if swing < LEAST_SWING or bend == 0.0:
         return None
     period = 2 * np.pi * float(np.std(rate)) / bend
@@ -254,41 +256,33 @@ def course_late(gyro: Log, other: Log) -> Late | None:
 def _fitted(t: np.ndarray, psi: np.ndarray, course: np.ndarray, period: float) -> Late | None:
     """Offset and drift by least squares of course(t) - psi(t - offset - drift (t - t_0)) - constant, from the best of
     a row of offsets. Errors are taken for independent every quarter of a period."""
-    offset, duration = _lag(t, psi, course, 0.5 * period), float(t[-1] - t[0])
-    if offset is None:
+    lags, duration, since = np.linspace(-0.5 * period, 0.5 * period, 81), float(t[-1] - t[0]), t - t[0]
+
+    def compared(late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        good = np.isfinite(course) & (t - late >= t[0]) & (t - late <= t[-1])
+        return good, (course - np.interp(t - late, t, psi))[good]
+
+    both = [compared(np.full(len(t), lag)) for lag in lags]
+    cost = [np.var(error) if good.sum() > 0.5 * len(t) else np.inf for good, error in both]
+    best = int(np.argmin(cost))
+    if not np.isfinite(cost[best]) or best in (0, len(lags) - 1):
         return None
-    drift, since, rate = 0.0, t - t[0], np.gradient(psi, t)
+    offset, drift, rate = float(lags[best]), 0.0, np.gradient(psi, t)
     for _ in range(8):
         late = offset + drift * since
-        good = np.isfinite(course) & (t - late >= t[0]) & (t - late <= t[-1])
+        good, error = compared(late)
         slope = -np.interp(t - late, t, rate)
         A = np.column_stack([np.ones(len(t)), slope, slope * since])[good]
-        error = (course - np.interp(t - late, t, psi))[good]
         step, *_ = np.linalg.lstsq(A, error, rcond=None)
         offset, drift = offset + float(step[1]), drift + float(step[2])
         if good.sum() < 0.5 * len(t) or abs(offset) > period or abs(drift) > 0.5:
             return None
-    left = error - A @ step
-    independent = duration / (period / 4)
-    scale = float(left @ left) / len(left) * len(left) / max(independent - 3, 1.0)
+    residuals = error - A @ step
+    scale = float(residuals @ residuals) / max(4 * duration / period - 3, 1.0)
     covariance = scale * np.linalg.pinv(A.T @ A)
     mean = np.array([0.0, 1.0, 0.5 * duration])
     middle_std = float(np.sqrt(max(mean @ covariance @ mean, 0.0)))
     return Late(offset, max(middle_std, 0.005 * period), drift, float(np.sqrt(max(covariance[2, 2], 0.0))), period)
-
-
-def _lag(t: np.ndarray, psi: np.ndarray, course: np.ndarray, most: float) -> float | None:
-    """The best of a row of times [s], up to ``most``, by which the course is late; None where it lies at an end."""
-    lags = np.linspace(-most, most, 81)
-    cost = np.full(len(lags), np.nan)
-    for k, lag in enumerate(lags):
-        inside = (t - lag >= t[0]) & (t - lag <= t[-1]) & np.isfinite(course)
-        if inside.sum() > 0.5 * len(t):
-            cost[k] = np.var(course[inside] - np.interp(t[inside] - lag, t, psi))
-    if not np.isfinite(cost).any():
-        return None
-    k = int(np.nanargmin(cost))
-    return None if k in (0, len(lags) - 1) else float(lags[k])
 
 
 def _course(log: Log, t: np.ndarray, width: float) -> np.ndarray | None:
@@ -296,54 +290,42 @@ def _course(log: Log, t: np.ndarray, width: float) -> np.ndarray | None:
 
     width: of the smoothing of positions, in steps.
     """
+    from scipy.ndimage import gaussian_filter1d
+
     known = {name: values for name, values in log.columns.items() if name not in log.unitless}
     if "cog" in known:
         good = np.isfinite(known["cog"])
         return np.interp(t, log.t[good], np.unwrap(known["cog"][good])) if good.sum() > 20 else None
-    for x, y in (("latitude", "longitude"), ("x", "y")):
-        if {x, y} <= set(known):
-            good = np.isfinite(known[x]) & np.isfinite(known[y])
-            if good.sum() < 20:
-                return None
-            east = np.cos(np.radians(np.median(known[x][good]))) if x == "latitude" else 1.0
-            north, east = (
-                np.interp(t, log.t[good], known[name][good] * scale) for name, scale in ((x, 1.0), (y, east))
-            )
-            velocity = (np.gradient(_smooth(part, width)) for part in (north, east))
-            return np.unwrap(np.arctan2(*reversed(tuple(velocity))))
-    return None
-
-
-def _smooth(values: np.ndarray, width: float) -> np.ndarray:
-    from scipy.ndimage import gaussian_filter1d
-
-    return np.asarray(gaussian_filter1d(values, width, mode="nearest"))
+    a, b = next((pair for pair in PAIRS if set(pair) <= set(known)), ("", ""))
+    good = np.isfinite(known[a]) & np.isfinite(known[b]) if a else np.zeros(0, bool)
+    if good.sum() < 20:
+        return None
+    narrower = np.cos(np.radians(np.median(known[a][good]))) if a == "latitude" else 1.0
+    moved = np.interp(t, log.t[good], known[a][good] + 1j * known[b][good] * narrower)
+    velocity = np.gradient(gaussian_filter1d(moved, width, mode="nearest"))
+    return np.unwrap(np.angle(velocity))
 
 
 def _problem(late: Late, duration: float, gyro: str, other: str) -> str:
     """The line on clocks that differ or drift, "" where they do not."""
     grown = late.drift * duration
-    over = abs(grown) > max(CHANGE * late.period, SIGMAS_DRIFT * late.drift_std * duration)
+    drifts = abs(grown) > max(CHANGE * late.period, SIGMAS_DRIFT * late.drift_std * duration)
     middle = late.offset + 0.5 * grown
-    early = EARLIEST * late.period - SIGMAS * late.middle_std
-    shift = 0.0
-    begin = late.offset if over else middle
-    if begin < early or begin > LATE * late.period + SIGMAS * late.middle_std:
-        shift = begin - USUAL * late.period
-    if over:
-        way = "slow" if grown > 0 else "fast"
-        more = f", clock_offset = {shift:.2g}" if shift else ""
-        return (
-            f"{gyro} and {other}: their clocks drift apart by {abs(grown):.2g} s in {duration:.0f} s, as heading and "
-            f'course show: that of {gyro} is {way}; add to the map: [files."{gyro}"] clock_drift = {late.drift:.2g}'
-            f"{more} (or clock_offset = 0.0 to keep them)"
-        )
-    if shift:
-        how = f"{-middle:.2g} s before" if middle < 0 else f"{middle:.2g} s after"
-        if abs(abs(middle) - GPS_AHEAD) < max(0.5, 0.1 * late.period):
-            how += " (GPS time is 18 s ahead of UTC)"
-        return (
-            f"{gyro} and {other}: their clocks differ: the course changes {how} the heading, which no ship does; "
-            f'add to the map: [files."{gyro}"] clock_offset = {shift:.2g} (or 0.0 to keep them)'
-        )
-    return ""
+    begin, margin = late.offset if drifts else middle, SIGMAS * late.middle_std
+    differs = begin < -margin or begin > LATE * late.period + margin
+    lines = {"clock_drift": late.drift} if drifts else {}
+    lines |= {"clock_offset": begin - USUAL * late.period} if differs else {}
+    if not lines:
+        return ""
+    if drifts:
+        words = f"drift apart by {abs(grown):.2g} s in {duration:.0f} s, as heading and course show: that of {gyro} is "
+        words += "slow" if grown > 0 else "fast"
+    else:
+        words = f"differ: the course changes {abs(middle):.2g} s {'before' if middle < 0 else 'after'}"
+        gps = abs(abs(middle) - GPS_AHEAD) < max(0.5, 0.1 * late.period)
+        words += f"{' (GPS time is 18 s ahead of UTC)' if gps else ''} the heading, which no ship does"
+    line = ", ".join(f"{key} = {value:.2g}" for key, value in lines.items())
+    return (
+        f'{gyro} and {other}: their clocks {words}; add to the map: [files."{gyro}"] {line} (or clock_offset = 0.0 to '
+        "keep them)"
+    )

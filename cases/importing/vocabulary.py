@@ -90,8 +90,7 @@ class Meaning:
 def plain_words(header: str) -> str:
     """The words of a ``header`` in lower case, without accents, with "_" between them; "shaftRPM" is "shaft_rpm"."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", header)
-    letters = unicodedata.normalize("NFKD", parted.replace("ø", "o").replace("ß", "ss").replace("Ø", "O"))
-    return re.sub(r"[^a-z0-9]+", "_", "".join(c for c in letters if not unicodedata.combining(c)).lower()).strip("_")
+    return re.sub(r"[^a-z0-9]+", "_", _without_accents(parted).lower()).strip("_")
 
 
 def meaning(header: str) -> Meaning:
@@ -131,11 +130,11 @@ def is_order(header: str) -> bool:
 
 def _without_unit(words: str) -> tuple[str, str]:
     """Words without a unit at their end, and the unit."""
-    for ending in sorted(ENDINGS, key=len, reverse=True):
-        if words.endswith(f"_{ending}") and len(words) > len(ending) + 1:
-            kept = words[: -len(ending) - 1]
-            return (words if ending in ("rpm", "rps") else kept), ENDINGS[ending]
-    return words, ""
+    endings = [ending for ending in ENDINGS if words.endswith(f"_{ending}") and len(words) > len(ending) + 1]
+    ending = max(endings, key=len, default="")
+    if not ending:
+        return words, ""
+    return (words if ending in ("rpm", "rps") else words[: -len(ending) - 1]), ENDINGS[ending]
 
 
 def _of_side(quantity: str, side: str) -> str:
@@ -161,6 +160,11 @@ def known_units(name: str) -> dict[str, float]:
 
 def factor(name: str, unit: str) -> float | None:
     """Factor from ``unit`` as written to that of the quantity ``name``, or None for one that does not belong to it."""
-    plain = unicodedata.normalize("NFKD", unit.strip().lower().replace("œ", "oe"))
-    plain = "".join(c for c in plain if not unicodedata.combining(c))
-    return factor_of(quantity(name).unit, FOREIGN.get(plain, FOREIGN.get(unit.strip().lower(), unit)))
+    own, written = quantity(name).unit, unit.strip().lower()
+    return factor_of(own, FOREIGN.get(_without_accents(written), FOREIGN.get(written, unit)))
+
+
+def _without_accents(text: str) -> str:
+    for letter, plain in (("ø", "o"), ("ß", "ss"), ("Ø", "O"), ("œ", "oe")):
+        text = text.replace(letter, plain)
+    return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))

@@ -103,12 +103,9 @@ def sidecar_text(found: Imported, chosen: ImportMap, folder: Path) -> str:
 
 def _entry(run: ImportedRun) -> dict[str, Any]:
     """What the sidecar says of a ``run``."""
-    known = {
-        "day": run.day,
-        "std": {name: float(f"{value:.3g}") for name, value in run.std.items()},
-        "derived": {name: list(parts) for name, parts in run.ancestors.items()},
-    }
-    return {key: value for key, value in known.items() if value}
+    std = {name: float(f"{value:.3g}") for name, value in run.std.items()}
+    derived = {name: list(parts) for name, parts in run.ancestors.items()}
+    return {key: value for key, value in {"day": run.day, "std": std, "derived": derived}.items() if value}
 
 
 MARK = "mmg import"

@@ -87,7 +87,9 @@ def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
         problem = "is not in the file" if not hits else "fits several columns"
-        raise Missing(f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {_listed(header)}")
+        raise Missing(
+            f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {', '.join(header[:MOST_SHOWN])}"
+        )
     return hits[0]
 
 
@@ -125,11 +127,6 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
         units = f"{missing[0]} [{accepted(missing[0])[0]}]"
         line = f'columns = {{ {missing[0]} = "HEADER" }}'
         raise Missing(
-            f"{path}: missing column {', '.join(missing)}; found: {_listed(header)}. Name it '{units}', "
+            f"{path}: missing column {', '.join(missing)}; found: {', '.join(header[:MOST_SHOWN])}. Name it '{units}', "
             f"or map it: add to {line_for(path, '', line)}"
         )
-
-
-def _listed(header: list[str]) -> str:
-    """The cells of a header, of a long one the first."""
-    return ", ".join(header[:MOST_SHOWN]) + (f" and {len(header) - MOST_SHOWN} more" * (len(header) > MOST_SHOWN))

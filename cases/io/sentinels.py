@@ -36,10 +36,7 @@ def without_sentinels(
     further: Sequence[float],
     notices: list[Message],
 ) -> dict[str, np.ndarray]:
-    """``columns``, name -> (N,), in which what stands for no value is missing; each adds one of the ``notices``.
-
-    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
-    """
+    """As ``masked`` of ``columns`` (N,), ``wanted`` and ``further``; each number adds one of the ``notices``."""
     out, counts = masked(columns, wanted, further)
     notices += remarks(counts)
     return out
@@ -50,7 +47,7 @@ def masked(
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
     """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did.
 
-    wanted, further: as of ``without_sentinels``.
+    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
     """
     out, counts = dict(columns), Counter[tuple[str, float]]()
     for name, values in columns.items():
@@ -75,26 +72,18 @@ def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[floa
     further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
     and back, and never where most rows hold it.
     """
-    out = {}
-    finite = np.isfinite(values)
-    present = values[finite]
-    known = np.unique(values[np.isin(values, WELL_KNOWN)]).tolist()
-    for number in dict.fromkeys([*further, *known]):
-        rows = values == number
-        if number in further:
-            if rows.any():
-                out[float(number)] = rows
-            continue
-        here = rows[finite]
+    out = {float(number): values == number for number in further if (values == number).any()}
+    present = values[np.isfinite(values)]
+    for number in np.setdiff1d(values[np.isin(values, WELL_KNOWN)], further).tolist():
+        here = present == number
         rest = present[~here]
         if len(rest) < max(10, 0.5 * len(present)):
             continue
-        changes = np.abs(np.diff(rest))
-        usual = max(float(np.quantile(changes, LARGER)), 1e-9 * abs(number))
+        usual = max(float(np.quantile(np.abs(np.diff(rest)), LARGER)), 1e-9 * abs(number))
         edges = np.flatnonzero(np.diff(here.astype(int)))
         off = np.abs(np.where(here[edges], present[edges + 1], present[edges]) - number)
         if len(off) and float(np.median(off)) > JUMP * usual:
-            out[float(number)] = rows
+            out[float(number)] = values == number
     return out
 
 

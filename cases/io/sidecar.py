@@ -49,6 +49,8 @@ from mmg.messages import Message
 from mmg.states import STATES
 
 NAME = "trials.toml"
+TABLES = ("columns", "units", "sign", "lag", "std", "derived")
+"""Keys whose tables of a file are merged into those of the default."""
 
 
 def _canonical(column: str) -> str:
@@ -57,16 +59,16 @@ def _canonical(column: str) -> str:
     return column
 
 
-Column = Annotated[str, AfterValidator(_canonical)]
-
-
 def _state(column: str) -> str:
     if column not in STATES:
         raise ValueError(f"'{column}' is no state ({', '.join(STATES)})")
     return column
 
 
-State = Annotated[str, AfterValidator(_state)]
+def _late(column: str) -> str:
+    if _canonical(column) == "t":
+        raise ValueError("lag.t: the clock cannot be late against itself; name the columns that are late")
+    return column
 
 
 def _iso(day: Any) -> str:
@@ -76,28 +78,8 @@ def _iso(day: Any) -> str:
         raise ValueError(f"{day!r} is not a day; write it as 2026-11-22") from None
 
 
-Day = Annotated[str, BeforeValidator(_iso)]
-
-
 def _campaign(name: str) -> str:
-    if re.fullmatch(r"\d{4}-\d{1,2}-\d{1,2}", name):
-        try:
-            date.fromisoformat(name)
-        except ValueError:
-            raise ValueError(f"campaign = {name!r} is no day of the calendar; write it as 2026-11-22") from None
-    return name
-
-
-Campaign = Annotated[Name, AfterValidator(_campaign)]
-
-
-def _late(column: str) -> str:
-    if _canonical(column) == "t":
-        raise ValueError("lag.t: the clock cannot be late against itself; name the columns that are late")
-    return column
-
-
-Late = Annotated[str, AfterValidator(_late)]
+    return _iso(name) if re.fullmatch(r"\d{4}-\d{1,2}-\d{1,2}", name) else name
 
 
 def _span(span: list[float]) -> list[float]:
@@ -106,6 +88,11 @@ def _span(span: list[float]) -> list[float]:
     return span
 
 
+Column = Annotated[str, AfterValidator(_canonical)]
+State = Annotated[str, AfterValidator(_state)]
+Late = Annotated[str, AfterValidator(_late)]
+Day = Annotated[str, BeforeValidator(_iso)]
+Campaign = Annotated[Name, AfterValidator(_campaign)]
 Span = Annotated[list[float], AfterValidator(_span)]
 
 
@@ -128,12 +115,8 @@ class ReferencePoint(Section):
 class SidecarEntry(Section):
     """What is known of one trial file beside its header; the defaults are the conventions of this product.
 
-    columns: canonical name -> header in the file. units: canonical name -> unit. sign: canonical name -> +1 or -1.
-    heading_from: where psi is counted from. lag: canonical name -> how late the column is [s]. inputs: whether
-    actuators are held from sample to sample, or logged as they are at each. derived: canonical name -> what it was
-    derived from, nothing for what was assumed. sentinels: numbers of the file that stand
-    for no value, None for those that are well known.
-    exclude: begin and end [s] of stretches that are left out; [] keeps every row, None leaves it to the checks.
+    Its keys are those of the module's text; sentinels: None for numbers that are well known; exclude: None leaves it to
+    the checks.
     """
 
     columns: dict[Column, str] = Field(default_factory=dict)
@@ -196,11 +179,7 @@ class Sidecar(Section):
         own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
         for key, value in own.model_dump(exclude_unset=True).items():
-            values[key] = (
-                {**values.get(key, {}), **value}
-                if key in ("columns", "units", "sign", "lag", "std", "derived")
-                else value
-            )
+            values[key] = {**values.get(key, {}), **value} if key in TABLES else value
         return SidecarEntry(**values)
 
 

@@ -178,9 +178,9 @@ class TextTable:
 
     def notices(self) -> list[Message]:
         """What was left out."""
-        words = {"comment_lines": f"lines of comment, left out: {self.comments}" if self.comments else "",
-                 "last_line_cut": "the last line is cut off and left out" if self.cut else ""}  # fmt: skip
-        return [Message(text, code) for code, text in words.items() if text]
+        comments = Message(f"lines of comment, left out: {self.comments}", "comment_lines")
+        cut = Message("the last line is cut off and left out", "last_line_cut")
+        return [comments] * bool(self.comments) + [cut] * self.cut
 
     def _parsed(self, block: bytes, wanted: Collection[int]) -> tuple[Any, int]:
         """The table of the cells of a ``block``, and how many of its rows have another number of cells."""

@@ -39,31 +39,6 @@ def implausible(columns: Mapping[str, np.ndarray]) -> str:
     return next(filter(None, (test(columns) for test in tests)), "")
 
 
-def _revolutions(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """Revolutions that no propeller of a ship or a model has."""
-    n = np.abs(columns[name])
-    if np.isfinite(n).any() and (typical := float(np.nanpercentile(n, 75))) > REVOLUTIONS_LIMIT:
-        words = f"{name} is {typical:.4g} rps a quarter of the time: are these rpm labelled rps?"
-        return f"{words} (label the column '{name} [rpm]')"
-    return ""
-
-
-def _angle(columns: Mapping[str, np.ndarray], name: str) -> str:
-    """The sentence about the rudder or wind direction ``name``."""
-    size = np.abs(columns[name])
-    if not np.isfinite(size).any():
-        return ""
-    if name in RUDDERS and (largest := float(np.nanmax(size))) > RUDDER_LIMIT:
-        return (
-            f"{name} reaches {largest:.4g} rad = {largest / DEG:.0f} deg, more than any rudder: "
-            f"are these degrees labelled rad? (label the column '{name} [deg]')"
-        )
-    typical = float(np.nanpercentile(size, 90))
-    if name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name):
-        return f"{name} reaches {typical:.4g} rad: are these degrees labelled rad? (label the column '{name} [deg]')"
-    return ""
-
-
 def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
     """Whether the wind over ground is steadier where the direction ``name`` holds radians, which may go on beyond a
     turn as the ship turns, than where it holds degrees."""
@@ -89,35 +64,24 @@ def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
 
 
 def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
-    """Change of heading over some seconds against the integral of r over the same seconds."""
+    """Change of heading over some seconds against the integral of r over the same seconds, of either sign."""
     t, psi, r = columns["t"], columns["psi"], columns["r"]
     good = np.isfinite(psi) & np.isfinite(r)
-    t, psi, r = t[good], psi[good], r[good]
-    if len(t) < 20:
-        return ""
-    turned = integral(t, r)
-    lags = (max(1, min(lag, len(t) // 10)) for lag in (20, 50, 100))
-    return next(filter(None, (_compare_over(lag, t, psi, turned) for lag in lags)), "")
-
-
-def _compare_over(lag: int, t: np.ndarray, psi: np.ndarray, turned: np.ndarray) -> str:
-    """The sentence about psi against the integral of r, (N,) both, over so many samples; "" if they agree."""
-    usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
-    turn = (turned[lag:] - turned[:-lag])[usable]
-
-    def change(unit: float) -> np.ndarray:
-        heading = np.unwrap(psi * unit)
-        return (heading[lag:] - heading[:-lag])[usable]
-
-    if _misfit(change(1.0), turn) < 0.9:
-        return ""
-    misfit = {units: _misfit(change(units[0]), turn * units[1]) for units in _CAUSES}
-    best = min(misfit, key=lambda units: misfit[units])
-    if misfit[best] > 0.4:
-        return ""
-    size = float(np.median(np.abs(psi[lag:] - psi[:-lag])[usable]))
-    ratio = size / max(float(np.median(np.abs(turn))), 1e-12)
-    return f"{_CAUSES[best]}: psi changes by {ratio:.3g} x the integral of r; correct the unit"
+    t, psi, turned = t[good], psi[good], integral(t[good], r[good])
+    for lag in (20, 50, 100) if len(t) >= 20 else ():
+        lag = max(1, min(lag, len(t) // 10))
+        usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
+        turn, misfit = (turned[lag:] - turned[:-lag])[usable], {}
+        for units in ((1.0, 1.0), *_CAUSES):
+            heading, other = np.unwrap(psi * units[0]), turn * units[1]
+            change = (heading[lag:] - heading[:-lag])[usable]
+            size = math.sqrt(float(np.mean(change**2) + np.mean(other**2)))
+            rms = min(math.sqrt(float(np.mean(error**2))) for error in (change - other, change + other))
+            misfit[units] = rms / size if size > 1e-9 else 0.0
+        best = min(misfit, key=lambda units: misfit[units])
+        if misfit[1.0, 1.0] >= 0.9 and misfit[best] <= 0.4:
+            return f"{_CAUSES[best]}; correct the unit"
+    return ""
 
 
 def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
@@ -153,17 +117,23 @@ def _spin(columns: Mapping[str, np.ndarray]) -> str:
     return ""
 
 
-def _misfit(change: np.ndarray, turn: np.ndarray) -> float:
-    """RMS of the difference over the RMS of both together, the better of the two signs; 0 at rest."""
-    size = math.sqrt(float(np.mean(change**2) + np.mean(turn**2)))
-    if size < 1e-9:
-        return 0.0
-    return min(math.sqrt(float(np.mean(error**2))) for error in (change - turn, change + turn)) / size
-
-
 def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
     allows; columns: as ``implausible`` takes them."""
-    known = [name for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS) if name in columns]
-    tests = {name: (_revolutions, 1 / 60) if name in ("n", "n_2") else (_angle, DEG) for name in known}
-    return [(name, factor, words) for name, (test, factor) in tests.items() if (words := test(columns, name))]
+    found = []
+    for name in (name for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS) if name in columns):
+        size = np.abs(columns[name])
+        if not np.isfinite(size).any():
+            continue
+        largest, typical = float(np.nanmax(size)), float(np.nanpercentile(size, 90))
+        if name in ("n", "n_2"):
+            usual = float(np.nanpercentile(size, 75))
+            if usual > REVOLUTIONS_LIMIT:
+                words = f"{name} is {usual:.4g} rps a quarter of the time: are these rpm labelled rps?"
+                found.append((name, 1 / 60, f"{words} (label the column '{name} [rpm]')"))
+        elif (name in RUDDERS and largest > RUDDER_LIMIT) or (
+            name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name)
+        ):
+            words = f"{name} reaches {largest:.4g} rad: are these degrees labelled rad?"
+            found.append((name, DEG, f"{words} (label the column '{name} [deg]')"))
+    return found

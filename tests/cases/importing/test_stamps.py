@@ -83,10 +83,7 @@ def test_directions_of_the_same_time_on_both_sides_of_north_have_a_mean_there(tm
     assert np.cos(values).min() > np.cos(np.radians(1.01)) and values[50] == pytest.approx(0.0, abs=1e-6)
 
 
-ZONES = {
-    "Z, then none": ("+00:00", ""),
-    "none, then +09:00": ("", "+09:00"),
-}
+ZONES = {"Z, then none": ("+00:00", ""), "none, then +09:00": ("", "+09:00")}
 
 
 @pytest.mark.parametrize("zones", list(ZONES))

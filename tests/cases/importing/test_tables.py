@@ -38,6 +38,10 @@ def after(log: Log, header: str, **more: object) -> Log:
     return out
 
 
+def without(log: Log, *headers: str) -> Log:
+    return {name: values for name, values in log.items() if name not in headers}
+
+
 def lost(log: Log, *headers: str) -> Log:
     """The ``log`` with zeros in the LOST rows."""
     return {**log, **{h: np.where(LOST, 0.0, np.asarray(log[h], dtype=float)) for h in headers}}
@@ -76,7 +80,7 @@ def degrees_and_minutes(log: Log) -> Log:
 
 READ: dict[str, Callable[[Log], Log]] = {
     "clock of seconds of the week": lambda log: {
-        "GPS TOW": np.round((604710 + T) % 604800, 3), **{k: v for k, v in log.items() if k != "Time"}},
+        "GPS TOW": np.round((604710 + T) % 604800, 3), **without(log, "Time")},
     "clock set back an hour": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", -3600)},
     "clock set on an hour": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", 3600)},
     "1024 weeks": lambda log: {**log, "Time": times("%Y-%m-%dT%H:%M:%S.%f", -1024 * 604800)},
@@ -88,10 +92,10 @@ READ: dict[str, Callable[[Log], Log]] = {
     "names of months": lambda log: {**log, "Time": times("%d-%b-%Y %H:%M:%S.%f")},
     "parts": lambda log: {
         "Year": [2026] * N, "Month": [5] * N, "Day": [4] * N, "Hour": [9] * N, "Minute": (30 + T // 60).astype(int),
-        "Second": T % 60, **{k: v for k, v in log.items() if k != "Time"}},
+        "Second": T % 60, **without(log, "Time")},
     "nanoseconds beside": lambda log: {
         "secs": (1777886000 + T // 1).astype(int), "nsecs": (T % 1 * 1e9).astype(int),
-        **{k: v for k, v in log.items() if k != "Time"}},
+        **without(log, "Time")},
     "nanoseconds without zeros": lambda log: {
         **log, "Time": [f"{1777886000 + int(t)}.{round((t + 0.003) % 1 * 1e9)}" for t in T]},
     "days of MATLAB": lambda log: {**log, "Time": [f"{739740.4 + t / 86400:.10f}" for t in T]},
@@ -108,7 +112,7 @@ READ: dict[str, Callable[[Log], Log]] = {
         **lost(log, "Latitude", "Longitude", "SOG [kn]"), "GPS quality": np.where(LOST, 0, 4)},
     "reference": lambda log: after(log, "Heading [deg]", Ref=["T"] * N),
     "variation": lambda log: {
-        **{k: v for k, v in log.items() if k != "Heading [deg]"}, "Variation [deg]": [-7.5] * N,
+        **without(log, "Heading [deg]"), "Variation [deg]": [-7.5] * N,
         "HDG (M)": np.asarray(log["Heading [deg]"]) + 7.5},
     "orders beside": lambda log: {**log, "Rudder order [deg]": [20.0] * N, "Target heading [deg]": [90.0] * N},
     "the same twice": lambda log: {**log, "SOG [m/s]": np.asarray(log["SOG [kn]"]) * 1852 / 3600},
@@ -172,6 +176,18 @@ def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
         assert len(import_logs([path], answers(path)[0]).problems) <= 1
     found = import_logs([table(tmp_path / "a.csv", {**log, "CPP pitch [deg]": np.linspace(20, -20, len(ordered))})])
     assert not found.problems  # blades that turn need no sign
+    log["Heading [deg]"] = (np.asarray(log["Heading [deg]"]) + 180) % 360
+    found = import_logs([table(tmp_path / "a.csv", without(log, "SOG [kn]", "COG [deg]"))])
+    assert not found.problems  # of a wrong heading she goes astern all the time
+
+
+def test_a_stamp_after_the_year_9999_is_one_line(tmp_path: Path) -> None:
+    import pandas as pd
+
+    log = {**bridge(TRUTH), "Time": np.datetime64("2026-05-04", "us") + (1e6 * T).astype("timedelta64[us]")}
+    log["Time"][100:] += np.timedelta64(10000 * 365, "D")
+    pd.DataFrame(log).to_parquet(tmp_path / "a.parquet")
+    assert len(import_logs([tmp_path / "a.parquet"]).problems) == 1
 
 
 @pytest.mark.parametrize(

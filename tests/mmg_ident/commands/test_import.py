@@ -65,7 +65,7 @@ def test_the_antenna_is_asked_for_and_the_map_repeats_it(tmp_path: Path) -> None
     pytest.importorskip("pyproj", reason="needs the extra import")
     raw_logs.table(tmp_path / "a.csv", raw_logs.bridge(raw_logs.run()))
     code, shown, left = talk(["import", "a.csv", "--out", "one"], ["forward", "2.5, 0"], tmp_path)
-    assert code == 0 and left == [] and "'forward' is none of them" in shown, shown
+    assert code == 0 and left == [] and shown.count("'forward'") == 1, shown
     assert "reference_point" in (tmp_path / "one" / "import.toml").read_text()
     code, shown, left = talk(["import", "a.csv", "--map", "one/import.toml", "--out", "two"], ["unknown"], tmp_path)
     assert code == 0 and left == ["unknown"] and same_folders(tmp_path / "one", tmp_path / "two")
