@@ -16,6 +16,7 @@ from diagnosis.hypotheses.refit import followed_without, gained, refit, robust_p
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
+from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
@@ -37,8 +38,9 @@ parameters too much (of 102 weak effects 80 % come first, by BIC 72)."""
 FURTHER, FURTHER_LEVEL = 5.0, 0.01
 """Minimum gain in BIC of every effect after the first, and largest probability of it by chance. Where the first differs
 somewhat from its model in the library, small further effects seem to help."""
-NEUTRAL = 0.05
-"""Probability of an effect by its own standard errors above which it counts as neutral."""
+NEUTRAL, AGREE = 0.05, 0.05
+"""Probability of an effect by its own standard errors above which it counts as neutral, and largest probability, by the
+agreement of the runs, with which it is named."""
 MOST = 3
 """Effects named at the most."""
 MAX_FITS = 12
@@ -252,7 +254,7 @@ def select_effects(
         searches.append(s)
         if s.best is None or not s.significant:
             break
-        if named and not _is_further(s.best):
+        if named and (not _is_further(s.best) or _doubtful(problem, s.best)):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -271,6 +273,14 @@ def select_effects(
 def _is_further(best: RefittedEffect) -> bool:
     """Whether the ``best`` effect is enough more than chance to be named beside others."""
     return best.bic_of_both > FURTHER and best.p_both < FURTHER_LEVEL
+
+
+def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:
+    """Whether the runs do not agree on the ``best`` effect, or unnamed forms explain more than it does."""
+    if robust_p(problem.steps, problem.data, best.fit, best.candidate) > AGREE:
+        return True
+    left = unnamed_forms(problem.steps, problem.data, best.fit)
+    return left.log_bayes - problem.expected_unnamed > max(left.limit, best.gain)
 
 
 def pruned(

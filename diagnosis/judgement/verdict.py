@@ -11,15 +11,13 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.forward_selection import AGREE, Selection
 from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, SHOWN
 from diagnosis.hypotheses.unnamed import UnnamedForms
 from diagnosis.prepare import Prepared
 from mmg.messages import Message
 from mmg.states import STATES
 
-AGREE = 0.05
-"""Largest probability of an effect, by the agreement of the runs, with which it is named."""
 CONFIRMING_REDUCTION = 0.1
 """Reduction of the test error, with a 90 % interval above zero, that confirms a name whatever is left unexplained."""
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05

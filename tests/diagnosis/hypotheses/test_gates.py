@@ -18,6 +18,7 @@ from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import (
+    AGREE,
     IMMATERIAL,
     NEUTRAL,
     RefittedEffect,
@@ -30,7 +31,6 @@ from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, 
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.second_sample import CERTAIN
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from diagnosis.judgement.verdict import AGREE
 from tests.support.diagnosis_cases import full_steps, problem_of, pushed_by, pushed_trials, short_data
 
 H = 1.0

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from diagnosis.estimation.map_estimate import estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.hypotheses.forward_selection import (
+    AGREE,
     LEVEL,
     SAME_CLASS,
     RefittedEffect,
@@ -21,7 +22,6 @@ from diagnosis.hypotheses.forward_selection import (
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
 from diagnosis.judgement.verdict import (
-    AGREE,
     decide,
 )
 from tests.support.diagnosis_answers import LIMIT, a_fit, made_up, tried

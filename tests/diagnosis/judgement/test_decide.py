@@ -10,10 +10,9 @@ import pytest
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import Search, Selection
+from diagnosis.hypotheses.forward_selection import AGREE, Search, Selection
 from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, FoundAgain
 from diagnosis.judgement.verdict import (
-    AGREE,
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,
