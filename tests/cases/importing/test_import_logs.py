@@ -149,7 +149,7 @@ def test_an_unknown_antenna_is_said_with_the_line_that_answers_it_and_widens_the
         answered = imported(log, validated(ImportMap, map_, "map"))
         assert not answered.questions and has_code(answered.runs[0].notices, "reference_point_unknown")
     assert answered.runs[0].std["v"] == pytest.approx(7 / 3 * lever, rel=1e-3)
-    for wrong in ("unknwon", {"x": "12"}, {"x": 1.0, "z": 2.0}, [1.0]):
+    for wrong in ("unknown_one", {"x": "12"}, {"x": 1.0, "z": 2.0}, [1.0]):
         with pytest.raises(UserError, match="reference_point"):
             validated(ImportMap, {"reference_point": wrong}, "map")
 
