@@ -247,7 +247,7 @@ OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
 
 COST = 8.0
-"""Nats by which wind is likelier to turn with the ship."""
+"""Nats by which another reading of the wind is likelier."""
 
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground",
@@ -340,23 +340,26 @@ def sternway(trial: Trial) -> list[Found]:
 
 
 def turning_wind(trial: Trial) -> list[Found]:
-    """A doubt where the true wind of ``trial`` turns with the ship."""
+    """A doubt where the true wind of ``trial`` is steadier in another reading than as it is, as the ship turns."""
     if not trial.has_wind:
         return []
-    air = (trial.wind_vector @ [1.0, 1j]) * np.exp(-1j * trial["psi"])
-    known = np.isfinite(air)
+    air, turn = trial.wind_vector @ [1.0, 1j], np.exp(1j * trial["psi"])
+    readings = {
+        "": air,
+        "its direction is counted from the bow": air * turn,
+        "it is the apparent wind": air * turn + (trial["u"] + 1j * trial["v"]) * turn,
+        "it turns with the ship: its direction, or the angle of the apparent wind it was derived from, has another "
+        "sign or zero": air * turn.conj(),
+    }
+    known = np.isfinite(list(readings.values())).all(axis=0)
     if known.sum() < 10 * PIECES:
         return []
-    body, turn = air[known], np.exp(1j * trial["psi"][known])
-    fixed, turning = (float(np.mean(np.abs(w - w.mean()) ** 2)) for w in (body * turn, body))
-    nats = PIECES * math.log((fixed + 1e-12) / (turning + 1e-12))
-    if nats < COST or turning > 0.5 * fixed:
+    spread = {words: float(np.var(w[known])) + 1e-12 for words, w in readings.items()}
+    words = min(spread, key=lambda words: spread[words])
+    nats = PIECES * math.log(spread[""] / spread[words])
+    if nats < COST or spread[words] > 0.5 * spread[""]:
         return []
-    text = (
-        "The true wind turns with the ship: its direction is counted from the bow, or the angle of the apparent "
-        f"wind it was derived from has another sign or zero (log odds {nats:.0f})"
-    )
-    return [(DOUBTFUL, "wind_direction", text)]
+    return [(DOUBTFUL, "wind_direction", f"The true wind would be steadier if {words} (log odds {nats:.0f})")]
 
 
 ENOUGH = 20.0
