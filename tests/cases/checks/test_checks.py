@@ -290,3 +290,17 @@ def test_rows_that_are_never_whole_have_no_sigma():
         warnings.simplefilter("error")
         with pytest.raises(TooFewData):
             pooled_sigma([Trial("gaps", columns)])
+
+
+@pytest.mark.parametrize("reading", ["as it is", "from the bow", "apparent", "turned twice"])
+def test_a_true_wind_that_is_steadier_in_another_reading_is_doubted(reading: str) -> None:
+    trial = simulate("esso_osaka_3m", "turning:35", dt=0.5)
+    psi, body = trial["psi"], trial["u"] + 1j * trial["v"]
+    air = -0.5 * np.exp(1j * (0.3 + 0.05 * np.random.default_rng(1).standard_normal(len(psi))))
+    told = {
+        "as it is": air, "from the bow": air * np.exp(-1j * psi), "apparent": air * np.exp(-1j * psi) - body,
+        "turned twice": air * np.exp(1j * psi),
+    }[reading]  # fmt: skip
+    windy = trial.with_columns(wind_speed=np.abs(told), wind_direction=np.angle(-told) % (2 * np.pi))
+    doubts = {f.code for f in check([windy])[0].findings if f.level == "doubtful"}
+    assert ("wind_direction" in doubts) is (reading != "as it is")
