@@ -246,8 +246,8 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     more = {"u": "u (or positions, or speed and course over ground)", "v": "v (likewise)", "r": "r (or heading)"}
     unsure = {header: what for log in logs for header, what in log.unsure.items()}
     unknown = [header for log in logs for header in log.unknown]
-    accounts = [a for log in logs for a in log.table.accounts if not a.used_as and a.why != NOT_READ]
-    left_out = [str(a) for a in accounts if a.what not in unsure]
+    accounts = [a for log in logs for a in log.accounts if not a.used_as and a.why != NOT_READ]
+    left_out = [str(a) for a in accounts if a.what not in {*unsure, *unknown}]
     header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
     parts = [
         f"{where}: missing {', '.join(more.get(m, m) for m in missing)}",
