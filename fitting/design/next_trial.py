@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.group_sums import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments, cut
-from mmg.errors import UserError
+from mmg.errors import NoSolution, UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -75,9 +76,10 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
     options = [Option(name, name) for name in MANEUVERS]
     options += [Option(f"{name} at half speed", name, speed=full / 2) for name in MANEUVERS if name != "acceleration"]
     if "n" in ship.actuators and "pitch" not in ship.actuators:
-        n = parse_maneuver("straight", ship).n
         going_astern = ("straight", "turning:35", "turning:-35")
-        options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
+        with suppress(NoSolution):  # a fitted polynomial may hold no steady speed
+            n = parse_maneuver("straight", ship).n
+            options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
     if wind and ship.feels_wind:
         speed = WIND_SPEED * time_scale(ship.particulars["L"])
         air = Wind(speed, math.radians(WIND_FROM))
