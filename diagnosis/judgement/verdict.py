@@ -23,6 +23,9 @@ CONFIRMING_REDUCTION = 0.1
 UNEXPLAINED_RATIO, STRICT_RATIO = 0.25, 0.05
 """Unexplained-to-explained ratio of log likelihood above which test trials must confirm a name; and where their longer
 predictions become worse. Where test trials show no gain beyond chance at all, nothing may be left unexplained."""
+BESIDE_INSTRUMENT_FAULT = (5.0, 0.1)
+"""Log Bayes factor, and share of what the name explains, that may be left unexplained beside a fault of one instrument
+alone. A constant error of v, for example, is nearly one of the heading alone."""
 SMALL_GROWTH, NOTED_GROWTH, LARGE_GROWTH = 0.02, 0.05, 0.15
 """Growth of the test error that is accepted; that contradicts a name unless one-step predictions surely improve; and
 even if they do."""
@@ -53,7 +56,9 @@ def decide(
     if held is not None and contradicts(found, held):
         reason = f"{_names(found.effects)} fits the training trials but does not predict the test trials better"
     else:
-        reason = "" if held is not None and confirms(held) else _doubt(found, after, limit, held)
+        reason = _inexact(found, after)
+    if not reason and not (held is not None and confirms(held)):
+        reason = _doubt(found, after, limit, held)
     if not reason:
         return "named", []
     first = found.searches[0].best if found.searches else None
@@ -138,6 +143,15 @@ def _doubt(found: Selection, after: float, limit: float, held: HeldOut | None) -
     again = {r.candidate for r in best if r.by_others.p_value < SHOWN}  # other trials agree on it
     apart = [f"{c.label} (p = {p:.2g})" for c, p in found.robust.items() if p > AGREE and c not in again]
     return f"the runs do not agree on {' and '.join(apart)}" if apart else ""
+
+
+def _inexact(found: Selection, after: float) -> str:
+    """Whether too much is left beside a fault of one instrument alone, which would be exact; in words, or nothing."""
+    forms = [c for c in found.effects if c.form]
+    gain, part = _explained(found)
+    if not forms or after <= max(BESIDE_INSTRUMENT_FAULT[0], BESIDE_INSTRUMENT_FAULT[1] * gain):
+        return ""
+    return f"{_names(forms)} {part}, but such a fault leaves little over, and here much is left ({after:.0f})"
 
 
 def _at_bound(found: Selection) -> str:
