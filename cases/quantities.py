@@ -24,10 +24,12 @@ class Quantity:
     name: canonical; unit: in a Trial, or of a raw log once it is read; canonical: whether trial files hold it, or only
     raw logs; period: in ``unit``, after which its values begin anew, 0 of what is no direction; compass: whether it is
     counted from north, so that it turns with the whole record; mirror: its sign in the record that port and starboard
-    exchange; partner: the one of the other side, which it then becomes, or itself; between: how it runs from sample to
-    sample, along a line or held; limits: within which it is on any ship or model, in ``unit``; headers: regular
-    expression of the words, in lower case with "_" between them, by which logs call it; valid: likewise of the column
-    that says whether it holds.
+    exchange; partner: the one of the other side, which it then becomes, or itself; limits: within which it is on any
+    ship or model, in ``unit``; headers: regular expression of the words, in lower case with "_" between them, by which
+    logs call it; valid: likewise of the column that says whether it holds.
+
+    Between samples all run along lines, directions the short way round; whether actuators are held instead is said by
+    ``inputs`` of the sidecar.
     """
 
     name: str
@@ -37,7 +39,6 @@ class Quantity:
     compass: bool = False
     mirror: Literal[1, -1] = 1
     partner: str = ""
-    between: Literal["line", "held"] = "line"
     limits: tuple[float, float] = (-math.inf, math.inf)
     headers: str = ""
     valid: str = ""
@@ -61,8 +62,8 @@ _FIX = r"(gps|gnss|fix|position|nav)?_?(fix|quality|qual|status|mode|valid|valid
 _direction = partial(Quantity, unit="rad", period=TURN, mirror=-1)
 _speed = partial(Quantity, unit="m/s", limits=(-SPEED_LIMIT, SPEED_LIMIT))
 _amount = partial(Quantity, unit="m/s", limits=(0.0, SPEED_LIMIT))
-_rudder = partial(Quantity, unit="rad", mirror=-1, between="held", limits=(-RUDDER_LIMIT, RUDDER_LIMIT))
-_shaft = partial(Quantity, unit="rps", between="held", limits=(-REVOLUTIONS_LIMIT, REVOLUTIONS_LIMIT))
+_rudder = partial(Quantity, unit="rad", mirror=-1, limits=(-RUDDER_LIMIT, RUDDER_LIMIT))
+_shaft = partial(Quantity, unit="rps", limits=(-REVOLUTIONS_LIMIT, REVOLUTIONS_LIMIT))
 _REVS = "rpm|rps|revs|revolutions"
 _REL = "apparent|relative|rel|app"
 
@@ -109,7 +110,7 @@ _ROWS = (
     _rudder("delta_starboard", partner="delta_port"),
     _shaft("n_bow", mirror=-1, headers="bow_thruster(_rpm|_speed)?"),
     _shaft("n_stern", mirror=-1, headers="stern_thruster(_rpm|_speed)?"),
-    Quantity("pitch", "rad", between="held", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
+    Quantity("pitch", "rad", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
     _shaft(
         "n_azimuth", partner="n_azimuth_2",
         headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)",
@@ -117,13 +118,13 @@ _ROWS = (
     Quantity("phi", "rad", mirror=-1),
     Quantity("p", "rad/s", mirror=-1),
     _direction(
-        "azimuth", between="held", partner="azimuth_2",
+        "azimuth", partner="azimuth_2",
         headers="(azimuth|pod)(_thruster)?(_angle|_direction)?",
     ),
     _shaft("n_azimuth_2", partner="n_azimuth"),
-    _direction("azimuth_2", between="held", partner="azimuth"),
+    _direction("azimuth_2", partner="azimuth"),
     *(_shaft(f"n_azimuth_{pod}") for pod in range(3, PODS + 1)),
-    *(_direction(f"azimuth_{pod}", between="held") for pod in range(3, PODS + 1)),
+    *(_direction(f"azimuth_{pod}") for pod in range(3, PODS + 1)),
     _amount("wind_speed", headers="true_wind_speed|wind_speed_true|tws"),
     _direction("wind_direction", compass=True, headers="true_wind_(direction|dir)|wind_(direction|dir)_true|twd"),
     _amount("apparent_wind_speed", headers=f"({_REL})_wind_speed|wind_speed_({_REL})|aws|rws"),

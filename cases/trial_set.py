@@ -19,7 +19,6 @@ from cases.checks import CheckReport, check
 from cases.checks.copies import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
-from cases.inputs import is_sampled
 from cases.io.campaigns import Campaigns, campaign_labels, campaigns_of, ship_of_campaign
 from cases.io.groups import Groups, group_trials
 from cases.io.leave_out import CODE, left_out, looked_at
@@ -89,16 +88,6 @@ class TrialSet(Sequence[Trial]):
         """Who belongs to which campaign. Raises UserError where sidecar, day and folder contradict each other."""
         return campaigns_of(self.trials)
 
-    @cached_property
-    def sampled(self) -> tuple[bool | None, ...]:
-        """Whether the actuators of each are as they are at its samples, False: held from there, None: not known."""
-        return tuple(is_sampled(trial) for trial in self.trials)
-
-    @cached_property
-    def roles(self) -> tuple[str, ...]:
-        """The role of each in its sidecar: "train", "validate", "test" or ""."""
-        return tuple(trial.role for trial in self.trials)
-
     def groups(self, by: str) -> Groups:
         """The groups ``by`` day, folder, kind ... Raises UserError as ``group_trials``."""
         return group_trials(self.trials, by)
@@ -135,8 +124,7 @@ class TrialSet(Sequence[Trial]):
     @property
     def by_role(self) -> tuple[TrialSet, TrialSet]:
         """Those that may train, and those that trials.toml keeps out by their role test or validate."""
-        out = [role in ("test", "validate") for role in self.roles]
-        train, held_out = (tuple(t for t, o in zip(self, out, strict=True) if o is held) for held in (False, True))
+        train, held_out = (tuple(t for t in self if (t.role in ("test", "validate")) is held) for held in (False, True))
         return TrialSet(train), TrialSet(held_out)
 
     @cached_property

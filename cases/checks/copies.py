@@ -19,7 +19,7 @@ GRIDS = (1e-7, 1e-3)
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
 
 SHARE = 0.05
-"""Overlaps below this share of the shorter file are not reported."""
+"""Overlaps below this share of the shorter file are not reported: a matter of display."""
 
 Pair = tuple[int, int]
 

@@ -231,7 +231,8 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
 
 
 AHEAD = 0.5
-"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it."""
+"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set by
+hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
 
 STRAIGHT = 0.2
 """Share of the greatest turn rate within which a ship goes straight."""
@@ -247,7 +248,7 @@ OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
 
 COST = 8.0
-"""Nats by which another reading of the wind is likelier."""
+"""Nats by which another reading of the wind is likelier, as in competition.py."""
 
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground",
@@ -363,7 +364,7 @@ def turning_wind(trial: Trial) -> list[Found]:
 
 
 ENOUGH = 20.0
-"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer)."""
+"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand."""
 
 
 GROUPS = {
@@ -493,7 +494,7 @@ FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
 ship length; ship lengths that must be made so."""
 TWICE = 1.6
 """Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do
-not fit: wider than fouling, wind and a poor guess of the resistance make it."""
+not fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit."""
 
 
 def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:

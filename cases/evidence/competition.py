@@ -18,13 +18,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.evidence.signals import PIECES, Signals, Stats, evidence, independent, over_windows, relative, signals
-from cases.io.units import to_si, unit_by_factor
+from cases.io.units import KNOT, to_si, unit_by_factor
 from cases.quantities import quantity
 from cases.trial import Trial
 
 DEG = math.pi / 180.0
-KNOT = 1852.0 / 3600.0
-
 Keys = dict[str, Any]
 """Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true."""
 

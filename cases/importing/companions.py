@@ -210,7 +210,7 @@ SOURCE = (
 )
 """Titles of columns that name what was measured from, and with what."""
 SHARE = 0.05
-"""Least share of the rows of each of several sensors."""
+"""Least share of the rows of each of several sensors: rarer ones are slips. Set by hand."""
 
 
 class Masks(NamedTuple):

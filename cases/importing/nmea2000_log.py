@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.importing.clocks import DAY
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
@@ -31,8 +32,6 @@ LINES = tuple(
 UNTIMED = re.compile(r"^\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A-F ]+$", re.IGNORECASE)
 """A line of candump without its option -L or -t."""
 JSON = re.compile(r'^\s*\{.*"pgn"')
-DAY = 86400.0
-"""Seconds."""
 PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
 FIELDS = {
     127245: (("position", "delta", "angle"),),

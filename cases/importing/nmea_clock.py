@@ -11,14 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.ndimage import median_filter, percentile_filter
 
-from cases.importing.clocks import EPOCHS, check_clock, within_stamps
+from cases.importing.clocks import DAY, EPOCHS, check_clock, within_stamps
 from cases.importing.raw_table import Clock
 from cases.importing.series import STAMP, seconds_of
 from mmg.errors import Missing
 from mmg.messages import Message
 
-DAY = 86400.0
-"""Seconds."""
 ROLLOVER = 1024 * 7 * DAY
 """Seconds after which the weeks of GPS begin anew."""
 FIRST_DAY = 14610

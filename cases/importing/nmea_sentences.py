@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from cases.importing.raw_table import NOT_READ
+from cases.io.units import KNOT
 from mmg.errors import NotInstalled
 
 EMPTY = "empty"
@@ -25,7 +26,7 @@ kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S)
 """
 QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}
 """The modes by their numbers in GGA."""
-WIND = {"K": 1 / 3.6, "M": 1.0, "N": 1852.0 / 3600.0, "S": 1609.344 / 3600.0}
+WIND = {"K": 1 / 3.6, "M": 1.0, "N": KNOT, "S": 1609.344 / 3600.0}
 """Factor to m/s of the units of MWV."""
 MWV = {"R": ("apparent_wind_speed", "apparent_wind_direction"), "T": ("true_wind_speed", "twa")}
 """What speed and angle of MWV are by its reference: both angles are counted from the bow."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
+from cases.io.units import KNOT
 from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
@@ -22,8 +23,6 @@ LONGEST = 600.0
 """m; the longest ship built has 458."""
 LARGEST = 1e12
 """Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
-KNOT = 1852 / 3600
-"""m/s."""
 RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], tuple[float, float]], ...] = (
     ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
     ("L / B", ("L",), ("B",), (2.0, 15.0), (3.5, 10.0)),
