@@ -239,21 +239,28 @@ APART = 3.0
 RARE = 0.05
 """Share of samples from which spikes are the noise of the channel."""
 
+
+def around(values: np.ndarray, reach: int) -> np.ndarray:
+    """The ``values`` (N,), each with ``reach`` neighbours on both sides, (N, 2 reach + 1), a view; the ends repeat.
+
+    The filters of scipy.ndimage do the same, but take longer to import than the checks of a few files.
+    """
+    return np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), 2 * reach + 1)
+
+
 REACH = 3
 """Neighbours on each side."""
 
 
 def spike_trains(trial: Trial) -> Iterator[Break]:
     """First and last row, what, and column of each train of spikes of ``trial``."""
-    from scipy.ndimage import median_filter  # slow to import
-
     speed = np.nan_to_num(trial["u"]) ** 2 + np.nan_to_num(trial["v"]) ** 2
     for name in LEAST_SPIKE:
         values = trial[name]
         if not np.isfinite(values).all():
             continue
         rms = float(np.sqrt(np.mean(values**2 if name == "r" else speed)))
-        off = np.abs(values - median_filter(values, 2 * REACH + 1, mode="nearest"))
+        off = np.abs(values - np.median(around(values, REACH), axis=1))
         usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
         rows = np.flatnonzero(off > max(SURE * usual, LEAST_SPIKE[name] * rms))
         if len(rows) > RARE * len(values):
@@ -301,8 +308,6 @@ def without_cause(trial: Trial) -> Iterator[Break]:
 
     The spell counts from its beginning: when the hand took hold is not in the record.
     """
-    from scipy.ndimage import uniform_filter1d  # slow to import
-
     width = max(5, round(1.0 / trial.dt)) | 1
     r = trial["r"]
     if not np.isfinite(r).all() or len(trial) < 10 * width:
@@ -312,9 +317,9 @@ def without_cause(trial: Trial) -> Iterator[Break]:
         if name in trial:
             values = trial[name]
             moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
-    smooth = uniform_filter1d(r, width, mode="nearest")
+    smooth = np.mean(around(r, width // 2), axis=1)
     rate = np.abs(np.gradient(smooth, trial.t))
-    turning = uniform_filter1d(np.gradient(trial.psi_unwrapped, trial.t), width, mode="nearest")
+    turning = np.mean(around(np.gradient(trial.psi_unwrapped, trial.t), width // 2), axis=1)
     noise = float(np.std(r - smooth)) / np.sqrt(width)
     size = max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise)
     quick = float(np.quantile(rate, 0.95))

@@ -22,6 +22,7 @@ from cases.checks.breaks import (
     COLUMNS,
     SWINGING,
     Break,
+    around,
     filled,
     frozen,
     grain,
@@ -234,10 +235,8 @@ def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterat
             yield from ((first, last, what, channels) for first, last in pairs)
     if not set(TOGETHER) <= set(ratio):
         return
-    from scipy.ndimage import maximum_filter1d  # slow to import
-
     shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
-    agreed = np.minimum(*(maximum_filter1d(share, 4 * side + 1, mode="nearest") for share in shares)) >= 1.0
+    agreed = np.minimum(*(np.max(around(share, 2 * side), axis=1) for share in shares)) >= 1.0
     for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
         yield first, last, "heading and velocities jump together", ("psi", "u", "v")
 
