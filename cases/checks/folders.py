@@ -16,10 +16,10 @@ from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, Che
 from cases.checks.single import (
     excitation,
     following,
+    headway,
     not_checked,
     rudder_sign,
     sampling,
-    sternway,
     sway_findings,
     turning_wind,
     wind,
@@ -161,7 +161,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
-        said[k].findings.extend([*sternway(trials[k]), *turning_wind(trials[k])])
+        said[k].findings.extend([*headway(trials[k]), *turning_wind(trials[k])])
     rows = zip(reports, _with_lines(trials, said), map(not_checked, trials), found, alone, strict=True)
     return [_joined(*row) for row in rows]
 
