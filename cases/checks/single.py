@@ -254,6 +254,9 @@ TURNING = math.radians(90.0)
 """Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
 and where it turns her, her bow drifts off."""
 
+SLOW = 0.1
+"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead."""
+
 LEAST_DRIFT = 0.02
 """Share of the surge that the sway of a ship in such a turn exceeds: drift of a degree, on the widest circles."""
 
@@ -280,20 +283,30 @@ def not_checked(trial: Trial) -> list[Found]:
         roots = sorted({root for name in made for root in trial.roots(name)} - set(of))
         come = f"{', '.join(made)} come from {', '.join(roots)}" if roots else f"{', '.join(made)} were assumed"
         also = " and runs in both directions" if comparison == "track" else ""
+        unseen = " An offset of the heading or a late receiver would not show." if comparison == "track" else ""
         text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}{also} would check it."
+        text += unseen
         out.append((INFO, "not_checked", text))
     return out
 
 
-def _ahead(trial: Trial, most: float = math.inf) -> np.ndarray:
-    """Rows (M,) of ``trial`` in which the ship goes ahead at a turn rate of at ``most`` so much of the greatest."""
+def _ahead(trial: Trial, most: float = math.inf, least: float = AHEAD) -> np.ndarray:
+    """Rows (M,) of ``trial`` in which the ship goes ahead, faster than ``least`` of the greatest speed and at a turn
+    rate of at ``most`` so much of the greatest."""
     u, v, r = trial["u"], trial["v"], trial["r"]
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(trial["psi"])
     if good.any():
-        good &= np.nan_to_num(u) > AHEAD * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
+        good &= np.nan_to_num(u) > least * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
         good &= np.abs(np.nan_to_num(r)) <= most * float(np.nanquantile(np.abs(r), 0.95))
         good &= ~(trial["n"] < 0) if "n" in trial else True  # a reversed propeller pushes the stern aside
     return np.flatnonzero(good)
+
+
+def _turns(trials: Sequence[Trial], least: float) -> list[tuple[Trial, np.ndarray]]:
+    """Those of ``trials`` that turn by TURNING and more ahead, faster than ``least`` of the greatest speed, with these
+    rows."""
+    pairs = [(trial, rows) for trial in trials if len(rows := _ahead(trial, least=least)) > 1]
+    return [(trial, rows) for trial, rows in pairs if np.ptp(trial.psi_unwrapped[rows]) > TURNING]
 
 
 def _regressed(trials: Sequence[Trial], most: float = math.inf) -> tuple[np.ndarray, np.ndarray, float]:
@@ -331,11 +344,10 @@ def sway_findings(trials: Sequence[Trial]) -> list[Found]:
             f"{math.degrees(error):.1g}): the heading is off, by a mounting or by a variation"
         )
         out.append((DOUBTFUL, "heading_offset", text))
-    rows = {k: some for k, trial in enumerate(trials) if len(some := _ahead(trial)) > 1}
-    rows = {k: some for k, some in rows.items() if np.ptp(trials[k].psi_unwrapped[some]) > TURNING}
-    if not rows:
+    turns = _turns(trials, SLOW)
+    if not turns:
         return out
-    v, u = (np.concatenate([trials[k][name][some] for k, some in rows.items()]) for name in "vu")
+    v, u = (np.concatenate([trial[name][rows] for trial, rows in turns]) for name in "vu")
     drift = math.sqrt(np.sum(v**2) / np.sum(u**2))
     if drift < LEAST_DRIFT:
         text = (
@@ -344,7 +356,10 @@ def sway_findings(trials: Sequence[Trial]) -> list[Found]:
         )
         out.append((DOUBTFUL, "course_heading", text))
         return out
-    values, std, _ = _regressed([trials[k] for k in rows])
+    turns = _turns(trials, AHEAD)
+    if not turns:
+        return out
+    values, std, _ = _regressed([trial for trial, _ in turns])
     ahead, error = float(values[1]), float(std[1])
     if -ahead > SIGMAS * error:
         text = (

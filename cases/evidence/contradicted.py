@@ -19,8 +19,8 @@ from cases.trial import RUDDERS, Trial
 TURNED = 0.1
 """rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it."""
 
-HALF_CIRCLE = math.pi
-"""rad; turn of a track that no ship makes sideways on one heading."""
+QUARTER = math.pi / 2
+"""rad; turn of a track that no ship makes on one heading."""
 
 MERIDIANS = 1e-3
 """rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres."""
@@ -48,7 +48,7 @@ def standing(trial: Trial) -> dict[str, str]:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
     if frozen and {"x", "y"} <= set(trial.columns) and not {"x", "y"} & still:
         course = _range(np.unwrap(np.angle(_track(trial))))
-        if course > HALF_CIRCLE:
+        if course > QUARTER:
             out["psi"] = f"the track turns by {course:.2g} rad"
     speed = float(np.sqrt(np.nanmean(trial["u"] ** 2 + trial["v"] ** 2)))
     if {"x", "y"} <= still and speed * trial.duration > 1.0:
