@@ -267,10 +267,11 @@ COST = 8.0
 """Nats by which another reading of the wind is likelier, as in competition.py."""
 
 WOULD = {
-    "track": "a speed log, or a receiver of its own for course and speed over ground",
-    "turn": "a rate gyro",
+    "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
+    "would check it; an offset of the heading or a late receiver would not show",
+    "turn": "a rate gyro would check it",
 }
-"""Comparison -> what would make it."""
+"""Comparison -> what would make it, and what does not show without."""
 
 
 def not_checked(trial: Trial) -> list[Found]:
@@ -282,10 +283,7 @@ def not_checked(trial: Trial) -> list[Found]:
         made = [name for name in (*of, "x", "y", "psi") if name in trial.ancestors]
         roots = sorted({root for name in made for root in trial.roots(name)} - set(of))
         come = f"{', '.join(made)} come from {', '.join(roots)}" if roots else f"{', '.join(made)} were assumed"
-        also = " and runs in both directions" if comparison == "track" else ""
-        unseen = " An offset of the heading or a late receiver would not show." if comparison == "track" else ""
-        text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}{also} would check it."
-        text += unseen
+        text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}."
         out.append((INFO, "not_checked", text))
     return out
 
