@@ -122,19 +122,12 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         ratio = 1.0
         if EFFECTS[candidate.effect].measures:
             ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
-        ratio += _by_timing(rest.S[i, i], rest.S[i, :c])
+        with_timing = rest.S[i, :c]  # what errors in the time of the inputs add to the variance of the slopes
+        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)
+        ratio += float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
         if ratio > 1.0:
             ratios[candidate] = ratio
     return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios, rest.taken[:, c:])
-
-
-def _by_timing(S: np.ndarray, with_timing: np.ndarray) -> float:
-    """What errors in the time of the inputs add to the variance of slopes, over their information S (q, q).
-
-    with_timing: (q, c) their information in common with those errors.
-    """
-    inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
-    return float(np.trace(inverse @ with_timing @ with_timing.T)) / len(S)
 
 
 def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:

@@ -73,7 +73,10 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
     square = (s.force**2).mean(axis=0)
     energy = square / masses
     later = (s.after**2).mean(axis=0) / masses if s.after is not None else None
-    net = np.sqrt((_net_force(data, z, mass) ** 2).mean(axis=0))
+    velocity = [0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5)]
+    rates = [(z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5)]
+    net_force = np.stack(mass.net_force(velocity, rates), axis=-1)[data.inside]  # of the smoothed motion, (M, 3)
+    net = np.sqrt((net_force**2).mean(axis=0))
     every = np.ones(len(s.force), dtype=bool)
     result: dict[str, dict[str, Any]] = {}
     for c, name in enumerate(CHANNELS):
@@ -84,16 +87,6 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
             row["share_after"] = float(later[c] / later.sum()) if later.sum() > 0 else 1 / 3
         result[name] = row
     return result
-
-
-def _net_force(data: GriddedTrials, z: np.ndarray, mass: Inertia) -> np.ndarray:
-    """Net force X, Y, N of every sample (M, 3) from the smoothed motion, by the equations of motion."""
-    u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
-    du, dv, dr = ((z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5))
-    X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r**2
-    Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
-    N = mass.I_z * dr + mass.moment * (dv + u * r)
-    return np.stack([X, Y, N], axis=-1)[data.inside]
 
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:

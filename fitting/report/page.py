@@ -34,7 +34,7 @@ from fitting.report.sections import (
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
-from mmg.errors import Missing, NotInstalled, NotWritable
+from mmg.errors import Missing, NotInstalled, writing
 from mmg.ship import Ship
 
 DATA_SOURCES = (
@@ -178,10 +178,8 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
 
 def write_page(text: str, out: Path) -> None:
     """Write the page ``text`` to ``out``, atomically. Raises UserError when it cannot be written."""
-    try:
+    with writing(out):
         replace_text(out, text)
-    except OSError as error:
-        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
 
 
 def needs_weasyprint() -> None:
@@ -204,8 +202,5 @@ def write_pdf(text: str, out: Path) -> None:
 
     inside = URLFetcher(allowed_protocols=("data",), allow_redirects=False)  # pictures that the page holds itself
     content = HTML(string=text, url_fetcher=inside).write_pdf()
-    try:
-        with replaced(out) as scratch:
-            scratch.write_bytes(content)
-    except OSError as error:
-        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+    with writing(out), replaced(out) as scratch:
+        scratch.write_bytes(content)

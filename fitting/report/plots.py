@@ -241,6 +241,19 @@ def error_growth_plot(
     return figure
 
 
+def write_error_growth(
+    written: FigureFolder, models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], which: str
+) -> None:
+    """Write the figure of ``error_growth_plot`` of ``models`` on ``trials``; written: where to; which: trials, in
+    words."""
+    written.write(
+        "error_growth", partial(error_growth_plot, models, trials), "How errors grow with the length of the prediction",
+        f"Rms errors over windows of the {which} trials, each started from the measured state and from there on driven "
+        "by the measured rudder, revolutions and wind alone. Shaded: one standard error, by leaving out one trial (of "
+        "a single one, one window) after the other.",
+    )  # fmt: skip
+
+
 def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "") -> Figure:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
@@ -289,14 +302,8 @@ def write_figures(
     """
     before, after = models
     if judged := validation or trials:
-        written.write(
-            "error_growth", partial(error_growth_plot, {"before": before, "after": after}, judged),
-            "How errors grow with the length of the prediction",
-            f"Rms errors over windows of the {'held-out' if validation else 'training (none was held out)'} trials, "
-            "each started from the measured state and from there on driven by the measured rudder, revolutions and "
-            "wind alone. Shaded: one standard error, by leaving out one trial (of a single one, one window) after the "
-            "other.",
-        )  # fmt: skip
+        which = "held-out" if validation else "training (none was held out)"
+        write_error_growth(written, {"before": before, "after": after}, judged, which)
     shown = _shown(trials, validation)
     windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):

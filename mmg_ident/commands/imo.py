@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing, TargetExists, UnknownName
+from mmg.errors import Conflict, Missing, TargetExists, UnknownName, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -140,7 +140,7 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    with cli.writing(out or plot or ""):
+    with writing(out or plot or ""):
         if plot is not None:
             maneuver_figure(found.runs, found.heading, clouds).savefig(plot)
         if out is not None:

@@ -14,12 +14,12 @@ from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
 from fitting.report.run_folder import plain, versions, write_json
 from mmg.effects import EFFECTS
-from mmg.errors import NotWritable
+from mmg.errors import writing
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from diagnosis.groups.findings import Between, GroupDifference
+    from diagnosis.findings import Between, GroupDifference
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
@@ -296,11 +296,9 @@ def coefficient_table(fleet: Fleet) -> pd.DataFrame:
 def write_tables(fleet: Fleet, folder: Path) -> None:
     """Write the tables and fleet.json of ``fleet`` to ``folder``, each whole or not at all. Raises UserError where they
     cannot be written."""
-    try:
+    with writing(folder):
         for name, table in (("fleet", ship_table(fleet)), ("coefficients", coefficient_table(fleet))):
             with replaced(folder / f"{name}.parquet") as scratch:
                 table.to_parquet(scratch, engine="pyarrow", write_page_checksum=True)
             replace_text(folder / f"{name}.csv", table.to_csv(index=name == "fleet", lineterminator="\n"))
         write_json(folder / "fleet.json", fleet)
-    except OSError as error:
-        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error})") from None
