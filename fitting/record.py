@@ -70,7 +70,7 @@ class EffectValue:
 
 @dataclass(frozen=True)
 class EffectTest:
-    """Whether a freed effect is more than chance (``diagnosis.calibration.freed_effects``).
+    """Whether a freed effect is more than chance (``diagnosis.for_calibration``).
 
     p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
     for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol
@@ -258,9 +258,7 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     from pydantic import ValidationError
 
     if content.get("kind") != "calibration":
-        raise BadValue(
-            f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run folder of mmg fit"
-        )
+        raise BadValue(f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run of mmg fit")
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
         raise BadValue(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")

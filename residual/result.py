@@ -24,23 +24,10 @@ from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair, in_words
+from fitting.report import run_folder
 from fitting.report.delivered import Delivered, delivered, delivery_sections, shown_quantity
 from fitting.report.page import citations_of, environment, label_of, write_page
 from fitting.report.plot_style import figures_of
-from fitting.report.run_folder import (
-    FIGURES,
-    PAGE,
-    PENDING,
-    RESULT,
-    SHIP,
-    START,
-    adapter,
-    check_target,
-    plain,
-    read_result,
-    write_json,
-    write_whole,
-)
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
@@ -292,7 +279,7 @@ class TrainResult(TrainRecord):
         kept = self.recommended == HYBRID
         decided = {"kept": kept, "recommended": self.recommended, "other": self.other, "decision": self.decision}
         levels = (("warning", self.warnings), ("notice", self.notices))
-        return plain(
+        return run_folder.plain(
             {
                 "kind": "training",
                 "schema_version": SCHEMA_VERSION,
@@ -334,31 +321,31 @@ class TrainResult(TrainRecord):
         """
         folder = Path(folder)
         if not replace:
-            check_target(folder)
-        content = changed(self, figures=(), warnings=(*[PENDING] * report, *self.warnings)).to_dict()
+            run_folder.check_target(folder)
+        content = changed(self, figures=(), warnings=(*[run_folder.PENDING] * report, *self.warnings)).to_dict()
 
         def fill(scratch: Path) -> None:
             if (folder / FINISHED).is_dir():
                 shutil.copytree(folder / FINISHED, scratch / FINISHED)
             self._write_models(scratch)
-            write_json(scratch / RESULT, content)
+            run_folder.write_json(scratch / run_folder.RESULT, content)
 
-        write_whole(folder, fill, replace)
+        run_folder.write_whole(folder, fill, replace)
         if not report:
             return
         from fitting.report.plot_style import FigureFolder
         from residual.figures import write_figures
 
-        written = FigureFolder(folder / FIGURES)
+        written = FigureFolder(folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
-        with written.making(PAGE):
+        with written.making(run_folder.PAGE):
             page = _page([(label_of(folder), folder, done.to_dict(), self.for_use)], imo=False)
-            write_page(page, folder / PAGE)
+            write_page(page, folder / run_folder.PAGE)
         done = changed(done, warnings=(*self.warnings, *written.failures))
-        with written.making(RESULT):  # last, as it says that all is there
-            write_json(folder / RESULT, done.to_dict())
+        with written.making(run_folder.RESULT):  # last, as it says that all is there
+            run_folder.write_json(folder / run_folder.RESULT, done.to_dict())
 
     def _write_models(self, folder: Path) -> None:
         """The recommended ship and the other one, or the black box."""
@@ -366,7 +353,7 @@ class TrainResult(TrainRecord):
             from residual.papers.black_box import save_box
 
             note = f"{self.start.name}: the ship whose inputs the black box takes; nothing else of it is used."
-            (folder / START).write_text(dump_ship(self.start, note), encoding="utf-8")
+            (folder / run_folder.START).write_text(dump_ship(self.start, note), encoding="utf-8")
             save_box(folder / NETWORK, self.black_box)
             return
         words = "calibrated ship with a residual network (network.safetensors) of mmg train."
@@ -377,7 +364,7 @@ class TrainResult(TrainRecord):
             place = folder if name == self.recommended else folder / name
             place.mkdir(exist_ok=True)
             text = dump_ship(ship.without_network(), f"{self.start.name}, {note}")
-            (place / SHIP).write_text(text, encoding="utf-8")
+            (place / run_folder.SHIP).write_text(text, encoding="utf-8")
             if ship.network is not None:
                 save_network(place / NETWORK, ship.network, ship)
 
@@ -395,7 +382,7 @@ def read_training(folder: str | Path) -> TrainResult:
     folder: as ``TrainResult.save`` wrote it. Raises UserError where it is none, or something of it cannot be read.
     """
     folder = Path(folder)
-    content = read_result(folder)
+    content = run_folder.read_result(folder)
     if content["kind"] != "training":
         raise BadValue(f"{folder}: is no run of mmg train")
     box, network, decision, recommended = None, None, None, ""
@@ -411,14 +398,14 @@ def read_training(folder: str | Path) -> TrainResult:
         else:
             from residual.papers.black_box import load_box
 
-            start = load_ship(folder / START)
+            start = load_ship(folder / run_folder.START)
             box = load_box(folder, start)
         warnings, notices = (
             messages_from(row for row in content["messages"] if row["level"] == level)
             for level in ("warning", "notice")
         )
         return TrainResult(
-            **vars(adapter(TrainRecord).validate_python(content)),
+            **vars(run_folder.adapter(TrainRecord).validate_python(content)),
             warnings=warnings,
             notices=notices,
             start=start,
@@ -434,7 +421,7 @@ def read_training(folder: str | Path) -> TrainResult:
         why = f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         why = str(error)
-    raise BadValue(f"{folder / RESULT}: is incomplete ({why}); train again")
+    raise BadValue(f"{folder / run_folder.RESULT}: is incomplete ({why}); train again")
 
 
 def _page(
@@ -460,6 +447,6 @@ def write_report(
         runs = [(label_of(Path(f)), Path(f), r.to_dict(), r.for_use) for f, r in zip(folders, results, strict=True)]
         page = _page(runs, full_load, imo)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        names = ", ".join(str(Path(f) / RESULT) for f in folders)
+        names = ", ".join(str(Path(f) / run_folder.RESULT) for f in folders)
         raise BadValue(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None
     write_page(page, where)

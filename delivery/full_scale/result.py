@@ -54,10 +54,8 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     content = content_on(folder)
     if content.get("kind") == "calibration":
         return read_fit(folder)
-    predictions = of_predictions(content)
-    return replace(
-        _of_ship(load_ship(source)), bands=predictions.get("bands"), adaptation=predictions.get("adaptation")
-    )
+    known = of_predictions(content)
+    return replace(_of_ship(load_ship(source)), bands=known.get("bands"), adaptation=known.get("adaptation"))
 
 
 def _without_trials(ship: Ship, start: Ship) -> FitResult:

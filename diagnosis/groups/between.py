@@ -198,14 +198,10 @@ def compare_groups(
     number = np.array(groups.number)
     unused = [name for i, name in enumerate(groups.names) if i not in number[problem.data.run]]
     if unused:
-        raise TooFewData(
-            f"--between {groups.by}: no trial of {unused[0]} has a piece without a gap that is long enough"
-        )
+        raise TooFewData(f"--between {groups.by}: no trial of {unused[0]} has a long enough piece without a gap")
     measured = measured_differences(sensors, problem.steps.ship, groups)
     instruments = without_doubles([m for m in measured if m.matters])
-    LOGGER.info(
-        "testing every effect, instrument and coefficient for a difference between %d groups", len(groups.names)
-    )
+    LOGGER.info("testing every effect, instrument and coefficient for differences of %d groups", len(groups.names))
     search = _Search.of(problem, groups, trials)
     differences, table, reasons = search.run(null, [m.fault for m in instruments if m.fault.exact])
     named = (*(m.row for m in instruments), *differences)

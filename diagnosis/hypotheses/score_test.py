@@ -94,9 +94,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
-    both = free + Priors(
-        tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
-    )
+    both = free + Priors(tuple(map(Column, symbols)), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
     timing = timing_columns(steps, data, point, active)
     pushed = DrivenColumns.pushing(timing)

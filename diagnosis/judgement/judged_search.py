@@ -117,9 +117,7 @@ def _may_be_there(found: Selection, effects: Sequence[Candidate], held: HeldOut)
 
 def _worse(held: HeldOut) -> bool:
     """Whether the test trials surely become less predictable, over windows by more than a little, or by steps."""
-    by_steps = (
-        held.likelihood_interval_90 is None or held.likelihood_interval_90[1] < 0
-    )  # chance cannot be told, or it is not
+    by_steps = held.likelihood_interval_90 is None or held.likelihood_interval_90[1] < 0  # None: chance is not known
     return (held.interval_90[1] < 0 and held.reduction < -NOTED_GROWTH) or by_steps
 
 
@@ -236,9 +234,7 @@ def limits(
         words = "no --test trials: how far the gap closes was not checked on trials that took no part"
         rows.append(("no_tests", words))
     elif held is None:
-        words = (
-            "the test trials hold no whole window of predictions without a gap: how far the gap closes was not checked"
-        )
+        words = "the test trials hold no whole window without a gap: how far the gap closes was not checked"
         rows.append(("tests_too_short", words))
     return [Message(words, code) for code, words in rows]
 

@@ -19,7 +19,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
 from diagnosis.groups.between import table_rows
-from diagnosis.location.regions import CHANNELS
+from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
 from diagnosis.report.words import TURN_BACK, shown_unit
 from fitting.report.page import environment, write_page
@@ -58,9 +58,7 @@ def track_figure(d: Findings) -> Figure:
     if lines:
         bar = figure.colorbar(lines[-1], ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
         bar.outline.set_visible(False)
-        bar.set_label(
-            "missing yaw moment [N m]: bow to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5
-        )
+        bar.set_label("missing yaw moment [N m]: to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5)
         bar.ax.tick_params(labelsize=8)
     return figure
 

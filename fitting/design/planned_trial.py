@@ -109,9 +109,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
                 slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
     for name, slope in slopes.items():
         if not np.isfinite(slope).all() or not slope.any():
-            raise NoSolution(
-                f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another"
-            )
+            raise NoSolution(f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; take another")
     return np.array([slopes[name] for name in names])
 
 

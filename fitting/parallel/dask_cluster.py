@@ -168,6 +168,4 @@ def check_workers(client: Any, address: str) -> None:
     packages = {worker: about["packages"] for worker, about in known["workers"].items()}
     for worker, about in sorted(packages.items()):
         if about["python"].rpartition(".")[0] != known["client"]["packages"]["python"].rpartition(".")[0]:
-            raise Conflict(
-                f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
-            )
+            raise Conflict(f"--scheduler {address}: {worker} has Python {about['python']}, this process another")

@@ -394,9 +394,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
         raise Missing("sigma cannot be taken from trials without positions x and y; give it with --sigma")
     if not any(map(len, rows)):
         names = ", ".join(t.name for t in located[:MOST_NAMED])
-        raise TooFewData(
-            f"{names}: no row has all six states and the inputs, so there is nothing to score; see mmg check"
-        )
+        raise TooFewData(f"{names}: no row has all six states and the inputs, nothing to score; see mmg check")
     sigma = np.vstack(rows).std(axis=0)
     if not (sigma > 0).all():
         flat = ", ".join(s for s, value in zip(STATES, sigma, strict=True) if not value > 0)

@@ -150,12 +150,8 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
     speeds = "at u from {:.3g} to {:.3g} m/s ".format(*envelope["u"]) if "u" in envelope else ""
     good = [f"manoeuvres {speeds}within the limits of use above, in deep, open water"]
     if ship.particulars["L"] < MODEL:
-        good.append(
-            "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
-        )
-    single = (
-        "reading a single coefficient as physics where the calibration's report says shared, prior or not excited: "
-    )
+        good.append("the model itself; the full-scale ship only after mmg scale: Froude's law, other friction and wake")
+    single = "reading one coefficient as physics where the calibration's report says shared, prior or not excited: "
     return good, [*_unseen(envelope), *_not_modelled(ship, windy), f"{single}only the whole is calibrated"]
 
 

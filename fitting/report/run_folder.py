@@ -69,9 +69,7 @@ def versions() -> dict[str, str]:
 def check_target(folder: Path) -> None:
     """UserError unless ``folder`` is free and can be created."""
     if folder.exists():
-        raise TargetExists(
-            f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume"
-        )
+        raise TargetExists(f"{folder}: already exists; choose another --out, continue an interrupted run with --resume")
     check_place(folder)
 
 

@@ -248,9 +248,7 @@ def _able(
 
 def _check(train: Sequence[Trial], validate: Sequence[Trial], inputs: Sequence[str]) -> None:
     if not train or not validate:
-        raise Missing(
-            f"{len(train)} trials to fit on and {len(validate)} to choose by: give both, the latter with --validate"
-        )
+        raise Missing(f"{len(train)} trials to fit on and {len(validate)} to choose by: give both (--validate)")
     without = [t.name for t in (*train, *validate) if not t.has_position]
     if without:
         raise Missing(f"{', '.join(without)}: no positions, by which candidates are judged")
@@ -352,7 +350,7 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
     least = min(f.error for f in fitted)
     if not np.isfinite(least):
         raise NoSolution(
-            "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
+            "no candidate predicts the validation trials: all diverge; see mmg check, or give other trials"
         )
     near = sorted((f for f in fitted if f.error <= NO_LOSS * least), key=lambda f: f.row.unknowns)
     order = [*near, *sorted((f for f in fitted if f not in near), key=lambda f: f.error)]

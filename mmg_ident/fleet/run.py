@@ -41,9 +41,9 @@ from mmg.errors import Conflict, NotCalibrated, UserError, writing
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.api import calibrate
 from mmg_ident.fleet.plan import FleetPlan, FleetTable, PlannedShip
-from mmg_ident.fleet.rows import Fleet, SisterGroup, failed_row, ship_row
+from mmg_ident.fleet.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row
 
-SHIPS, DIAGNOSIS, PARTS = "ships", "diagnosis", "parts"
+PARTS = "parts"
 ALONE, DONE = "alone", "done"
 """Stages: sisters by their own trials, and every ship."""
 SITE = "site.toml"

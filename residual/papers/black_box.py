@@ -421,9 +421,7 @@ def box_of(task: Task, outcomes: Sequence[Outcome]) -> BlackBox:
     systems, ship, settings = restored(task, outcomes), task.ship, task.settings
     assert isinstance(settings, BlackBoxSettings)
     if not systems:
-        raise NoSolution(
-            "every training of the network diverged, also at lower rates; give a lower --rate or more data"
-        )
+        raise NoSolution("every training diverged, also at lower rates; give a lower --rate or more data")
     return BlackBox(settings, ship.actuators, task.h, tuple(systems), ship.name, ship_hash(ship), task.scales)
 
 
