@@ -14,27 +14,32 @@ from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
-from fitting.calibration import Calibration, estimate_coefficients
+from fitting.calibration import Calibration, Second, answers, estimate_coefficients, with_second
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import NO_SCORES, ScorePair, adaptation_worth, score_pairs, scores_by_set
-from fitting.record import FitObjects, FitRecord, SolveRow
-from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
+from fitting.prediction.score import (
+    NO_SCORES,
+    ScorePair,
+    adaptation_worth,
+    score_pairs,
+    scores_by_set,
+    worth_message,
+    worth_of_left_out,
+)
+from fitting.record import FitObjects, FitRecord
+from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved, uncertainty_rows
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.selection.sisters import UncertainMean, with_uncertain_mean
-from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
-from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.refits import check_request, refit_rows
-from fitting.uncertainty.rows import uncertainty_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -134,10 +139,13 @@ def calibrate(
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(ship, trials)
+    said: dict[str, Sequence[Message]] = {"warning": warnings, "notice": [*found.notices, *fit.messages]}
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
-        "messages": _message_rows(warning=warnings, notice=[*found.notices, *fit.messages]),
+        "messages": [
+            {"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))
+        ],
         "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
     }
     objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
@@ -205,12 +213,6 @@ def _by_campaign(earlier: FitResult) -> set[str]:
     return {symbol for row in rows.values() for symbol in row}
 
 
-def earlier_passes(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
-    """Rows of the solves of an interrupted run, ``resumed``, that came before those of the calibration ``found``."""
-    count = int(found.resumption.number[0]) + 1 - len(found.passes)
-    return resumed.passes[:count] if resumed else ()
-
-
 def _content(
     fit: CampaignFit,
     found: Calibration,
@@ -221,10 +223,12 @@ def _content(
 ) -> dict[str, Any]:
     """What is known of the calibration ``found``, and of the ``fit`` behind it, by attribute of the result."""
     seconds = {name.strip("-").replace(" ", "_"): value for name, value in made.seconds.items()}
+    resumed = options.resume  # the solves of an interrupted run come first
+    before = resumed.passes[: int(found.resumption.number[0]) + 1 - len(found.passes)] if resumed else ()
     seconds = {"campaigns": fit.seconds, "identifiability": seconds.get("next_trial", 0.0), **seconds}
     return {
         **solved(found, options.command),
-        "passes": (*earlier_passes(options.resume, found), *found.passes),
+        "passes": (*before, *found.passes),
         "data": data_rows(trials),
         "validation_data": data_rows(validation),
         "coefficients": coefficient_rows(found),
@@ -241,11 +245,6 @@ def _content(
         **made.get("--profile", {}),
         "timings_s": {**found.timings, **seconds},
     }
-
-
-def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
-    """Rows of the messages of each of the ``levels``, each message once."""
-    return [{"level": level, **row} for level, some in levels.items() for row in message_rows(dict.fromkeys(some))]
 
 
 def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:

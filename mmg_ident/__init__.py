@@ -42,24 +42,13 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
 
 _HOMES = {
-    "CheckReport": "cases.checks.report",
-    "Diagnosis": "diagnosis.result",
-    "FitResult": "fitting.result",
-    "Message": "mmg.messages",
-    "OnProgress": "mmg.progress",
-    "Progress": "mmg.progress",
-    "Score": "fitting.prediction.score",
-    "Ship": "mmg.ship",
-    "TrainResult": "residual.result",
-    "Trial": "cases.trial",
-    "TrialSet": "cases.trial_set",
-    "UserError": "mmg.errors",
-    "export_ship": "delivery.export",
-    "load_ship": "cases.shipfiles.ship_file",
-    "new_ship": "cases.shipfiles.new_ship",
-    "read_trials": "cases.io.read",
+    "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result", "FitResult": "fitting.result",
+    "Message": "mmg.messages", "OnProgress": "mmg.progress", "Progress": "mmg.progress",
+    "Score": "fitting.prediction.score", "Ship": "mmg.ship", "TrainResult": "residual.result", "Trial": "cases.trial",
+    "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "export_ship": "delivery.export",
+    "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "scale": "delivery.full_scale.result",
-}
+}  # fmt: skip
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [

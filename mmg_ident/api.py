@@ -207,14 +207,14 @@ def calibrate(
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
-    from diagnosis.calibration.freed_effects import with_effect_tests
+    from diagnosis.for_calibration import with_effect_tests
 
     return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
 
 
 def _second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
     """As ``filter_estimate``, whose modules are read only where one is asked for."""
-    from diagnosis.calibration.filter_estimate import filter_estimate
+    from diagnosis.for_calibration import filter_estimate
 
     return filter_estimate(ship, trials)
 

@@ -153,7 +153,9 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
     if not unmoved:
         return []
-    names, backwards = ", ".join(unmoved), _always_astern(trials)
+    names = ", ".join(unmoved)
+    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
+    backwards = bool(turning) and not any((a > 0).any() for a in turning)
     if backwards:
         text, wanted = f"{names}: act only going ahead, of which the trials have nothing", "a trial ahead"
     else:
@@ -165,12 +167,6 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
         raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
     code = "not_excited_ahead" if backwards else "not_excited_astern"
     return [Message(f"{text}; the prior decides them: add {wanted}", code)]
-
-
-def _always_astern(trials: Sequence[Trial]) -> bool:
-    """Whether no sample of the ``trials`` has a propeller ahead."""
-    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
-    return bool(turning) and not any((a > 0).any() for a in turning)
 
 
 def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:

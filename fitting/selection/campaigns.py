@@ -365,9 +365,7 @@ def differences(constants: RunConstants, campaigns: Campaigns, left: np.ndarray)
         value, std = constants.value[:, k], constants.std[:, k]
         unit = f" {constants.units[k]}" if constants.units[k] else ""
         low, high = int(np.argmin(value)), int(np.argmax(value))
-        each = ", ".join(
-            f"{name} {_short(v, s)} +- {s:.1g}" for name, v, s in zip(constants.runs, value, std, strict=True)
-        )
+        each = ", ".join(f"{n} {_short(v, s)} +- {s:.1g}" for n, v, s in zip(constants.runs, value, std, strict=True))
         least, most = _short(value[low], std[low]), _short(value[high], std[high])
         mean, width = _short(constants.prior_value[k], constants.prior_std[k]), constants.prior_std[k]
         words = (

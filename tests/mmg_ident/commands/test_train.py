@@ -26,8 +26,7 @@ from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from residual.pipeline import train
-from residual.report import headline, page_of
-from residual.result import read_training
+from residual.result import headline, page_of, read_training
 from residual.settings import TrainSettings
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
