@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from fitting.identifiability.data_checks import (
     unexcited_astern,
 )
 from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings, with_estimates
-from fitting.nlp.captive import Captive
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
@@ -38,16 +37,20 @@ from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_val
 from fitting.nlp.windows import Segments, cut
 from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
+from fitting.solvers.condensing import solve_led
 from fitting.solvers.ipopt import Solution
 from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import Resumption, solve_with_noise_estimation
+from fitting.solvers.noise_iteration import Resumption, noise_of, solve_row, solve_with_noise_estimation
 from fitting.solvers.residual_noise import ResidualNoise
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
-from mmg.errors import BadValue, Missing, OutOfRange, TooFewData
+from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, UnknownName
 from mmg.messages import Message, as_messages
 from mmg.progress import OnProgress
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from fitting.nlp.captive import Captive
 
 
 @dataclass(frozen=True)
@@ -272,6 +275,42 @@ def estimate_coefficients(
         timings=timings,
         resumption=solves.resumption,
         draft=solves.draft,
+    )
+
+
+@np.errstate(all="ignore")
+def solve_again(found: Calibration, hold: Mapping[str, float], progress: OnProgress | None = None) -> Calibration:
+    """The calibration ``found`` solved once more, from where it ended and with the noise that it assumed, while the
+    coefficients ``hold`` (values by symbol) stay.
+
+    progress: called at each iteration. Returns it with the covariance of a fit in which all coefficients move. Raises
+    UserError for a symbol that not all runs share and for a value outside its bounds.
+    """
+    began, problem, prior = time.perf_counter(), found.problem, found.problem.prior
+    lower, upper = prior.lower.copy(), prior.upper.copy()
+    for symbol, value in hold.items():
+        if symbol not in found.prior.symbols:
+            raise UnknownName(f"{symbol}: not free; what can be held is {', '.join(found.prior.symbols)}")
+        i = prior.symbols.index(symbol)
+        if not prior.lower[i] <= value <= prior.upper[i]:
+            raise OutOfRange(f"{symbol} = {value:g}: must lie between {prior.lower[i]:g} and {prior.upper[i]:g}")
+        lower[i] = upper[i] = value
+    held, (nodes, p) = problem.with_bounds(lower, upper), problem.split(found.solution.x)
+    x = held.join(nodes, np.clip(p, *held.p_bounds()))
+    s = found.settings
+    best = solve_led(held, x, s.tolerance, s.max_iterations, s.time_limit, progress, "refit")
+    names = found.constants.runs if found.constants else ()
+    own = ByCampaign(prior.constants, names, prior.campaign) if prior.campaign else prior.constants
+    seconds = time.perf_counter() - began
+    return replace(
+        found,
+        **_statistics(problem, best, own),
+        noise=noise_of(held, best),
+        solution=best,
+        passes=(solve_row(held, best),),
+        starts=(Start(0, best.objective, best.converged, 0.0),),
+        timings={"prepare": 0.0, "solve": seconds, "total": seconds},
+        resumption=replace(found.resumption, x=x, best=best.x),
     )
 
 

@@ -27,13 +27,14 @@ from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_re
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.interrupts import left_out_message, unless_interrupted
-from mmg.errors import UserError, name_fault
+from mmg.errors import Missing, UserError, name_fault
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
+    from fitting.solvers.reduced import ReducedProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +57,22 @@ class FitResult(FitRecord):
     def calibration(self) -> Calibration | None:
         """The solver's own account; None for a result that was read from a folder."""
         return self.objects.calibration if self.objects else None
+
+    @property
+    def problem(self) -> ReducedProblem:
+        """What was minimised, as a function of the free coefficients alone, for optimisers and samplers from outside.
+        Raises UserError for a result that was read from a folder."""
+        from fitting.solvers.reduced import ReducedProblem
+
+        found = self.fitted_objects.calibration
+        return ReducedProblem(found.problem, found.solution.x)
+
+    @property
+    def fitted_objects(self) -> FitObjects:
+        """``objects``. Raises UserError for a result that was read from a folder, which has none."""
+        if self.objects is None:
+            raise Missing(f"{self.folder}: was read from its folder, which has no trials; calibrate them again")
+        return self.objects
 
     def without_parts(self, name: str) -> FitResult:
         """The result with the warning that Ctrl-C left out the part ``name``."""

@@ -25,9 +25,10 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair, in_words
 from fitting.report import run_folder
-from fitting.report.delivered import Delivered, delivered, delivery_sections, shown_quantity
+from fitting.report.delivered import Delivered, delivered, delivery_sections
 from fitting.report.page import citations_of, environment, label_of, write_page
 from fitting.report.plot_style import figures_of
+from fitting.report.use import shown_quantity
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from

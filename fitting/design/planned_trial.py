@@ -23,8 +23,7 @@ from fitting.design.area import Area
 from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
-from fitting.prediction.bands import draws_of
-from fitting.prediction.figure_intervals import correlation_in
+from fitting.prediction.bands import correlation_in, draws_of
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import Conflict, Missing, NoSolution, NotCalibrated, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from cases.trial import Trial
-from fitting.nlp.captive import CaptiveForces, estimate_from_captive
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
 from fitting.solvers.condensing import solve_led
@@ -21,6 +21,9 @@ from mmg.messages import Message
 from mmg.model import assemble
 from mmg.ship import Ship
 from mmg.states import STATES
+
+if TYPE_CHECKING:
+    from fitting.nlp.captive import CaptiveForces
 
 FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
@@ -231,6 +234,8 @@ def against_captive(
     forces: of the points; base: values of all coefficients (C,), free: positions (P,) of those in ``prior``. The points
     are fitted with the prior 30 times wider; what they leave to that prior is not compared.
     """
+    from fitting.nlp.captive import estimate_from_captive
+
     alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [

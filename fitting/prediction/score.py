@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -47,6 +48,9 @@ one."""
 
 TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
 """Figures whose errors are told of a manoeuvre."""
+
+KEPT = 64
+"""Trials whose manoeuvres are kept. Set by hand: it bounds memory."""
 
 
 @dataclass(frozen=True)
@@ -212,13 +216,7 @@ def _maneuvers(
     simulator: Simulator, trials: Sequence[Trial], length: float, method: str
 ) -> list[tuple[ManeuverErrors, ...]]:
     """Of each of ``trials`` the errors of its manoeuvres, all predicted side by side."""
-    held: list[tuple[int, Run, Trial]] = []
-    for number, trial in enumerate(trials):
-        try:
-            runs = measured_runs(trial, length)
-        except UserError:
-            continue
-        held += [(number, run, _ordered(run)) for run in runs if len(_ordered(run)) > 3]
+    held = [(number, *both) for number, trial in enumerate(trials) for both in _measured_runs(trial, length)]
     found: list[list[ManeuverErrors]] = [[] for _ in trials]
     if not held:
         return [tuple(own) for own in found]
@@ -234,6 +232,17 @@ def _maneuvers(
             rows = tuple(_figure(name, run.figures[name], figures[name]) for name in told)
             found[number] += [ManeuverErrors(run.title, rows)] if rows else []
     return [tuple(own) for own in found]
+
+
+@lru_cache(maxsize=KEPT)
+def _measured_runs(trial: Trial, length: float) -> tuple[tuple[Run, Trial], ...]:
+    """The manoeuvres in a ``trial`` of a ship of this ``length`` [m], each with its rows from the order on; kept, as
+    each model that is scored on the same trials has them read again."""
+    try:
+        runs = [(run, _ordered(run)) for run in measured_runs(trial, length)]
+    except UserError:
+        return ()
+    return tuple((run, cut) for run, cut in runs if len(cut) > 3)
 
 
 def _ordered(run: Run) -> Trial:

@@ -1,0 +1,182 @@
+"""Conditions of trials beside those that IMO asks for (MSC/Circ.1053, 2.2.1.2), and what a model that was calibrated on
+them is good for: outside of the range of motion and inputs that they held it extrapolates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cases.io.site import NAME, read_site
+from cases.trial import Trial
+from fitting.prediction.envelope import DRIFT
+from mmg.components.friction import MODEL
+from mmg.effects import effect
+from mmg.errors import UserError
+from mmg.motion.flow import INPUTS, RUDDERS
+from mmg.ship import Ship
+
+FULFILLED, FAILED, UNKNOWN = "fulfilled", "not fulfilled", "unknown"
+DEEP, STRONGEST_WIND, DRAUGHT = 4.0, 5, 0.05
+"""Depth over draught, Beaufort number, and deviation from the full-load draught that the circular allows."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One condition: what it is, what was found, what IMO asks for, and "fulfilled", "not fulfilled" or "unknown"."""
+
+    name: str
+    found: str
+    asked: str
+    verdict: str
+
+
+def beaufort(speed: float) -> int:
+    """Beaufort number of a wind ``speed`` [m/s] at 10 m height: v = 0.836 B^1.5 (World Meteorological Organization)."""
+    return min(12, round((max(speed, 0.0) / 0.836) ** (2 / 3)))
+
+
+def condition_rows(ship: Ship, trials: Sequence[Trial], full_load: float | None = None) -> list[Condition]:
+    """The conditions of ``trials`` of a ``ship`` beside those that the circular asks for.
+
+    trials: those whose files are there, for wind, speed and the site file beside them; full_load: draught of the fully
+    loaded ship [m], at the length of the ship file, None where it is not known.
+    """
+    return [_depth(ship, trials), _wind(ship, trials), _loading(ship, full_load)]
+
+
+def _depth(ship: Ship, trials: Sequence[Trial]) -> Condition:
+    asked, draught = f"more than {DEEP:g} draughts", ship.particulars["d"]
+    paths = [trial.path for trial in trials if trial.path]
+    try:
+        share = read_site(paths, ship).start.get("shallow_water", {}).get("d_h")
+    except UserError as error:
+        return Condition("water depth", f"{NAME} cannot be used: {error}", asked, UNKNOWN)
+    if share is None:
+        return Condition("water depth", f"not stated: no [water] depth in {NAME} beside the trials", asked, UNKNOWN)
+    verdict = FULFILLED if 1 / share > DEEP else FAILED
+    return Condition("water depth", f"{draught / share:.3g} m, {1 / share:.2g} draughts", asked, verdict)
+
+
+def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
+    asked, scale = f"not above Beaufort {STRONGEST_WIND}", ship.particulars.get("scale", 1.0)
+    means = {t.name: float(np.nanmean(t["wind_speed"])) for t in trials if t.has_wind}
+    if not means:
+        why = "not logged" if trials else "the trial files are not there as they were"
+        return Condition("wind", why, asked, UNKNOWN)
+    strongest = max(means, key=lambda name: means[name])
+    number = beaufort(means[strongest] * math.sqrt(scale))
+    words = f"strongest mean {means[strongest]:.3g} m/s ({strongest}): Beaufort {number}"
+    words += f" at the scale of the ship (1:{scale:g})" if scale != 1.0 else ""
+    missing = len(trials) - len(means)
+    words += f"; {missing} of {len(trials)} trials log no wind" if missing else ""
+    verdict = FAILED if number > STRONGEST_WIND else UNKNOWN if missing else FULFILLED
+    return Condition("wind", words, asked, verdict)
+
+
+def _loading(ship: Ship, full_load: float | None) -> Condition:
+    draught, asked = ship.particulars["d"], f"full-load draught within {DRAUGHT:.0%}"
+    if full_load is None:
+        words = f"draught {draught:g} m; the full-load draught is not stated (--full-load-draught)"
+        return Condition("loading", words, asked, UNKNOWN)
+    verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
+    return Condition("loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", asked, verdict)
+
+
+DEGREES = 180.0 / np.pi
+WORDS = {
+    "u": ("surge velocity", "m/s", 1.0),
+    "v": ("sway velocity at midship", "m/s", 1.0),
+    "r": ("yaw rate", "deg/s", DEGREES),
+    DRIFT: ("drift angle, positive where the water comes from starboard", "deg", DEGREES),
+    "a_x": ("air relative to the hull, ahead", "m/s", 1.0),
+    "a_y": ("air relative to the hull, to starboard", "m/s", 1.0),
+}
+"""Quantity -> words, unit in which it is shown, factor from SI."""
+
+
+def limit_rows(envelope: Mapping[str, Sequence[float]], length: float) -> list[dict[str, Any]]:
+    """Rows for the table of an ``envelope``: name, words, unit, low, high, and what is dimensionless of it.
+
+    length: of the ship [m].
+    """
+    rows, speed = [], max(map(abs, envelope.get("u", [0.0])))
+    more = {"u": f"Froude number up to {speed / np.sqrt(9.80665 * length):.2g}"}
+    if speed > 0 and "r" in envelope:
+        slow, fast = (value * length / speed for value in envelope["r"])
+        more["r"] = f"r L / U at the highest speed {slow:.2g} to {fast:.2g}".replace("-", "−")
+    for name in sorted(envelope, key=lambda name: list(WORDS).index(name) if name in WORDS else 2.5):
+        words, unit, factor = shown_quantity(name)
+        low, high = (factor * value for value in envelope[name])
+        row = {"name": name, "words": words, "unit": unit, "low": low, "high": high, "more": more.get(name, "")}
+        rows.append(row)
+    return rows
+
+
+def shown_quantity(name: str) -> tuple[str, str, float]:
+    """Words, unit and its factor from SI of a quantity ``name`` of an envelope: a motion, air or an actuator."""
+    if name in WORDS:
+        return WORDS[name]
+    words, unit = INPUTS[name]
+    return words, {"rad": "deg", "rps": "1/s"}.get(unit, unit), DEGREES if unit == "rad" else 1.0
+
+
+def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = True) -> tuple[list[str], list[str]]:
+    """What a model calibrated on trials of this ``envelope`` is good for, and what not, in sentences.
+
+    ship: the calibrated one; windy: whether any of the trials logs wind. Both follow from the ranges,
+    the force models and the effects alone.
+    """
+    speeds = "at u from {:.3g} to {:.3g} m/s ".format(*envelope["u"]) if "u" in envelope else ""
+    good = [f"manoeuvres {speeds}within the limits of use above, in deep, open water"]
+    if ship.particulars["L"] < MODEL:
+        good.append(
+            "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
+        )
+    single = (
+        "reading a single coefficient as physics where the calibration's report says shared, prior or not excited: "
+    )
+    return good, [*_unseen(envelope), *_not_modelled(ship, windy), f"{single}only the whole is calibrated"]
+
+
+def _unseen(envelope: Mapping[str, Sequence[float]]) -> list[str]:
+    """Uses that the ranges of the trials rule out."""
+    bad, largest = [], {name: max(map(abs, pair)) for name, pair in envelope.items()}
+    if "u" in envelope and envelope["u"][0] > 0.05 * envelope["u"][1]:
+        bad.append("stopping, going astern and manoeuvring near rest: the ship never did it in the trials")
+    if "n" in envelope and envelope["n"][0] >= 0:
+        bad.append("reversed propeller: n was never below 0, so crash stops rest on the prior alone")
+    if "n" in envelope and envelope["n"][1] - envelope["n"][0] < 0.05 * largest["n"]:
+        bad.append("other revolutions: n hardly changed, so thrust and resistance are not told apart")
+    if DRIFT in envelope and largest[DRIFT] < np.radians(30):
+        bad.append(f"berthing and cross flow: drift angles beyond {DEGREES * largest[DRIFT]:.0f} deg were not seen")
+    for name in RUDDERS:
+        if name in envelope and largest[name] < np.radians(34):
+            bad.append(f"hard-over rudder: {name} stayed within {DEGREES * largest[name]:.0f} deg, without stall")
+    return bad
+
+
+def _not_modelled(ship: Ship, windy: bool) -> list[str]:
+    """Uses that the force models and effects of the ``ship`` rule out."""
+    bad = []
+    if not ship.feels_wind:
+        bad.append("wind: the model has no wind forces")
+    elif not windy:
+        bad.append("wind: the trials log none, so its forces are those of the model's regression")
+    if not {"shallow_water", "bank"} & set(ship.effects):
+        bad.append("shallow water, banks, locks and passing ships: the model knows none of them")
+    if "waves" not in ship.components:
+        bad.append("waves: the model has no wave forces")
+    place = [name for name in ship.effects if effect(name).surroundings]
+    if place:
+        words = f"other places and days with the effects as fitted ({', '.join(place)})"
+        bad.append(f"{words}: they belong to the trials, set them to 0")
+    if ship.network is not None:
+        bad.append("states outside the network's training range: the residual is bounded there, not supported")
+    bad.append("heel, trim and squat: three degrees of freedom (surge, sway, yaw)")
+    if "actuators" not in ship.components:
+        bad.append("lags of rudder and propeller: they act as logged")
+    return bad
