@@ -58,7 +58,9 @@ def track_figure(d: Findings) -> Figure:
     if lines:
         bar = figure.colorbar(lines[-1], ax=list(axes), location="bottom", fraction=0.02, aspect=70, pad=0.02)
         bar.outline.set_visible(False)
-        bar.set_label("missing yaw moment [N m]: to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5)
+        bar.set_label(
+            "missing yaw moment [N m]: bow to port (white dashes)  ←   track   →  bow to starboard", fontsize=8.5
+        )
         bar.ax.tick_params(labelsize=8)
     return figure
 
