@@ -1,6 +1,6 @@
 """Errors on runs that a calibration has not seen: all records left out in five folds, and the five hold-outs.
 
-folds: the 35 records of Train-TZRB+ in five folds (``benchmarks/left_out.py``), each predicted by what ``mmg fit``
+folds: the 35 records of Train-TZRB+ in five folds each predicted by what ``mmg fit``
 makes of the others: 30 s windows and 100 s restarts in units of the sigma of all records, mean of files with its
 jackknife error, without and with 30 s of past; and how many of their rows the 90 % bands hold.
 hold-outs: five records by the captive ship and by ships fitted on Train-TZRB and on the rest of Train-TZRB+, in units
@@ -11,16 +11,119 @@ Run from the repository root: python -m benchmarks.accuracy [folds] [hold-outs] 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
 import numpy as np
 
-from benchmarks.left_out import PAST, SHIP, inside_bands, records, trials_of
-from benchmarks.record import Figure, keep, parser_of, table
+from benchmarks.record import Figure, parser_of, report, table
 from cases.io import published_splits as splits
+from cases.io.groups import group_trials
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions
+from fitting.prediction.bands import bands_of
+from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma
+from fitting.result import FitResult
+from mmg.ship import Ship
 from mmg_ident.api import calibrate, score
 
 METRICS = {"30": "30 s windows", "100": "100 s restarts"}
+
+SHIP = "esso_osaka_3m"
+PAST = 30.0
+"""s before a window that a prediction may use."""
+NORMAL = 1.6448536269514722
+"""Half width of a 90 % interval of a normal distribution [standard deviations]."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One fit and what it is judged by: ground, its own name, ship, trials to fit, trials left out, sigma (6,); truth:
+    true coefficients by symbol, where they are known."""
+
+    ground: str
+    name: str
+    ship: Ship
+    train: Sequence[Trial]
+    out: Sequence[Trial]
+    sigma: np.ndarray
+    truth: dict[str, float]
+
+
+def trials_of(names: Sequence[str]) -> list[Trial]:
+    """Records by their ``names`` without their broken stretches, as the commands take them."""
+    return list(TrialSet.of(splits.find(names)).sound)
+
+
+def folds_of(trials: Sequence[Trial]) -> list[list[int]]:
+    """Numbers of ``trials`` in five folds that spread each day and kind; those that share rows stay together."""
+    days, groups = group_trials(trials, "day"), list(range(len(trials)))
+    position = {t.name: i for i, t in enumerate(trials)}
+    for i, copies in enumerate(TrialSet.of(trials).copies):
+        for copy in copies:
+            pair = (groups[i], groups[position[copy["other"]]])
+            groups = [min(pair) if g in pair else g for g in groups]
+    labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
+    heads = sorted(set(groups), key=lambda i: (labels[i], i))
+    fold = {group: k % 5 for k, group in enumerate(heads)}
+    return [[i for i, g in enumerate(groups) if fold[g] == k] for k in range(5)]
+
+
+def records() -> Iterator[Fold]:
+    """The records of Train-TZRB+ in five folds; those that share rows stay together."""
+    trials = trials_of(splits.TRAIN_TZRB_PLUS)
+    sigma, ship = pooled_sigma(trials), load_ship(SHIP)
+    for k, out in enumerate(folds_of(trials)):
+        rest = [t for i, t in enumerate(trials) if i not in out]
+        yield Fold("records", str(k), ship, rest, [trials[i] for i in out], sigma, {})
+
+
+def inside_bands(found: FitResult, fold: Fold, part: dict[str, Any]) -> dict[str, list[int]]:
+    """How many numbers of the runs left out of ``fold`` the 90 % bands hold, of how many, by length of the windows
+    and kind of manoeuvre. part: what becomes of a part of the bands."""
+    assert found.objects is not None
+    bands, counted = bands_of(found.to_dict(), found.ship), dict[str, list[int]]()
+    if bands is None:
+        return counted
+    if "factor" in part:
+        one = np.ones_like(bands.process.factor)
+        bands = replace(bands, process=replace(bands.process, factor=one, adapted=one))
+    if "held" in part:
+        bands = replace(bands, held=None)
+    if "root" in part:
+        bands = replace(bands, root=bands.root[:, :0])
+    for trial in fold.out:
+        for length, stride in ((30.0, 15.0), (100.0, 100.0)):
+            made = predict_all(found.objects.after, [trial], length, stride, length > 50, bands=bands)
+            rows = counted.setdefault(f"{length:g} s {trial.kind}", [0, 0])
+            for window in made[0][0]:
+                error = window.error(trial.states)[1:]
+                known = np.isfinite(error)
+                rows[0] += int((np.abs(error) < NORMAL * window.std[1:])[known].sum())
+                rows[1] += int(known.sum())
+    return counted
+
+
+def by_length(found: FitResult, fold: Fold) -> dict[str, np.ndarray]:
+    """Numbers inside the 90 % bands, and numbers, of ``inside_bands``, by the length of the windows [s]."""
+    rows = {"30": np.zeros(2), "100": np.zeros(2)}
+    for words, counted in inside_bands(found, fold, {}).items():
+        rows[words.split()[0]] += counted
+    return rows
+
+
+def mean_bands(words: str, name: str, rows: Mapping[str, np.ndarray]) -> dict[str, Figure]:
+    """Figures of the shares of ``by_length``."""
+    return {
+        f"bands_{name}_{length}": Figure(
+            f"rows inside the 90 % band, mean of the states: {words}, {length} s", inside / count, "%"
+        )
+        for length, (inside, count) in rows.items()
+    }
 
 
 def folds() -> dict[str, Figure]:
@@ -33,17 +136,14 @@ def folds() -> dict[str, Figure]:
         for mark, past in zip(errors, (None, PAST), strict=True):
             made = score(found, list(fold.out), fold.sigma, adapt=past).trials
             errors[mark] += [[r.window, r.paper] for r in made if r.windows]
-        for words, counted in inside_bands(found, fold, {}).items():
-            rows[words.split()[0]] += counted
-    figures = {}
+        for length, counted in by_length(found, fold).items():
+            rows[length] += counted
+    figures = mean_bands("records left out", "records", rows)
     for mark, words in zip(errors, ("without a past", f"{PAST:g} s of past"), strict=True):
         for (metric, name), column in zip(METRICS.items(), np.array(errors[mark]).T, strict=True):
             error = float(column.std(ddof=1) / np.sqrt(len(column)))
             what = f"cross-validation over {len(column)} records, {name}, mean of files: {words}"
             figures[f"cv_{mark}{metric}"] = Figure(what, float(column.mean()), "", error)
-    for length, (inside, count) in rows.items():
-        what = f"rows inside the 90 % band, mean of the states: records left out, {length} s"
-        figures[f"bands_records_{length}"] = Figure(what, inside / count, "%")
     return figures
 
 
@@ -75,10 +175,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", default=list(parts), help="folds, hold-outs; default both")
     given = parser.parse_args()
     for part in given.parts:
-        made = parts[part]()
-        print("\n".join(f"{f.what}: {f.value:.4f}" + (f" ± {f.error:.4f}" if f.error else "") for f in made.values()))
-        if given.record:
-            keep(made, f"python -m benchmarks.accuracy {part}")
+        report(parts[part](), f"accuracy {part}", given.record)
 
 
 if __name__ == "__main__":

@@ -23,10 +23,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.accuracy import SHIP, Fold, by_length, mean_bands, trials_of
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
-from benchmarks.left_out import SHIP, Fold, inside_bands, trials_of
 from benchmarks.measured import done
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from cases.criteria.imo import imo_figures
 from cases.io import published_splits as splits
 from cases.shipfiles.effects import freeing_effects, with_effects
@@ -183,10 +183,7 @@ def plant_trials(seed: int) -> tuple[Ship, list[Trial], list[Trial]]:
 
 def held_by_bands(found: FitResult, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
     """Rows of ``trials`` inside the bands of ``found``, and rows, by the length of the windows [s]."""
-    rows = {"30": np.zeros(2), "100": np.zeros(2)}
-    for words, counted in inside_bands(found, Fold("", "", found.ship, (), trials, np.ones(6), {}), {}).items():
-        rows[words.split()[0]] += counted
-    return rows
+    return by_length(found, Fold("", "", found.ship, (), trials, np.ones(6), {}))
 
 
 def manoeuvres() -> dict[str, Figure]:
@@ -200,13 +197,8 @@ def manoeuvres() -> dict[str, Figure]:
         ship, zigzags, circles = plant_trials(seed)
         for length, rows in held_by_bands(calibrate(ship, zigzags, (), None, options), circles).items():
             plants[length] += rows
-    made = {}
-    for name, words, counted in (("turnings", "turnings from zigzags and random runs", records),
-                                 ("plant", "circles of a plant from zigzags", plants)):  # fmt: skip
-        for length, (inside, count) in counted.items():
-            what = f"rows inside the 90 % band, mean of the states: {words}, {length} s"
-            made[f"bands_{name}_{length}"] = Figure(what, inside / count, "%")
-    return made
+    made = mean_bands("turnings from zigzags and random runs", "turnings", records)
+    return made | mean_bands("circles of a plant from zigzags", "plant", plants)
 
 
 def main() -> None:
@@ -223,11 +215,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     for part in given.parts:
-        made = parts[part](given)
-        print("\n".join(f"{figure.what}: {figure.value:.3f} ({figure.note})" for figure in made.values()))
-        if given.record:
-            options = f" --seeds {given.seeds}" if part != "bands" else ""
-            keep(made, f"python -m benchmarks.coverage {part}{options}")
+        options = f" --seeds {given.seeds}" if part != "bands" else ""
+        report(parts[part](given), f"coverage {part}{options}", given.record)
 
 
 if __name__ == "__main__":

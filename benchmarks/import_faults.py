@@ -81,27 +81,13 @@ AT = {"hemispheres missing": WEST, "hemispheres in columns of their own": WEST, 
       "longitude without its sign": (37.7, -122.6), "latitude and longitude exchanged": (10.3, 50.2),
       "ddmm.mmmm as degrees": (0.31, 6.62)}  # fmt: skip
 """Latitude and longitude of a log: any of PLACES, and where the faults AT them show."""
-QUANTITIES = "latitude longitude x y sog cog psi u v r n delta wind_speed wind_direction azimuth n_azimuth"
-QUANTITIES += " apparent_wind_speed apparent_wind_direction"
-DIALECTS = tuple(
-    dict(zip(QUANTITIES.split(), words.split(","), strict=True))
-    for words in (
-        "Latitude,Longitude,x,y,SOG,COG,Heading,u,v,ROT,RPM,Rudder,True wind speed,True wind direction,Pod angle,"
-        "Pod rpm,AWS,AWA",
-        "lat,lon,northing,easting,speed_over_ground,course_over_ground,hdg,surge,sway,yaw_rate,shaft_rpm,rudder_angle,"
-        "tws,twd,azimuth,azimuth_rpm,aws,awa",
-        "GPS Latitude,GPS Longitude,x north,y east,Ground speed,Course made good,Gyro heading,Surge velocity,"
-        "Sway velocity,Rate of turn,Propeller rpm,Rudder feedback,TWS,TWD,Azimuth angle,Azimuth revs,"
-        "Apparent wind speed,Apparent wind angle",
-    )
-)
-"""Quantity -> words of its header, in three styles."""
-_UNITS = ("deg", "deg", "m", "m", "kn", "deg", "deg", "m/s", "m/s", "deg/s", "rpm", "deg", "m/s", "deg", "deg", "rpm")
-UNITS = dict(zip(QUANTITIES.split(), (*_UNITS, "m/s", "deg"), strict=True))
+HEADERS: dict[str, list[str]] = tables(Path(__file__).with_name("import_headers.toml"))
+"""Quantity -> unit, and the words of its header in three styles."""
 SCALES = {"kn": 1 / KN, "rpm": 60.0, "deg": DEG, "deg/s": DEG}
 SIDES = {"n": "Stbd ", "n_2": "Port ", "delta_port": "Port ", "delta_starboard": "Stbd ", "azimuth": "Stbd ",
          "azimuth_2": "Port ", "n_azimuth": "Stbd ", "n_azimuth_2": "Port "}  # fmt: skip
 POSITION, RECEIVER = ("latitude", "longitude"), ("latitude", "longitude", "sog", "cog")
+TURNS, ANGLES = ("n", "n_azimuth"), ("delta", "azimuth")
 
 
 class Fault(NamedTuple):
@@ -117,7 +103,8 @@ class Fault(NamedTuple):
 FORMS = {"any": ("comma", "semicolon", "tab", "excel", "parquet", "nmea"), "text": ("comma", "semicolon", "tab")}
 FORMS["table"] = FORMS["any"][:-1]
 FAULTS = {title: Fault(*row) for title, row in tables(Path(__file__).with_suffix(".toml")).items()}
-"""Title -> what is known of each fault; ``spoil_motion``, ``spoil_inputs``, ``said`` and ``written`` make them."""
+"""Title -> what is known of each fault; SPOILERS, ``spoil_motion``, ``spoil_inputs``, ``said`` and ``written`` make
+them."""
 
 
 def base(quantity: str) -> str:
@@ -219,8 +206,8 @@ class Log:
 
     def header(self, quantity: str, style: int) -> str:
         """The cell above a column, in a ``style``."""
-        unit, side = self.units.get(quantity, UNITS[base(quantity)]), SIDES.get(quantity, "")
-        words = self.names.get(quantity, DIALECTS[style][base(quantity)])
+        unit, side = self.units.get(quantity, HEADERS[base(quantity)][0]), SIDES.get(quantity, "")
+        words = self.names.get(quantity, HEADERS[base(quantity)][1 + style])
         words = side + words if len(self.of(base(quantity))) > 1 else words
         if style == 1:
             words = words.lower().replace(" ", "_")
@@ -229,7 +216,7 @@ class Log:
 
     def cells(self, quantity: str) -> list[str]:
         """The column as text."""
-        unit = self.units.get(quantity, UNITS[base(quantity)])
+        unit = self.units.get(quantity, HEADERS[base(quantity)][0])
         if quantity in POSITION:
             return [f"{v:.8f}" for v in self.q[quantity]]
         values = self.q[quantity] * SCALES.get(unit, 1.0)
@@ -341,82 +328,57 @@ def said(log: Log) -> Iterator[str]:
             yield f"WIMWV,{angle:.1f},T,{q['wind_speed'][k]:.2f},M,A"
 
 
-def stuck(log: Log, share: float, *names: str) -> Columns:
-    """The columns ``names`` that keep a value over a ``share`` of the log."""
-    rows = np.arange(N := len(log.clock))
-    first = 0 if share == 1 else N // 3
-    held = np.where((rows >= first) & (rows < first + share * N), first, rows)
-    return {q: log.q[q][held] for q in names}
+Spoiler = Callable[[Log], object]
 
 
-def changed(log: Log, change: Callable[[np.ndarray], np.ndarray], *names: str) -> None:
-    """``change`` the columns with these ``names``."""
-    log.q |= {q: change(log.q[q]) for q in log.of(*names)}
+def stuck(share: float, *names: str) -> Spoiler:
+    """The columns ``names`` keep a value over a ``share`` of the log."""
+
+    def spoil(log: Log) -> None:
+        rows = np.arange(N := len(log.clock))
+        first = 0 if share == 1 else N // 3
+        held = np.where((rows >= first) & (rows < first + share * N), first, rows)
+        log.q |= {q: log.q[q][held] for q in names}
+
+    return spoil
 
 
-def spoil_motion(log: Log) -> None:
-    """The faults of positions, headings, speeds and velocities."""
-    c, q, length = log.truth, log.q, float(log.truth["length"])
-    match log.title:
-        case "hemispheres missing" | "hemispheres in columns of their own":
-            changed(log, np.abs, *POSITION)
-        case "longitude without its sign":
-            changed(log, np.abs, "longitude")
-        case "latitude and longitude exchanged":
-            log.q |= {"latitude": q["longitude"], "longitude": q["latitude"]}
-        case "ddmm.mmmm as degrees":
-            changed(log, lambda v: 100 * np.floor(v) + 60 * (v % 1), *POSITION)
-        case "positions of low resolution":
-            changed(log, lambda v: np.round(v / (step := length / 90e3)) * step, *POSITION)
-        case "antenna off midship":
-            log.locate((0.35 - 0.1j) * length)
-        case "receiver late by 1 to 3 s":
-            log.locate(late=log.rng.uniform(1, 3))
-        case "GPS time beside UTC":
-            log.split, log.stamp = True, "iso"
-            log.locate(late=18.0)
-        case "positions zero where lost":
-            changed(log, lambda v: np.where(log.bad, 0.0, v), *RECEIVER)
-        case "a column of status V":
-            changed(log, lambda v: v + np.where(log.bad, 6 * length / 111e3, 0.0), "latitude")
-        case "heading frozen for a while":
-            log.q |= stuck(log, 0.2, "psi")
-        case "positions frozen for a while":
-            log.q |= stuck(log, 0.2, *RECEIVER)
-        case "heading frozen":
-            log.q |= stuck(log, 1, "psi")
-        case "heading off by 10 deg":
-            log.q["psi"] = q["psi"] + 10 / DEG
-        case "heading off by 180 deg":
-            log.q["psi"] = q["psi"] + np.pi
-        case "heading counter-clockwise from east":
-            log.q["psi"] = np.pi / 2 - q["psi"]
-        case "course in place of heading":
-            log.q["psi"] = np.unwrap(np.angle(c["ground"]))
-        case "magnetic heading":
-            log.q["psi"], log.names["psi"] = q["psi"] + 12 / DEG, "Heading (M)"
-        case "heading interpolated through 360":
-            rows, at = np.arange(len(log.clock)), np.arange(0, len(log.clock), 5)
-            log.q["psi"] = np.interp(rows, at, np.mod(q["psi"][at], 2 * np.pi))
-        case "turn rate in deg/min called deg/s":
-            log.q["r"] = 60 * q["r"]
-        case "turn rate positive to port":
-            log.q["r"] = -q["r"]
-        case "speed in km/h called kn":
-            log.q["sog"] = 1.852 * q["sog"]
-        case "speed through the water as SOG" | "speed through the water as speed":
-            log.q["sog"] = np.abs(c["water"])
-            log.names |= {"sog": "Speed"} if log.title.endswith("as speed") else {}
-        case "feet called m":
-            changed(log, lambda v: v / 0.3048, "x", "y")
-        case "u and v exchanged":
-            log.q |= {"u": q["v"], "v": q["u"]}
-        case "v positive to port":
-            log.q["v"] = -q["v"]
-        case "u and v north and east":
-            log.q |= {"u": c["ground"].real, "v": c["ground"].imag}
-        case "odometry east, north, up":
-            log.q |= {"x": q["y"], "y": q["x"], "psi": np.pi / 2 - q["psi"], "v": -q["v"], "r": -q["r"]}
+def changed(change: Callable[[np.ndarray], np.ndarray], *names: str) -> Spoiler:
+    """``change`` of the columns with these ``names``, of either side."""
+    return lambda log: log.q.update({q: change(log.q[q]) for q in log.of(*names)})
+
+
+def exchanged(one: str, other: str) -> Spoiler:
+    """Two columns, each under the name of the other."""
+    return lambda log: log.q.update({one: log.q[other], other: log.q[one]})
+
+
+SPOILERS: dict[str, Spoiler] = {
+    "hemispheres missing": changed(np.abs, *POSITION),
+    "hemispheres in columns of their own": changed(np.abs, *POSITION),
+    "longitude without its sign": changed(np.abs, "longitude"),
+    "latitude and longitude exchanged": exchanged(*POSITION),
+    "ddmm.mmmm as degrees": changed(lambda v: 100 * np.floor(v) + 60 * (v % 1), *POSITION),
+    "antenna off midship": lambda log: log.locate((0.35 - 0.1j) * float(log.truth["length"])),
+    "receiver late by 1 to 3 s": lambda log: log.locate(late=log.rng.uniform(1, 3)),
+    "heading frozen for a while": stuck(0.2, "psi"),
+    "positions frozen for a while": stuck(0.2, *RECEIVER),
+    "heading frozen": stuck(1, "psi"),
+    "heading off by 10 deg": changed(lambda v: v + 10 / DEG, "psi"),
+    "heading off by 180 deg": changed(lambda v: v + np.pi, "psi"),
+    "heading counter-clockwise from east": changed(lambda v: np.pi / 2 - v, "psi"),
+    "turn rate in deg/min called deg/s": changed(lambda v: 60 * v, "r"),
+    "turn rate positive to port": changed(np.negative, "r"),
+    "speed in km/h called kn": changed(lambda v: 1.852 * v, "sog"),
+    "feet called m": changed(lambda v: v / 0.3048, "x", "y"),
+    "u and v exchanged": exchanged("u", "v"),
+    "v positive to port": changed(np.negative, "v"),
+    "rudder positive to port": changed(np.negative, *ANGLES),
+    "rudder in rad called deg": changed(lambda v: v / DEG, *ANGLES),
+    "unsigned revolutions in a crash stop": changed(np.abs, *TURNS),
+    "port and starboard screws exchanged": exchanged("n", "n_2"),
+}
+"""Faults of a few columns alone."""
 
 
 def apparent(c: Columns) -> Columns:
@@ -424,30 +386,50 @@ def apparent(c: Columns) -> Columns:
     return {"apparent_wind_speed": np.abs(c["air"]), "apparent_wind_direction": np.angle(c["air"])}
 
 
-def spoil_inputs(log: Log) -> None:
-    """The faults of actuators, wind and clock."""
-    c, q, late = log.truth, log.q, np.arange(len(log.clock)) > 0.5 * len(log.clock)
-    turns, angles = ("n", "n_azimuth"), ("delta", "azimuth")
+def spoil_motion(log: Log) -> None:
+    """The faults of positions, headings, speeds and velocities that are more than one of SPOILERS."""
+    c, q, length = log.truth, log.q, float(log.truth["length"])
     match log.title:
-        case "rudder positive to port":
-            changed(log, np.negative, *angles)
-        case "rudder in rad called deg":
-            changed(log, lambda v: v / DEG, *angles)
+        case "positions of low resolution":
+            changed(lambda v: np.round(v / (step := length / 90e3)) * step, *POSITION)(log)
+        case "GPS time beside UTC":
+            log.split, log.stamp = True, "iso"
+            log.locate(late=18.0)
+        case "positions zero where lost":
+            changed(lambda v: np.where(log.bad, 0.0, v), *RECEIVER)(log)
+        case "a column of status V":
+            changed(lambda v: v + np.where(log.bad, 6 * length / 111e3, 0.0), "latitude")(log)
+        case "course in place of heading":
+            q["psi"] = np.unwrap(np.angle(c["ground"]))
+        case "magnetic heading":
+            q["psi"], log.names["psi"] = q["psi"] + 12 / DEG, "Heading (M)"
+        case "heading interpolated through 360":
+            rows, at = np.arange(len(log.clock)), np.arange(0, len(log.clock), 5)
+            q["psi"] = np.interp(rows, at, np.mod(q["psi"][at], 2 * np.pi))
+        case "speed through the water as SOG" | "speed through the water as speed":
+            q["sog"] = np.abs(c["water"])
+            log.names |= {"sog": "Speed"} if log.title.endswith("as speed") else {}
+        case "u and v north and east":
+            log.q |= {"u": c["ground"].real, "v": c["ground"].imag}
+        case "odometry east, north, up":
+            log.q |= {"x": q["y"], "y": q["x"], "psi": np.pi / 2 - q["psi"], "v": -q["v"], "r": -q["r"]}
+
+
+def spoil_inputs(log: Log) -> None:
+    """The faults of actuators, wind and clock that are more than one of SPOILERS."""
+    c, q, late = log.truth, log.q, np.arange(len(log.clock)) > 0.5 * len(log.clock)
+    match log.title:
         case "only the rudder's order":
             log.names |= dict.fromkeys(log.of("delta"), "Rudder order")
         case "two rudders with toe-in":
             log.q |= {"delta_port": q["delta"] + 5 / DEG, "delta_starboard": log.q.pop("delta") - 5 / DEG}
         case "rpm called rps":
-            changed(log, lambda v: 60 * v, *turns)
-            log.names |= dict.fromkeys(log.of(*turns), "Propeller speed" if log.of("n") else "Azimuth speed")
-            log.units |= dict.fromkeys(log.of(*turns), "rps")
-        case "unsigned revolutions in a crash stop":
-            changed(log, np.abs, *turns)
+            changed(lambda v: 60 * v, *TURNS)(log)
+            log.names |= dict.fromkeys(log.of(*TURNS), "Propeller speed" if log.of("n") else "Azimuth speed")
+            log.units |= dict.fromkeys(log.of(*TURNS), "rps")
         case "revolutions of an engine ahead of a gear":
-            changed(log, lambda v: 3.5 * v, "n")
+            changed(lambda v: 3.5 * v, "n")(log)
             log.names |= dict.fromkeys(log.of("n"), "Engine speed")
-        case "port and starboard screws exchanged":
-            log.q |= {"n": q["n_2"], "n_2": q["n"]}
         case "pods or wind over north, seldom logged" if "azimuth" not in q:
             c["wind_direction"] = log.q["wind_direction"] = 0.3 * np.sin(40 * c["t"] / c["t"][-1])
         case "apparent wind called true":
@@ -522,7 +504,7 @@ def written(log: Log, rows: Rows) -> Rows:
             body = [["recorded", *["actual"] * (len(head) - 1)], *body]
         case "a line of units in German":
             german = {"deg": "Grad", "rpm": "U/min", "deg/s": "Grad/s", "kn": "Knoten"}
-            line = [log.units.get(q, UNITS[base(q)]) for q in log.q]
+            line = [log.units.get(q, HEADERS[base(q)][0]) for q in log.q]
             body = [["s", *(german.get(unit, unit) for unit in line)], *body]
             head = [re.split(r" [\[(]|_(?:deg|rpm|kn|m|s)\b|_(?:deg|m)_s$", word)[0] for word in head]
         case "thousands separators":
@@ -544,6 +526,7 @@ def drawn(title: str, how: Fault, truth: Columns, rng: np.random.Generator) -> L
     stamp = str(rng.choice(["iso", "dotted", "epoch", "elapsed"]))
     log = Log(title, dict(truth), rng, str(rng.choice(forms)), place, clock, stamp)
     log.measure(frame)
+    SPOILERS.get(title, lambda _: None)(log)
     spoil_motion(log)
     spoil_inputs(log)
     return log

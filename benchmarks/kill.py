@@ -8,6 +8,7 @@ per verb and signal. Without /proc, orphan processes are not looked for.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -24,7 +25,7 @@ from typing import Any
 
 from safetensors import safe_open
 
-from benchmarks.record import Figure, keep, parser_of, table
+from benchmarks.record import Figure, parser_of, report, table
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 
@@ -33,15 +34,14 @@ TIMES = {"created", "command", "timings_s", "timings", "seconds", "rollout_s", "
 """Keys of JSON files that may differ: times, and where things lie."""
 FEW = "--name one --only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --measurement none --window 5"
 SMALL = "--seeds 2 --epochs 1 --width 4"
+COMPARE = "--models captive,fnn --epochs 1 --fractions 1 --seeds 2 --no-random --step 1"
 VERBS = {
     "fit": f"fit esso_osaka_3m trials {FEW} --out OUT",
     "bootstrap": f"fit esso_osaka_3m trials {FEW} --bootstrap 6 --profile N_r --out OUT",
     "train": f"train esso_osaka_3m trials {SMALL} --out OUT",
     "train-workers": f"train esso_osaka_3m trials {SMALL} --workers 2 --out OUT",
-    "compare": "compare --train trials --test others --models captive,fnn --epochs 1 --fractions 1 --seeds 2 "
-    "--no-random --step 1 --out OUT",
-    "compare-workers": "compare --train trials --test others --models captive,fnn --epochs 1 --fractions 1 --seeds 2 "
-    "--no-random --step 1 --workers 2 --out OUT",
+    "compare": f"compare --train trials --test others {COMPARE} --out OUT",
+    "compare-workers": f"compare --train trials --test others {COMPARE} --workers 2 --out OUT",
     "diagnose": "diagnose small.toml others --no-learn --step 1 --out OUT",
     "diagnose-workers": "diagnose small.toml others --no-learn --step 1 --workers 2 --out OUT",
     "select": "select small.toml trials --validate others --only mmg,sm1-order1 --out OUT",
@@ -84,31 +84,28 @@ def trials(folder: Path) -> None:
     (folder / "small.toml").write_text(dump_ship(few, "few free coefficients"), encoding="utf-8")
 
 
-class Process:
-    """A command of its own session in a ``folder``."""
+class Process(subprocess.Popen[str]):
+    """A command of its own session in a ``folder``, whose errors go to a file. words: of the command."""
 
     def __init__(self, folder: Path, words: Sequence[str]) -> None:
-        self.errors = folder / f".errors_{time.monotonic_ns()}"
+        self.errors = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
         command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-        with self.errors.open("wb") as file:
-            self.child = subprocess.Popen(
-                command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=file, start_new_session=True
-            )
-        self.pid = self.child.pid
+        super().__init__(
+            command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=self.errors, start_new_session=True
+        )
 
-    def wait(self, seconds: float) -> int | None:
+    def ended_with(self, seconds: float) -> int | None:
         """The exit status, negative for a signal, or None where it has not ended after so many seconds."""
-        try:
-            return self.child.wait(seconds)
-        except subprocess.TimeoutExpired:
-            return None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return self.wait(seconds)
+        return None
 
     def said(self) -> str:
         """What it wrote to stderr."""
-        text = self.errors.read_text(encoding="utf-8", errors="replace")
-        self.errors.unlink()
-        return text
+        with self.errors:
+            self.errors.seek(0)
+            return self.errors.read()
 
 
 def started(folder: Path, verb: str, out: str, *more: str) -> Process:
@@ -119,11 +116,9 @@ def started(folder: Path, verb: str, out: str, *more: str) -> Process:
 def alone(folder: Path, verb: str, out: str) -> tuple[Any, float]:
     """What a ``verb`` that is left alone makes as ``out`` in ``folder``, and its seconds. Raises RuntimeError where it
     fails."""
-    began = time.perf_counter()
-    process = started(folder, verb, out)
-    if process.wait(600.0) != 0:
+    began, process = time.perf_counter(), started(folder, verb, out)
+    if process.ended_with(600.0) != 0:
         raise RuntimeError(process.said())
-    process.said()
     return made(folder, out), time.perf_counter() - began
 
 
@@ -132,12 +127,12 @@ def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whol
     which is then made once more; whole: what it makes when it is left alone."""
     out, faults = f"{verb}_{number.name}_{round(1e6 * fraction)}", []
     process = started(folder, verb, out)
-    if process.wait(fraction * seconds) is None:
+    if process.ended_with(fraction * seconds) is None:
         os.kill(process.pid, number)
-        if process.wait(60 + 2 * seconds) is None:
+        if process.ended_with(60 + 2 * seconds) is None:
             faults.append("deaf")
             os.killpg(process.pid, signal.SIGKILL)
-            process.wait(5.0)
+            process.ended_with(5.0)
     if "Traceback" in (error := process.said()):
         faults.append(f"traceback: {error.strip().splitlines()[-1][:100]}")
     until = time.monotonic() + 30.0  # a process that is still importing notices it late
@@ -150,7 +145,7 @@ def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whol
     if _complete(left) and left != whole:
         faults.append("passes for finished")
     again = started(folder, verb, out, AGAIN.get(verb, "--resume"))
-    code = again.wait(60 + 6 * seconds)
+    code = again.ended_with(60 + 6 * seconds)
     error = again.said()
     if code != 0:
         faults.append(f"not resumed: {error.strip().splitlines()[-1][:100] if error.strip() else code}")
@@ -171,12 +166,12 @@ def made(folder: Path, out: str) -> Any:
         name = str(path.relative_to(place)) if place.is_dir() else path.suffix
         if path.suffix == ".json":
             found[name] = values(json.loads(path.read_text(encoding="utf-8")))
-        elif path.suffix == ".safetensors" and "training" not in name:
-            found[name] = _numbers(path)
-        elif path.suffix not in (".html", ".png") and "training" not in name and "entries" not in name:
-            found[name] = sha256(path.read_bytes().replace(out.encode(), b"OUT")).hexdigest()
         elif path.suffix in (".html", ".png"):
             found[name] = "there"
+        elif path.suffix == ".safetensors" and "training" not in name:
+            found[name] = _numbers(path)
+        elif "training" not in name and "entries" not in name:
+            found[name] = sha256(path.read_bytes().replace(out.encode(), b"OUT")).hexdigest()
     return found
 
 
@@ -240,15 +235,12 @@ def main() -> None:
             for k in range(given.kills):
                 one = ended(folder, verb, SIGNALS[k % 3], draw.uniform(0.02, 1.0), whole, seconds)
                 found.append(one)
-                print(
-                    f"{verb} {k + 1}/{given.kills} {one.name} at {one.fraction:.3f}: {one.faults or 'ok'}", flush=True
-                )
+                words = f"{verb} {k + 1}/{given.kills} {one.name} at {one.fraction:.3f}"
+                print(f"{words}: {one.faults or 'ok'}", flush=True)
     print("\n".join(table(["command", "signal", "ended", "as it must be", "faults"], rows(found))))
-    if given.record:
-        whole = Figure(
-            "commands ended at a random moment, whole after it", sum(not e.faults for e in found), of=len(found)
-        )
-        keep({"kill": whole}, f"python -m benchmarks.kill --kills {given.kills} --seed {given.seed}")
+    good = sum(not e.faults for e in found)
+    made = {"kill": Figure("commands ended at a random moment, whole after it", good, of=len(found))}
+    report(made, f"kill --kills {given.kills} --seed {given.seed}", given.record)
 
 
 if __name__ == "__main__":

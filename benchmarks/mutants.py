@@ -23,7 +23,7 @@ from pathlib import Path
 
 from benchmarks.faults import Fault, faults
 from benchmarks.measured import done
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from benchmarks.toml import tables
 
 ROOT = Path(__file__).parents[1]
@@ -98,13 +98,10 @@ def main() -> int:
         killed += found
         if not found:
             print("not noticed:", chosen[number].key, flush=True)
-    score = 100 * killed / max(len(chosen), 1)
     print(f"{len(sample) - len(chosen)} drawn faults change nothing")
-    print(f"{killed} of {len(chosen)} faults noticed: {score:.1f} % (least {given.least} %)")
-    if given.record:
-        figure = Figure("faults in the physics that the tests notice", killed, of=len(chosen))
-        keep({"mutants": figure}, f"python -m benchmarks.mutants --sample {given.sample} --seed {given.seed}")
-    return 0 if score >= given.least else 1
+    made = {"mutants": Figure("faults in the physics that the tests notice", killed, of=len(chosen))}
+    report(made, f"mutants --sample {given.sample} --seed {given.seed}", given.record)
+    return 0 if 100 * killed >= given.least * len(chosen) else 1
 
 
 if __name__ == "__main__":

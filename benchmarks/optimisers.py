@@ -8,13 +8,12 @@ SciPy gets what a user would hand to it: single shooting, the residual vector in
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.record import Figure, keep
+from benchmarks.record import Figure, parser_of, report
 from cases.io import published_splits as splits
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
@@ -79,20 +78,17 @@ def main() -> None:
         ours = solve_led(problem, problem.start(), 1e-6, 300, None, None, "")
         times.append(time.perf_counter() - began)
     seconds = sorted(times)[2]
-    print(f"this package: {seconds:.2f} s, objective {ours.objective:.6f}, {ours.status}")
     one = SingleShooting(whole, ours.objective * (1 + 1e-5), LONGEST * seconds)
     begin = np.zeros(6 * one.windows + whole.P)
     with contextlib.suppress(Reached):  # Levenberg-Marquardt within bounds, slopes by finite differences
         least_squares(one.residuals, begin, bounds=one.bounds(), x_scale="jac", ftol=1e-10, xtol=1e-10, gtol=1e-10)
     ratio = (time.perf_counter() - one.began) / seconds
     note = "" if one.best <= one.goal else f"not reached: {one.best:.1f} for {ours.objective:.1f}"
-    print(f"SciPy least_squares: {ratio:.0f} times as long {note}")
     made = {
         "solve_wall": Figure("the objective of Train-TZRB minimised, code compiled", seconds, "s"),
         "scipy_ratio": Figure("the same objective by SciPy least_squares", ratio, "times as long", note=note),
     }
-    if "--record" in sys.argv:
-        keep(made, "python -m benchmarks.optimisers")
+    report(made, "optimisers", parser_of("optimisers", __doc__).parse_args().record)
 
 
 if __name__ == "__main__":

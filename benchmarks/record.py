@@ -39,6 +39,11 @@ class Figure:
     note: str = ""
 
 
+def row_of(figure: Figure) -> dict[str, Any]:
+    """The row of a ``figure`` in the record, without what it does not say."""
+    return {key: value for key, value in asdict(figure).items() if value not in ("", None)}
+
+
 def parser_of(name: str, doc: str | None) -> argparse.ArgumentParser:
     """The parser of the command line of the benchmark ``name``, which its docstring ``doc`` describes."""
     parser = argparse.ArgumentParser(
@@ -53,11 +58,29 @@ def keep(figures: Mapping[str, Figure], command: str) -> None:
     out."""
     made = {"command": command, "date": date.today().isoformat(), "commit": commit(), "machine": machine(),
             "version": mmg_ident.__version__}  # fmt: skip
-    known = kept() | {name: asdict(figure) | made for name, figure in figures.items()}
-    rows = {
-        name: {key: value for key, value in known[name].items() if value not in ("", None)} for name in sorted(known)
-    }
+    known = kept() | {name: row_of(figure) | made for name, figure in figures.items()}
+    rows = {name: known[name] for name in sorted(known)}
     RECORD.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def shown(figure: Mapping[str, Any]) -> str:
+    """The value of a ``figure`` of the record, with its error and unit, as a reader wants it."""
+    value, unit, error = figure["value"], figure.get("unit", ""), figure.get("error")
+    if "of" in figure:
+        return f"{value:g} of {figure['of']}"
+    if unit == "%":
+        return f"{100 * value:.3g}" + (f" ± {100 * error:.2g}" if error is not None else "") + " %"
+    if error is not None:
+        return f"{value:.4f} ± {error:.4f} {unit}".rstrip()
+    return f"{value:.3g} {unit}".rstrip() if value < 1000 else f"{value:,.0f} {unit}".rstrip()
+
+
+def report(figures: Mapping[str, Figure], words: str, record: bool) -> None:
+    """Print ``figures`` and, where asked, ``keep`` them; words: benchmark and options that measured them."""
+    for one in figures.values():
+        print(f"{one.what}: {shown(row_of(one))} {one.note}".rstrip(), flush=True)
+    if record:
+        keep(figures, f"python -m benchmarks.{words}")
 
 
 def kept() -> dict[str, dict[str, Any]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.blind.generator.world import NARROW, WORLDS, World
 from benchmarks.blind.generator.write import generate
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from cases.checks.stretches import broken_stretches
 from cases.io.leave_out import inside
 from cases.io.published_splits import data_folder
@@ -238,8 +238,7 @@ def main() -> None:
         hits, count, lost = shares(f"all {words}", rows)
         figures[f"stretches_{name}"] = Figure(f"broken stretches found in {words}", hits, of=count)
         figures[f"stretches_{name}_lost"] = Figure(f"sound time lost for a break in {words}", lost, "%")
-    if given.record:
-        keep(figures, f"python -m benchmarks.stretches --seed {given.seed} --world {' '.join(given.world)}")
+    report(figures, f"stretches --seed {given.seed} --world {' '.join(given.world)}", given.record)
 
 
 if __name__ == "__main__":

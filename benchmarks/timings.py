@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from cases.io import published_splits as splits
 
 ROOT = Path(__file__).parents[1]
@@ -113,13 +113,11 @@ def main() -> None:
             words, work = ROWS[name]
             runs = sorted(work(bench) for _ in range(given.repeats))
             wall, processor = runs[(len(runs) - 1) // 2]
-            print(f"{words}: {wall:.3g} s, {processor:.3g} s of processor", flush=True)
             made = {
                 f"{name}_wall": Figure(words, wall, "s"),
                 f"{name}_processor": Figure(f"{words}, processor", processor, "s"),
             }
-            if given.record:
-                keep(made, f"python -m benchmarks.timings {name}")
+            report(made, f"timings {name}", given.record)
 
 
 if __name__ == "__main__":

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.switches import Switch, constantly, replaced
+from benchmarks.accuracy import NORMAL, PAST, SHIP, Fold, inside_bands, records
 from benchmarks.blind.cases import blind_ship, dealt, folders
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.coverage import figure_hits
-from benchmarks.left_out import NORMAL, PAST, SHIP, Fold, inside_bands, records
 from cases.io import published_splits as splits
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship

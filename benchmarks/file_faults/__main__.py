@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.file_faults import simulated
 from benchmarks.file_faults.faults import FAULTS, Fault
 from benchmarks.file_faults.fleet import SETS, drawn
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from cases.checks import CheckReport, check
 from cases.io.read import read_trials
 from cases.quantities import UNITS
@@ -175,10 +175,9 @@ def _filtered(record: bool) -> None:
     """Prints what is said of SOUND sets with filtered velocities that should not be."""
     found = Counter(_one_filtered(seed) for seed in range(SOUND))
     wrong = SOUND - found["quiet"]
-    print(f"{wrong} of {SOUND} sets with a contradiction or a line, {dict(found)}")
-    if record:
-        made = Figure("sound sets with filtered velocities that are refuted or given a line", wrong, of=SOUND)
-        keep({"files_filtered": made}, "python -m benchmarks.file_faults --plant filtered")
+    print(dict(found))
+    made = Figure("sound sets with filtered velocities that are refuted or given a line", wrong, of=SOUND)
+    report({"files_filtered": made}, "file_faults --plant filtered", record)
 
 
 def _one_filtered(seed: int) -> str:
@@ -213,15 +212,13 @@ def main() -> None:
     alarms, sound = total["alarm"], total.pop("alarm", 0) + total.pop("quiet", 0)
     count, harms = sum(total.values()), sum(v for k, v in total.items() if "harmful" in k)
     named = sum(v for k, v in total.items() if k.startswith("named"))
-    print(f"named {named} of {count}, {alarms} alarms in {sound} sound sets, harmful {harms}, {dict(total)}")
-    if args.record:
-        of = {"foreign": "files of another plant", "own": "simulated trials"}[args.plant]
-        made = {"": Figure(f"faults of {of} named", named, of=count)}
-        made["_alarms"] = Figure(f"false alarms in sound {of}", alarms, of=sound)
-        if args.plant == "foreign":
-            made["_harmful"] = Figure(f"advice on {of} that would harm", harms, of=count)
-        words = f"--plant {args.plant} --seeds {' '.join(map(str, args.seeds))}"
-        keep({f"files_{args.plant}{k}": v for k, v in made.items()}, f"python -m benchmarks.file_faults {words}")
+    print(dict(total))
+    of = {"foreign": "files of another plant", "own": "simulated trials"}[args.plant]
+    made = {f"files_{args.plant}": Figure(f"faults of {of} named", named, of=count)}
+    made[f"files_{args.plant}_alarms"] = Figure(f"false alarms in sound {of}", alarms, of=sound)
+    if args.plant == "foreign":
+        made["files_foreign_harmful"] = Figure(f"advice on {of} that would harm", harms, of=count)
+    report(made, f"file_faults --plant {args.plant} --seeds {' '.join(map(str, args.seeds))}", args.record)
 
 
 if __name__ == "__main__":

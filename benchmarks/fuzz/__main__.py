@@ -15,7 +15,7 @@ from typing import Any
 import benchmarks.fuzz
 from benchmarks.fuzz.damage import numbered
 from benchmarks.fuzz.readers import Reader, log_readers, readers
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from benchmarks.record import table as markdown
 from mmg.errors import LONGEST, UserError
 
@@ -82,22 +82,17 @@ def main() -> None:
     parser.add_argument("--logs", action="store_true", help="only readers of raw logs")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        found, numbers = (
-            (log_readers if given.logs else readers)(Path(scratch) / "fuzz"),
-            range(given.first, given.first + given.inputs),
-        )
+        found = (log_readers if given.logs else readers)(Path(scratch) / "fuzz")
+        numbers = range(given.first, given.first + given.inputs)
         names = [n for n in found if not given.reader or n.startswith(tuple(given.reader))]
         rows = [piece(name, found[name], numbers) for name in names]
     print("\n".join(table(rows)))
     for row in rows:
         for words, some in row["strange"].items():
             print(f"{row['reader']}, --first {some[0]} ({len(some)} such): {words}")
-    if given.record:
-        wrong = sum(len(some) for row in rows for some in row["strange"].values())
-        figure = Figure(
-            f"unexpected answers of {len(rows)} readers to damaged files", wrong, of=len(rows) * given.inputs
-        )
-        keep({"fuzz": figure}, f"python -m benchmarks.fuzz --inputs {given.inputs} --first {given.first}")
+    wrong, words = (sum(len(some) for row in rows for some in row["strange"].values()), f"{len(rows)} readers")
+    made = {"fuzz": Figure(f"unexpected answers of {words} to damaged files", wrong, of=len(rows) * given.inputs)}
+    report(made, f"fuzz --inputs {given.inputs} --first {given.first}", given.record)
 
 
 if __name__ == "__main__":

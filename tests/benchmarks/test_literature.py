@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from benchmarks.literature.ships import FIGURES, SHIPS
+from benchmarks.literature import FIGURES, SHIPS
 from cases.criteria.imo import REFERENCES
 
 

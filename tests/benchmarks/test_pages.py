@@ -19,7 +19,7 @@ def test_no_page_is_edited_by_hand() -> None:
 
 def test_figures_of_the_readme_are_there_and_of_this_minor_version() -> None:
     known = kept()
-    assert {name for _, template in pages.ROWS for name in pages.anchors(template)} <= set(known)
+    assert {name for _, template in pages.ROWS.items() for name in pages.anchors(template)} <= set(known)
     assert pages.old(known) == []
 
 

@@ -6,6 +6,7 @@ hook returns what it was given.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -109,8 +110,22 @@ class OneNumber(Effect):
         inside = {self.number: size, **{k: float(rng.uniform(*limits)) for k, limits in self.shape.items()}}
         return Drawn({self.number: size}, inside)
 
-    def __init_subclass__(cls) -> None:
-        cls.neutral = {cls.number: 0.0, **{k: 0.5 * (a + b) for k, (a, b) in (cls.shape | cls.per_run).items()}}
+
+def effect(
+    hook: str, levels: tuple[float, ...], base: type[OneNumber] = OneNumber, **fields: Any
+) -> Callable[[Callable[..., Any]], OneNumber]:
+    """Makes of a function the effect of its name whose ``hook`` it is; fields: those of the ``base`` and of Effect,
+    others being limits of the shape."""
+
+    def made(function: Callable[..., Any]) -> OneNumber:
+        own = {name: fields.pop(name) for name in ("number", "two_sided", "states", "per_run") if name in fields}
+        own |= {"name": function.__name__, "levels": levels, "shape": fields, hook: staticmethod(function)}
+        kind = type(function.__name__, (base,), own | {"__doc__": function.__doc__})
+        middles = {k: 0.5 * (a + b) for k, (a, b) in (kind.shape | kind.per_run).items()}
+        kind.neutral = {kind.number: 0.0, **middles}
+        return kind()
+
+    return made
 
 
 def scaled(force: Force, X: Any, Y: Any, N: Any) -> Force:

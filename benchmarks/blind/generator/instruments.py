@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, History, OneNumber, vector
+from benchmarks.blind.generator.effect import Array, Drawn, Effect, History, effect, vector
 
 
 def turned(u: Array, v: Array, angle: Array) -> tuple[Array, Array]:
@@ -33,56 +33,44 @@ class AntennaOffset(Effect):
         return out
 
 
-class GnssDelay(OneNumber):
+@effect("columns", (0.25, 0.5, 1.0), number="tau")
+def gnss_delay(y: Array, history: History, rows: Array, e: Any) -> Array:
     """Position and velocity over ground are those of a while ago; heading, and the axes of u and v, are of now."""
-
-    name, levels = "gnss_delay", (0.25, 0.5, 1.0)
-    number = "tau"
-
-    def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
-        s = history.states
-        north = s[:, 3] * np.cos(s[:, 2]) - s[:, 4] * np.sin(s[:, 2])
-        east = s[:, 3] * np.sin(s[:, 2]) + s[:, 4] * np.cos(s[:, 2])
-        at = np.maximum(rows[:, None] - e.tau[None, :] / history.dt, 0.0)
-        low = np.floor(at).astype(int)
-        high, share, run = np.minimum(low + 1, rows[:, None]), at - low, np.arange(s.shape[2])[None, :]
-        late = [a[low, run] + share * (a[high, run] - a[low, run]) for a in (s[:, 0], s[:, 1], north, east)]
-        out, psi = y.copy(), s[rows, 2]
-        here = (
-            s[rows, 3] * np.cos(psi) - s[rows, 4] * np.sin(psi),
-            s[rows, 3] * np.sin(psi) + s[rows, 4] * np.cos(psi),
-        )
-        u, v = turned(late[2] - here[0], late[3] - here[1], psi)
-        out[:, 0] += late[0] - s[rows, 0]
-        out[:, 1] += late[1] - s[rows, 1]
-        out[:, 3] += u
-        out[:, 4] += v
-        return out
+    s = history.states
+    north = s[:, 3] * np.cos(s[:, 2]) - s[:, 4] * np.sin(s[:, 2])
+    east = s[:, 3] * np.sin(s[:, 2]) + s[:, 4] * np.cos(s[:, 2])
+    at = np.maximum(rows[:, None] - e.tau[None, :] / history.dt, 0.0)
+    low = np.floor(at).astype(int)
+    high, share, run = np.minimum(low + 1, rows[:, None]), at - low, np.arange(s.shape[2])[None, :]
+    late = [a[low, run] + share * (a[high, run] - a[low, run]) for a in (s[:, 0], s[:, 1], north, east)]
+    out, psi = y.copy(), s[rows, 2]
+    here = (
+        s[rows, 3] * np.cos(psi) - s[rows, 4] * np.sin(psi),
+        s[rows, 3] * np.sin(psi) + s[rows, 4] * np.cos(psi),
+    )
+    u, v = turned(late[2] - here[0], late[3] - here[1], psi)
+    out[:, 0] += late[0] - s[rows, 0]
+    out[:, 1] += late[1] - s[rows, 1]
+    out[:, 3] += u
+    out[:, 4] += v
+    return out
 
 
-class HeadingBias(OneNumber):
+@effect("columns", tuple(np.radians((0.14, 0.57, 2.0))), two_sided=True, number="psi")
+def heading_bias(y: Array, history: History, rows: Array, e: Any) -> Array:
     """Logged heading off by a constant; u and v come from the velocity over ground and are turned with it."""
-
-    name, levels = "heading_bias", tuple(np.radians((0.14, 0.57, 2.0)))
-    number, two_sided = "psi", True
-
-    def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
-        out = y.copy()
-        out[:, 2] += e.psi
-        out[:, 3], out[:, 4] = turned(y[:, 3], y[:, 4], e.psi)
-        return out
+    out = y.copy()
+    out[:, 2] += e.psi
+    out[:, 3], out[:, 4] = turned(y[:, 3], y[:, 4], e.psi)
+    return out
 
 
-class LogScale(OneNumber):
+@effect("columns", (0.002, 0.01, 0.05), two_sided=True, number="share")
+def log_scale(y: Array, history: History, rows: Array, e: Any) -> Array:
     """Logged u off by a share, which is 8 % larger at high than at low speed."""
-
-    name, levels = "log_scale", (0.002, 0.01, 0.05)
-    number, two_sided = "share", True
-
-    def columns(self, y: Array, history: History, rows: Array, e: Any) -> Array:
-        out = y.copy()
-        out[:, 3] *= 1 + e.share * (0.96 + 0.08 * np.abs(y[:, 3]) / (np.abs(y[:, 3]) + 0.2))
-        return out
+    out = y.copy()
+    out[:, 3] *= 1 + e.share * (0.96 + 0.08 * np.abs(y[:, 3]) / (np.abs(y[:, 3]) + 0.2))
+    return out
 
 
-EFFECTS = (GnssDelay(), AntennaOffset(), HeadingBias(), LogScale())
+EFFECTS = (gnss_delay, AntennaOffset(), heading_bias, log_scale)

@@ -6,23 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.effect import Array, Drawn, Effect, OneNumber, scaled
+from benchmarks.blind.generator.effect import Array, Drawn, Effect, effect, scaled
 
 
-class RudderLag(OneNumber):
+@effect("actuators", (0.25, 0.6, 1.5), number="T", split=(0.1, 0.4))
+def rudder_lag(n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
     """Real rudder late by two first-order lags in a row, whose time constants add up to T."""
-
-    name, levels = "rudder_lag", (0.25, 0.6, 1.5)
-    number, shape = "T", {"split": (0.1, 0.4)}
-
-    def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        if k == 0:
-            memory["first"] = memory["second"] = delta[0]
-            return n[0], delta[0]
-        before = memory["first"]
-        memory["first"] = follow(before, delta[k - 1], delta[k], e.T * e.split, dt)
-        memory["second"] = follow(memory["second"], before, memory["first"], e.T * (1 - e.split), dt)
-        return n[k], memory["second"]
+    if k == 0:
+        memory["first"] = memory["second"] = delta[0]
+        return n[0], delta[0]
+    before = memory["first"]
+    memory["first"] = follow(before, delta[k - 1], delta[k], e.T * e.split, dt)
+    memory["second"] = follow(memory["second"], before, memory["first"], e.T * (1 - e.split), dt)
+    return n[k], memory["second"]
 
 
 def follow(y: Array, x_0: Array, x_1: Array, T: Array, dt: float) -> Array:
@@ -33,38 +29,26 @@ def follow(y: Array, x_0: Array, x_1: Array, T: Array, dt: float) -> Array:
     return np.where(T > 0, late, x_1)
 
 
-class RudderBacklash(OneNumber):
+@effect("actuators", tuple(np.radians((1.1, 2.9, 5.7))), number="b")
+def rudder_backlash(n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
     """Play of half width b between logged and real rudder, as true hysteresis: the real one is dragged by the ends."""
-
-    name, levels = "rudder_backlash", tuple(np.radians((1.1, 2.9, 5.7)))
-    number = "b"
-
-    def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        memory["at"] = np.clip(memory.get("at", delta[0]), delta[k] - e.b, delta[k] + e.b)
-        return n[k], memory["at"]
+    memory["at"] = np.clip(memory.get("at", delta[0]), delta[k] - e.b, delta[k] + e.b)
+    return n[k], memory["at"]
 
 
-class RudderOffset(OneNumber):
+@effect("actuators", tuple(np.radians((1.1, 2.9, 5.0))), two_sided=True, number="delta")
+def rudder_offset(n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
     """Real rudder is the logged one plus a constant, a little less of it at large angles (linkage)."""
-
-    name, levels = "rudder_offset", tuple(np.radians((1.1, 2.9, 5.0)))
-    number, two_sided = "delta", True
-
-    def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        return n[k], delta[k] + e.delta * (0.6 + 0.4 * np.cos(delta[k]))
+    return n[k], delta[k] + e.delta * (0.6 + 0.4 * np.cos(delta[k]))
 
 
-class ControlDelay(OneNumber):
+@effect("actuators", (0.15, 0.4, 1.2), number="tau")
+def control_delay(n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
     """Rudder and revolutions act late by a true transport delay (linear interpolation of the past)."""
-
-    name, levels = "control_delay", (0.15, 0.4, 1.2)
-    number = "tau"
-
-    def actuators(self, n: Array, delta: Array, k: int, dt: float, e: Any, memory: Any) -> tuple[Array, Array]:
-        at = np.maximum(k - e.tau / dt, 0.0)
-        low = np.minimum(np.floor(at).astype(int), k)
-        high, share, run = np.minimum(low + 1, k), at - low, np.arange(len(at))
-        return tuple(a[low, run] + share * (a[high, run] - a[low, run]) for a in (n, delta))  # type: ignore[return-value]
+    at = np.maximum(k - e.tau / dt, 0.0)
+    low = np.minimum(np.floor(at).astype(int), k)
+    high, share, run = np.minimum(low + 1, k), at - low, np.arange(len(at))
+    return tuple(a[low, run] + share * (a[high, run] - a[low, run]) for a in (n, delta))  # type: ignore[return-value]
 
 
 class PropellerSideForce(Effect):
@@ -100,16 +84,12 @@ class RudderStall(Effect):
         parts["rudder"] = scaled(parts["rudder"], left, left, left)
 
 
-class Fouling(OneNumber):
+@effect("forces", (0.3, 0.6, 1.0), number="share", power=(1.8, 2.0))
+def fouling(parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
     """Larger resistance in straight motion; the added part grows with a power of speed a little below two."""
-
-    name, levels = "fouling", (0.3, 0.6, 1.0)
-    number, shape = "share", {"power": (1.8, 2.0)}
-
-    def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
-        speed = np.sign(m.u) * 0.0625 * (np.abs(m.u) / 0.25) ** e.power
-        X, Y, N = parts["hull"]
-        parts["hull"] = (X + e.share * 0.5 * p["rho"] * p["L"] * p["d"] * -p["resistance"] * speed, Y, N)
+    speed = np.sign(m.u) * 0.0625 * (np.abs(m.u) / 0.25) ** e.power
+    X, Y, N = parts["hull"]
+    parts["hull"] = (X + e.share * 0.5 * p["rho"] * p["L"] * p["d"] * -p["resistance"] * speed, Y, N)
 
 
 class Draft(Effect):
@@ -126,22 +106,18 @@ class Draft(Effect):
         p["d"], p["m"] = p["d"] * (1 + e.share), p["m"] * (1 + 1.05 * e.share)
 
 
-class HullMemory(OneNumber):
+@effect("forces", (0.5, 1.2, 2.5), states=4, number="T", share=(0.55, 0.8), quick=(0.5, 0.85))
+def hull_memory(parts: Any, m: Any, e: Any, z: Array, p: Any) -> Array:
     """Sway force and yaw moment of the hull arrive late: two parts with time constants around their mean T."""
-
-    name, levels, states = "hull_memory", (0.5, 1.2, 2.5), 4
-    number, shape = "T", {"share": (0.55, 0.8), "quick": (0.5, 0.85)}
-
-    def forces(self, parts: Any, m: Any, e: Any, z: Array, p: Any) -> Array:
-        X, Y, N = parts["hull"]
-        fast = np.where(e.T > 0, e.quick * e.T, 1.0)
-        slow = np.where(e.T > 0, e.T * (1 - e.share * e.quick) / (1 - e.share), 1.0)
-        late = [e.share * z[i] + (1 - e.share) * z[i + 1] for i in (0, 2)]
-        parts["hull"] = (X, np.where(e.T > 0, late[0], Y), np.where(e.T > 0, late[1], N))
-        return np.stack([(Y - z[0]) / fast, (Y - z[1]) / slow, (N - z[2]) / fast, (N - z[3]) / slow])
+    X, Y, N = parts["hull"]
+    fast = np.where(e.T > 0, e.quick * e.T, 1.0)
+    slow = np.where(e.T > 0, e.T * (1 - e.share * e.quick) / (1 - e.share), 1.0)
+    late = [e.share * z[i] + (1 - e.share) * z[i + 1] for i in (0, 2)]
+    parts["hull"] = (X, np.where(e.T > 0, late[0], Y), np.where(e.T > 0, late[1], N))
+    return np.stack([(Y - z[0]) / fast, (Y - z[1]) / slow, (N - z[2]) / fast, (N - z[3]) / slow])
 
 
 EFFECTS = (
-    RudderLag(), RudderBacklash(), RudderOffset(), ControlDelay(), PropellerSideForce(), RudderStall(), Fouling(),
-    Draft(), HullMemory(),
+    rudder_lag, rudder_backlash, rudder_offset, control_delay, PropellerSideForce(), RudderStall(), fouling,
+    Draft(), hull_memory,
 )  # fmt: skip

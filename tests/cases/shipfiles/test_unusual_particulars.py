@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.literature.ships import SHIPS
+from benchmarks.literature import SHIPS
 from cases.shipfiles.new_ship import new_ship, parse_particulars
 from cases.shipfiles.particulars import unusual
 from mmg.errors import UserError

@@ -4,17 +4,23 @@ Run from the repository root: python -m benchmarks.literature [--hull NAME] [--r
 Each ship is made from her particulars, as the command makes her, and turns and zigzags as she did. The factors on a few
 of her coefficients (``cases/shipfiles/estimates.py``) were determined from these ships; 5f878e7 has the script, which
 also left each ship out in turn.
+
+A figure of literature.toml is one that was published for the ship or her model, or that of a published mathematical
+model, simulated at 411ed8c. Port and starboard are averaged: a starting ship has no sides. UNVERIFIED: from
+recollection or second hand.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.literature.ships import FIGURES, SHIPS, LiteratureShip, in_ship_units
-from benchmarks.record import Figure, keep, parser_of, table
+from benchmarks.record import Figure, parser_of, report, table
+from benchmarks.toml import tables
 from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
@@ -27,6 +33,47 @@ from mmg.ship import Ship
 DRAWS, SEED = 200, 0
 """Of the intervals of a figure."""
 Key = tuple[str, str]
+
+FIGURES = (
+    ("turning:35", "advance"), ("turning:35", "tactical_diameter"), ("turning:15", "advance"),
+    ("turning:15", "tactical_diameter"), ("zigzag:10/10", "overshoot_1"), ("zigzag:10/10", "overshoot_2"),
+    ("zigzag:20/20", "overshoot_1"), ("zigzag:20/20", "overshoot_2"),
+)  # fmt: skip
+"""(Manoeuvre, figure): lengths in L, angles in deg."""
+
+
+@dataclass(frozen=True)
+class LiteratureShip:
+    """One ship.
+
+    name, kind: "full" or "fine" of form, in words; particulars [SI] as a user would give them; speed [m/s] and rudder
+    rate [deg/s] of her manoeuvres; group: ships that are the same hull; figures: those of FIGURES that are known;
+    source; doubts.
+    """
+
+    name: str
+    kind: str
+    particulars: Mapping[str, float]
+    speed: float
+    rudder_rate: float
+    source: str
+    group: str
+    figures: Mapping[tuple[str, str], float]
+    doubts: str = ""
+
+
+SHIPS = tuple(
+    LiteratureShip(**{**row, "figures": {tuple(key.split(" ")): value for key, value in row["figures"].items()}})
+    for row in tables(Path(__file__).with_suffix(".toml"))["ship"]
+)
+"""In the order of the tables."""
+
+
+def in_ship_units(figures: Mapping[str, float], length: float) -> dict[str, float]:
+    """Lengths in L and angles in deg of ``figures`` [SI, rad]; length [m]."""
+    return {
+        name: math.degrees(value) if name.startswith("overshoot") else value / length for name, value in figures.items()
+    }
 
 
 def figures(ship: Ship, real: LiteratureShip, given: Mapping[str, np.ndarray], count: int) -> dict[Key, np.ndarray]:
@@ -77,9 +124,7 @@ def main() -> None:
     for what, values in errors.items():
         size = math.sqrt(float(np.nanmean(np.square(values))))
         made[f"literature_{what}"] = Figure(f"root mean square error of a starting ship: {what}s", size, "%")
-    print("\n".join(f"{figure.what}: {figure.value:.3g}" for figure in made.values()))
-    if given.record:
-        keep(made, f"python -m benchmarks.literature --hull {given.hull}")
+    report(made, f"literature --hull {given.hull}", given.record)
 
 
 if __name__ == "__main__":
