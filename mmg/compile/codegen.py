@@ -97,7 +97,7 @@ ARC = (
 
 
 def c_file(module: str, name: str, **values: object) -> str:
-    """The C file called ``name`` beside the file of a ``module``, each "@key@" replaced by its value among ``values``."""
+    """The C file ``name`` beside the file of a ``module``, each "@key@" replaced by its value among ``values``."""
     text = Path(module).with_name(name).read_text(encoding="utf-8")
     for key, value in values.items():
         text = text.replace(f"@{key}@", str(value))
