@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +18,16 @@ from cases.io.read import read_controls
 from cases.maneuvers.definitions import STEADY_CHANGE, STOPS, Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE
 from cases.simulation.gusts import Wind, parse_wind
-from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, simulate_controls
-from cases.simulation.simulate_batch import SimulatedRuns
 from cases.trial import Trial
 from mmg.errors import Conflict, OutOfRange, TooFewData, UserError
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from cases.simulation.simulate_batch import SimulatedRuns
 
 STEP = 0.05
 """Sampling and integration step [s] for a 3 m model; Froude scaled."""
@@ -98,8 +100,11 @@ def simulated_trial(
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")
     air = parse_wind(wind) if isinstance(wind, str) else wind
-    if isinstance(maneuver, str) and (own := harbour_seed(maneuver, seed)) is not None:
-        maneuver, controls = None, harbour_inputs(ship, None, own, dt)
+    if isinstance(maneuver, str):
+        from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
+
+        if (own := harbour_seed(maneuver, seed)) is not None:
+            maneuver, controls = None, harbour_inputs(ship, None, own, dt)
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)

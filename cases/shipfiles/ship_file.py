@@ -11,16 +11,15 @@ The same tables are read from JSON (``ship_json``).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
-from cases.shipfiles.generated_ship import generated_terms, optional_particulars
 from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
 from cases.shipfiles.particulars import wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile
-from cases.shipfiles.ship_json import tables
 from mmg.components.catalogue import ROLES, coefficient_table, derived, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE, PARTICULARS
@@ -52,9 +51,35 @@ def load_ship(where: str | Path) -> Ship:
     if not path.is_file():
         names = ", ".join(library())
         raise UnknownName(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
-    data = tables(read_json(path), str(path)) if path.suffix.lower() == ".json" else read_toml(path)
+    data = _json_tables(path) if path.suffix.lower() == ".json" else read_toml(path)
     ship = _ship(data, str(path), path.parent)
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
+
+
+def _json_tables(path: Path) -> dict[str, Any]:
+    from cases.shipfiles.ship_json import tables  # late: most ships are TOML
+
+    return tables(read_json(path), str(path))
+
+
+def _generated_rows(
+    content: ShipFile, components: Mapping[str, str], table: Mapping[str, Coefficient]
+) -> tuple[dict[str, Coefficient], list[str]]:
+    """As ``generated_terms``, of a ship with an expansion or with coefficients that state monomials."""
+    if "expansion" not in components and not any(entry.monomial for entry in content.coefficients.values()):
+        return {}, []
+    from cases.shipfiles.generated_ship import generated_terms  # late: most ships are not generated
+
+    return generated_terms(content.coefficients, components, table)
+
+
+def _further_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
+    """As ``optional_particulars``, of a ship with generated terms or pods."""
+    if not {"expansion", "azimuth"} & components.keys():
+        return ()
+    from cases.shipfiles.generated_ship import optional_particulars  # late: most ships have neither
+
+    return optional_particulars(components)
 
 
 def parse_ship(text: str, where: str = "ship file") -> Ship:
@@ -96,7 +121,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         refuse(where, problems)  # what the coefficients can be is not known then
     try:
         table = coefficient_table(components, particulars)
-        rows, wrong = generated_terms(content.coefficients, components, table)
+        rows, wrong = _generated_rows(content, components, table)
         problems += wrong
         ship = Ship("", particulars, components, {**table, **rows})
     except (ZeroDivisionError, OverflowError):
@@ -111,11 +136,8 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     defaults = ship.coefficients
     follows = derived(components, particulars)
     left_out = [s for s in defaults if s not in given_rows and s not in follows]
-    unused = [
-        k
-        for k in particulars
-        if k not in (*required_particulars(components), *OPTIONAL, *ENGINE, *optional_particulars(components))
-    ]
+    used = (*required_particulars(components), *OPTIONAL, *ENGINE, *_further_particulars(components))
+    unused = [k for k in particulars if k not in used]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused),
              (f"effect {', '.join(gone)} is gone: the ship moves as without it", "effect_gone", gone))  # fmt: skip

@@ -11,19 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cases.inputs import model_inputs
 from cases.maneuvers.definitions import STOPS
-from cases.simulation.simulate_batch import SimulatedRuns
 from cases.trial import Trial
 from fitting.prediction.stretches import Record, WindowBatch
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import INPUTS
 from mmg.motion.frames import relative_air
 from mmg.ship import AIR, Ship
+
+if TYPE_CHECKING:
+    from cases.simulation.simulate_batch import SimulatedRuns
 
 DRIFT = "beta"
 """Drift angle atan2(-v, u) [rad], beside the features of a ship."""
