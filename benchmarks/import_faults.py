@@ -4,7 +4,8 @@
 stops and free sailing of 8 ships of 3 m to 320 m (single and twin screws, pods) at any heading, place and date, written
 as loggers do: text, Excel, Parquet, NMEA, with headers and units of several styles.
 right: imported, and every column within 5 % of its range of the truth at midship. named: refused, doubtful or
-contradictory with the cause of the fault among the words. otherwise: refused or doubted for another cause. silent:
+contradictory with the cause of the fault among the words. otherwise: refused or doubted for another cause.
+consistent: wrong, and called consistent as far as it can be checked, as columns were derived from one another. silent:
 imported and called ok, but wrong. crash: an exception that is not meant for people. Logs as they should be have to be
 right, and "ok" or consistent.
 """
@@ -29,6 +30,7 @@ from benchmarks.file_faults.__main__ import ADVICE
 from benchmarks.record import Figure, keep, parser_of
 from benchmarks.toml import tables
 from cases.checks import check
+from cases.checks.report import CONSISTENT
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.importing.written_trials import write_import
@@ -604,7 +606,8 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
     if off <= TOLERANCE:
         return Outcome("doubted" if loud else "right", words, advice)
     named = any(re.search(f"(?i){cause}", word) for word in loud + notes)
-    return Outcome("named" if named else "otherwise" if loud else "silent", words, advice)
+    quiet = "consistent" if any(r.verdict == CONSISTENT for r in reports) else "silent"
+    return Outcome("named" if named else "otherwise" if loud else quiet, words, advice)
 
 
 def followed(folder: Path, loud: Sequence[str], file: Path, truth: Columns, before: float) -> str:
@@ -663,19 +666,22 @@ def main() -> None:
                 or "harm" in one.advice
             ):
                 print(f"{title}: {one.kind}: {ship}: {one.words} {one.advice}", flush=True)
-    kinds = ("right", "doubted", "named", "otherwise", "silent", "crash", "mended", "harmful")
-    print(f"\n{'':40s}", *(f"{k:>9s}" for k in kinds))
+    kinds = ("right", "doubted", "named", "otherwise", "consistent", "silent", "crash", "mended", "harmful")
+    print(f"\n{'':40s}", *(f"{k:>10s}" for k in kinds))
     for title, row in rows.items():
-        print(f"{title:40s}", *(f"{row[k] or '':>9}" for k in kinds))
+        print(f"{title:40s}", *(f"{row[k] or '':>10}" for k in kinds))
     sound, total = Counter[str](), Counter[str]()
     for title, row in rows.items():
         (sound if title.startswith("sound") else total).update(row)
-    count, good = (sum(c[k] for k in kinds[:6]) for c in (total, sound))
+    count, good = (sum(c[k] for k in kinds[:7]) for c in (total, sound))
     named, harmful = sum(total[k] for k in kinds[:3]), total["harmful"] + sound["harmful"]
-    print(f"{named} of {count} right or named, {total['silent']} silent, {harmful} harmful; "
+    print(f"{named} of {count} right or named, {total['consistent']} consistent, {total['silent']} silent, "
+          f"{harmful} harmful; "
           f"{sound['right']} of {good} sound ones right; {time.process_time() - began:.0f} s")  # fmt: skip
     if args.record:
         figures = {"import_faults": Figure("faults of raw logs: imported right, or named", named, of=count),
+                   "import_consistent": Figure("faulty raw logs called consistent as far as it can be checked",
+                                               total["consistent"], of=count),
                    "import_silent": Figure("faulty raw logs called ok though wrong", total["silent"], of=count),
                    "import_sound": Figure("sound raw logs imported right and ok", sound["right"], of=good)}  # fmt: skip
         keep(figures, f"python -m benchmarks.import_faults --seed {args.seed}")

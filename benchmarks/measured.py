@@ -26,7 +26,7 @@ def code_version() -> str:
     """Twelve hex digits that change with any source file of MADE_BY."""
     digest = hashlib.sha256()
     for package in MADE_BY:
-        for path in sorted((ROOT / package).rglob("*.py")):
+        for path in sorted(p for p in (ROOT / package).rglob("*") if p.suffix in (".py", ".c", ".h")):
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:12]
 

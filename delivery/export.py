@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -13,8 +12,8 @@ from cases.io.files import replaced
 from cases.shipfiles.ship_file import dump_whole_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from delivery.product import Product, product_of
-from fitting.report.run_folder import write_json, write_whole
-from mmg.errors import BadValue, Conflict, NotWritable, TargetExists, UnknownName
+from fitting.report.run_folder import check_place, write_json, write_whole
+from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, writing
 from mmg.messages import Message
 
 ABOUT = "product.json"
@@ -87,13 +86,10 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     if not chosen.suffix:
         write_whole(target, fill, replace=force)
         return messages
-    try:
+    with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replaced(target) as scratch:
             fill(scratch)
-    except OSError as error:
-        why = error.strerror or error
-        raise NotWritable(f"--out {target}: cannot be written ({why}); choose another place") from None
     return messages
 
 
@@ -123,11 +119,7 @@ def check_target(target: Path, chosen: Format, force: bool) -> None:
             raise TargetExists(f"--out {target}: exists already; choose another name or add --force")
         if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
             raise TargetExists(f"--out {target}: holds files that mmg export did not write; choose another name")
-    parent = target.absolute().parent
-    while not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise NotWritable(f"--out {target}: cannot be written ({parent} is no writable folder); choose another place")
+    check_place(target)
 
 
 def write_toml(product: Product, target: Path) -> None:

@@ -171,7 +171,10 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     caveats. without: effects to leave out. Raises UserError for a ship that cannot be read, for one that only leaves
     by force, and for an effect that it does not have.
     """
-    place = _run_folder(Path(where))
+    path = Path(where)
+    folder = path if path.is_dir() else path.parent  # of a run, or of the ship.toml in it
+    is_run = (path.is_dir() or path.name == SHIP) and (folder / RESULT).is_file()
+    place = folder if is_run else None
     content = read_result(place) if place else {}
     ship = load_ship(place or where)
     caveats = [*_blocking(ship, content)]
@@ -196,7 +199,10 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if not ranges:
         words = "no record of the range of the trials, so nothing can say when the ship extrapolates"
         caveats.append(Message(words, NO_RANGE))
-    caveats += _unexcited(content)
+    rows = (content.get("identifiability") or {}).get("coefficients") or {}
+    if silent := [symbol for symbol, row in rows.items() if row["kind"] == "silent"]:
+        words = f"{len(silent)} of {len(rows)} free coefficients are not excited by the trials and stand at their prior"
+        caveats.append(Message(f"{words}: {', '.join(silent)}", UNEXCITED))
     return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
 
 
@@ -240,12 +246,6 @@ def identifiers(names: Sequence[str]) -> list[str]:
     return made
 
 
-def _run_folder(where: Path) -> Path | None:
-    """The run folder that ``where`` is, or whose ship.toml it is; None for a ship on its own."""
-    folder = where if where.is_dir() else where.parent if where.name == "ship.toml" else None
-    return folder if folder is not None and (folder / RESULT).is_file() else None
-
-
 def _blocking(ship: Ship, content: Mapping[str, Any]) -> list[Message]:
     """What keeps a ship from leaving unless by force."""
     if content.get("converged") is False:
@@ -253,14 +253,6 @@ def _blocking(ship: Ship, content: Mapping[str, Any]) -> list[Message]:
     if not content and not any(c.verdict for c in ship.coefficients.values()):
         return [Message(f"the ship {ship.name} is not calibrated on trials", UNCALIBRATED)]
     return []
-
-
-def _unexcited(content: Mapping[str, Any]) -> list[Message]:
-    """The coefficients of a run's record of which its trials say nothing, in one caveat."""
-    rows = (content.get("identifiability") or {}).get("coefficients") or {}
-    silent = [symbol for symbol, row in rows.items() if row["kind"] == "silent"]
-    words = f"{len(silent)} of {len(rows)} free coefficients are not excited by the trials and stand at their prior"
-    return [Message(f"{words}: {', '.join(silent)}", UNEXCITED)] if silent else []
 
 
 def _provenance(where: Path, place: Path | None, content: Mapping[str, Any]) -> dict[str, Any]:

@@ -30,15 +30,15 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
 from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
+    Between,
     DiagnosisInputs,
     InstrumentFault,
     RandomSizes,
+    UnexplainedForce,
     Unnamed,
 )
 from diagnosis.groups.between import compare_groups
-from diagnosis.groups.findings import Between
 from diagnosis.hypotheses.forward_selection import LEVEL, Selection
-from diagnosis.hypotheses.left_findings import UnexplainedForce
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
@@ -53,15 +53,11 @@ from diagnosis.inputs import (
     parted,
     told_of_predictions,
 )
-from diagnosis.judgement.believable import believed, beyond_reported
-from diagnosis.judgement.judged_search import judged_search
+from diagnosis.judgement.judged_search import believed, beyond_reported, judged_search, limits
 from diagnosis.judgement.left_over import left_over
-from diagnosis.judgement.no_answer import no_answer
-from diagnosis.judgement.verdict import limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
-from diagnosis.report.where_words import likeness
-from diagnosis.report.words import sentence_of
+from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.validation.learned_rest import with_learned
 from fitting.parallel import with_one_thread
@@ -255,4 +251,36 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
         return ""
     return next_test(
         p, summary.fit_with(found, rivals[0]), rivals, summary.fitted_ship(ship, ready.full, found.final, found.effects)
+    )
+
+
+NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6, (0.0,) * 6)
+"""Sizes of noise where none was estimated."""
+
+
+def no_answer(ship: Ship, why: str, warnings: Sequence[str], inputs: DiagnosisInputs, seconds: float) -> Diagnosis:
+    """The diagnosis "unknown" of a ``ship``, which stays as it is; nothing was tested.
+
+    why: one sentence; warnings: further ones; inputs: what it was made from; seconds: that it took. Returns it.
+    """
+    return Diagnosis(
+        verdict="unknown",
+        sentence=f"Nothing can be said: {why}.",
+        effects=(),
+        instruments=(),
+        equivalence_class=(),
+        remainder=False,
+        candidates=(),
+        where={},
+        held_out=None,
+        next_test="",
+        warnings=(Message(why, "model_breaks_down"), *warnings),
+        not_screened={},
+        noise=NOTHING,
+        unnamed=Unnamed({}, {}),
+        kinematics=(),
+        timings={"total": seconds},
+        inputs=inputs,
+        ship=ship,
+        before=ship,
     )

@@ -34,9 +34,7 @@ class DiagnosisOptions:
     says how it was made; store: where finished campaigns and trainings are kept, and taken from.
     """
 
-    step: float | None = field(
-        default=None, metadata={"help": "Step of the analysis [s]; default 0.05 L/U.", "gt": 0, "lt": 60}
-    )
+    step: float | None = field(default=None, metadata={"help": "Step [s]; default 0.05 L/U.", "gt": 0, "lt": 60})
     seed: int = field(default=0, metadata={"help": "Seed of drawn probabilities and intervals."})
     workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
     learn: bool = field(default=True, metadata={"help": "Do not train residuals on what remains."})

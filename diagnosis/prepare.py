@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from diagnosis.estimation.candidates import (
     ship_with_latent_force,
 )
 from diagnosis.estimation.first_fit import MAX_FITS, fit_without_effects
-from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
@@ -30,9 +30,6 @@ from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors, get_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.forward_selection import LEVEL, MOST
-from diagnosis.hypotheses.reference import fit_reference
-from diagnosis.hypotheses.score_test import ScoreTest, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.grid import default_step
@@ -41,6 +38,9 @@ from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from diagnosis.hypotheses.score_test import ScoreTest
 
 CLEAR = 3.0
 """Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
@@ -123,6 +123,8 @@ def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
 
 def _of_reference(shown: Sequence[ScoreTest], strong: Sequence[Candidate]) -> list[Message]:
     """What the trials of the calibration themselves say: effects ``shown`` by their scores, and ``strong`` ones."""
+    from diagnosis.hypotheses.forward_selection import MOST
+
     words = "the ship was calibrated on other trials, which were fitted first: only what goes beyond their usual"
     notices = [Message(f"{words} misfit and scatter counts", "reference_fitted")]
     if usual := [f"{t.candidate.label} (p = {t.p_value:.1g})" for t in shown if t.candidate not in strong]:
@@ -167,7 +169,12 @@ def prepare(
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
     usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
-    if reference:
+    if reference:  # late, with all that tests hypotheses: a calibration has no such trials
+        from diagnosis.estimation.force_order import force_order
+        from diagnosis.hypotheses.forward_selection import LEVEL
+        from diagnosis.hypotheses.reference import fit_reference
+        from diagnosis.hypotheses.score_test import score_tests, slopes
+
         old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
         is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))

@@ -1,23 +1,27 @@
-"""``Diagnosis``: what a diagnosis found, with the one writer and the one reader of its folder."""
+"""``Diagnosis``: what a diagnosis found, with the one writer and the one reader of its folder.
+
+``missing_force.csv`` holds the force that must be added to the model along each of the trials.
+"""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import TypeAdapter, ValidationError
+import numpy as np
+from pydantic import ValidationError
 
-from cases.io.files import read_json
+from cases.io.files import decoded, read_bytes, read_json
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
-from diagnosis.report.missing_force import FILE, missing_force, missing_force_text
 from fitting.record import MessageRow
-from fitting.report.run_folder import check_target, of_predictions, read_result, write_json, write_whole
+from fitting.report.run_folder import adapter, check_target, of_predictions, read_result, write_json, write_whole
 from mmg.effects import with_present_names
 from mmg.errors import BadValue, Missing
 from mmg.messages import has_code, messages_from
@@ -25,6 +29,77 @@ from mmg.notebook import html_table
 
 if TYPE_CHECKING:
     import pandas as pd
+
+MISSING_FORCE = "missing_force.csv"
+FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
+MOST_ROWS = 400
+"""Rows of a run at most: the force changes over seconds."""
+
+
+@dataclass(frozen=True)
+class MissingForce:
+    """The force that the model of a diagnosis lacks along one trial.
+
+    t: (M,) since the start of the trial [s]; force: (M, 3) in body axes, X, Y [N], N [N m].
+    """
+
+    t: np.ndarray
+    force: np.ndarray
+
+
+def missing_force(d: Findings) -> dict[str, MissingForce]:
+    """The missing force along each training trial of ``d``, by name; empty for findings that were read from a folder,
+    which have no fit."""
+    if d.null is None or d.data is None:
+        return {}
+    data, path = d.data, d.null.path.force
+    found: dict[str, MissingForce] = {}
+    for number, name in enumerate(data.trials):
+        windows = np.flatnonzero(data.run == number)
+        if not len(windows):
+            continue
+        t = np.concatenate([data.t[: data.steps[w], w] for w in windows])
+        force = np.concatenate([path[: data.steps[w], w] for w in windows])
+        order = np.argsort(t, kind="stable")[:: max(1, -(-len(t) // MOST_ROWS))]
+        found[name] = MissingForce(t[order], force[order])
+    return found
+
+
+def missing_force_text(found: Mapping[str, MissingForce]) -> str:
+    """The content of the file for what was ``found``, by trial name."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(FORCE_HEADER)
+    for name, one in found.items():
+        for t, force in zip(one.t.tolist(), one.force.tolist(), strict=True):
+            table.writerow([name, f"{t:.6g}", *(f"{value:.6g}" for value in force)])
+    return text.getvalue()
+
+
+def read_missing_force(folder: Path) -> dict[str, MissingForce]:
+    """The missing force by trial name from the ``folder`` of a diagnosis; empty where it has no such file.
+
+    Raises UserError, with the line, for a file that is not as it was written.
+    """
+    path = folder / MISSING_FORCE
+    if not path.exists():
+        return {}
+    rows = list(csv.reader(io.StringIO(decoded(read_bytes(path), path))))
+    if not rows or tuple(rows[0]) != FORCE_HEADER:
+        raise BadValue(f"{path}: the header is not {','.join(FORCE_HEADER)}; diagnose again")
+    by_run: dict[str, list[list[float]]] = {}
+    for number, row in enumerate(rows[1:], start=2):
+        try:
+            name, *values = row
+            numbers = [float(value) for value in values]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 4 or not np.isfinite(numbers).all():
+            raise BadValue(f"{path}: line {number} is not a run and four numbers; diagnose again")
+        by_run.setdefault(name, []).append(numbers)
+    tables = {name: np.array(table) for name, table in by_run.items()}
+    return {name: MissingForce(table[:, 0], table[:, 1:]) for name, table in tables.items()}
+
 
 CONTENT, RESULT, SHIP = "diagnosis.json", "result.json", "ship.toml"
 
@@ -89,7 +164,7 @@ class Diagnosis(Findings):
             write_json(scratch / CONTENT, self.to_dict())
             write_json(scratch / RESULT, result([], [], complete=whole and not report))
             if found := missing_force(self):
-                (scratch / FILE).write_text(missing_force_text(found), encoding="utf-8")
+                (scratch / MISSING_FORCE).write_text(missing_force_text(found), encoding="utf-8")
 
         write_whole(folder, fill, replace)
         if not report:
@@ -141,13 +216,8 @@ def _checked(kind: Any, path: Path) -> Any:
     if not path.exists():
         raise Missing(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
     try:
-        return _adapter(kind).validate_python(with_present_names(read_json(path)))
+        return adapter(kind).validate_python(with_present_names(read_json(path)))
     except ValidationError as error:
         rows = [(".".join(str(x) for x in e["loc"]) or "it", e["msg"], e["input"]) for e in error.errors()]
         wrong = [f"{key}: {words}" + ("" if isinstance(x, (dict, list)) else f", not {x!r}") for key, words, x in rows]
         raise BadValue(f"{path}: {'; '.join(wrong)}") from None
-
-
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)

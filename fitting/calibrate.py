@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,32 +14,46 @@ from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
-from fitting.calibration import Calibration, estimate_coefficients
+from fitting.calibration import (
+    Calibration,
+    Second,
+    answers,
+    estimate_coefficients,
+    solve_again,
+    with_second,
+)
 from fitting.design.next_trial import identifiability_dict, next_trial
-from fitting.nlp.captive import Captive
 from fitting.parallel import with_one_thread
 from fitting.prediction.band_calibration import fit_bands
 from fitting.prediction.bands import draws_of
 from fitting.prediction.envelope import trial_envelope
-from fitting.prediction.score import NO_SCORES, ScorePair, adaptation_worth, score_pairs, scores_by_set
-from fitting.record import FitObjects, FitRecord, SolveRow
-from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved
+from fitting.prediction.score import (
+    NO_SCORES,
+    ScorePair,
+    adaptation_worth,
+    score_pairs,
+    scores_by_set,
+    worth_message,
+    worth_of_left_out,
+)
+from fitting.record import FitObjects, FitRecord
+from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved, uncertainty_rows
 from fitting.report.run_folder import data_rows, plain
 from fitting.result import FitResult
-from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked
+from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked, with_values
 from fitting.selection.left_out_runs import coefficients_without, each_alone
-from fitting.selection.sisters import UncertainMean, with_uncertain_mean
-from fitting.selection.two_estimates import Second, answers, with_second
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
-from fitting.uncertainty.left_out import worth_message, worth_of_left_out
 from fitting.uncertainty.refits import check_request, refit_rows
-from fitting.uncertainty.rows import uncertainty_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from fitting.nlp.captive import Captive
+    from fitting.selection.sisters import UncertainMean
 
 
 @dataclass(frozen=True)
@@ -106,7 +120,11 @@ def calibrate(
     _check_options(ship, trials, options)
     made = Made()
     fit = _estimated(ship, trials, settings, options, made, progress)
-    found = with_uncertain_mean(fit.calibration, options.prior_mean)
+    found = fit.calibration
+    if options.prior_mean is not None:
+        from fitting.selection.sisters import with_uncertain_mean  # late: only the ships of a fleet have sisters
+
+        found = with_uncertain_mean(found, options.prior_mean)
     second = options.second if options.asks_second(settings) and answers(options.second, given) else None
     if second and found.converged:
         make_in_turn({"second estimate": lambda: with_second(found, second(given, trials))}, made)
@@ -128,20 +146,63 @@ def calibrate(
     if options.profile:
         parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
     make_in_turn(parts, made)
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
+    return _result(fit, made, objects, ship, options, remarks, began)
+
+
+@with_one_thread
+def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | None = None) -> FitResult:
+    """The calibration ``earlier`` again, from where it ended, with the coefficients ``hold`` (values by symbol) held.
+
+    Trials, windows and the noise that residuals are weighed by stay as they were, so that objectives can be compared; a
+    second estimate keeps its distance. Standard errors are those of a fit in which all coefficients move. Left out is
+    all but coefficients, noise and scores; progress: called at each iteration. Returns the result. Raises UserError for
+    a result that was read from a folder, for a symbol that is not free and a value outside its bounds.
+    """
+    began, objects, made = time.perf_counter(), earlier.fitted_objects, Made()
+    before = objects.calibration
+    found = solve_again(before, hold, progress)
+    beside = np.where(np.isin(found.prior.symbols, list(hold)), 0.0, before.p - before.iterate["p"][: len(before.p)])
+    if beside.any():
+        p = np.clip(found.p + beside, *found.prior.scaled_bounds)
+        found = found.with_estimate(p, np.outer(beside, beside))
+    after = Simulator(found.ship, found.settings.compiled)
+    scores = scores_by_set(after, {"validation": objects.validation, "training": objects.trials})
+    made["scores"] = {name: ScorePair(earlier.scores[name].before, score) for name, score in scores.items()}
+    made["envelope"] = earlier.envelope
+    fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
+    options = FitOptions(command=earlier.command, name=earlier.ship.name)
+    remarks = TrialSet((*objects.trials, *objects.validation)).remarks
+    return _result(fit, made, replace(objects, calibration=found, after=after), earlier.start, options, remarks, began)
+
+
+def _result(
+    fit: CampaignFit,
+    made: Made,
+    objects: FitObjects,
+    start: Ship,
+    options: FitOptions,
+    remarks: Sequence[Message],
+    began: float,
+) -> FitResult:
+    """The result of the ``fit`` of the ship ``start`` and of what is ``made`` of it, with ``remarks`` on the trials."""
+    found, trials, validation = objects.calibration, objects.trials, objects.validation
     content = _content(fit, found, made, trials, validation, options)
-    named = marked(found.ship, ship, trials, options.name)
+    named = marked(found.ship, start, trials, options.name)
     warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
-    warnings += doubtful_revolutions(ship, trials)
+    warnings += doubtful_revolutions(start, trials)
+    said: dict[str, Sequence[Message]] = {"warning": warnings, "notice": [*found.notices, *fit.messages]}
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
-        "messages": _message_rows(warning=warnings, notice=[*found.notices, *fit.messages]),
+        "messages": [
+            {"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))
+        ],
         "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
     }
-    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
-    return FitResult(**vars(FitRecord.of(content)), ship=named, start=ship, iterate=found.iterate, objects=objects)
+    return FitResult(**vars(FitRecord.of(content)), ship=named, start=start, iterate=found.iterate, objects=objects)
 
 
 def _estimated(
@@ -205,12 +266,6 @@ def _by_campaign(earlier: FitResult) -> set[str]:
     return {symbol for row in rows.values() for symbol in row}
 
 
-def earlier_passes(resumed: FitResult | None, found: Calibration) -> Sequence[SolveRow]:
-    """Rows of the solves of an interrupted run, ``resumed``, that came before those of the calibration ``found``."""
-    count = int(found.resumption.number[0]) + 1 - len(found.passes)
-    return resumed.passes[:count] if resumed else ()
-
-
 def _content(
     fit: CampaignFit,
     found: Calibration,
@@ -221,10 +276,12 @@ def _content(
 ) -> dict[str, Any]:
     """What is known of the calibration ``found``, and of the ``fit`` behind it, by attribute of the result."""
     seconds = {name.strip("-").replace(" ", "_"): value for name, value in made.seconds.items()}
+    resumed = options.resume  # the solves of an interrupted run come first
+    before = resumed.passes[: int(found.resumption.number[0]) + 1 - len(found.passes)] if resumed else ()
     seconds = {"campaigns": fit.seconds, "identifiability": seconds.get("next_trial", 0.0), **seconds}
     return {
         **solved(found, options.command),
-        "passes": (*earlier_passes(options.resume, found), *found.passes),
+        "passes": (*before, *found.passes),
         "data": data_rows(trials),
         "validation_data": data_rows(validation),
         "coefficients": coefficient_rows(found),
@@ -233,7 +290,7 @@ def _content(
         "identifiability": identifiability_dict(found.identifiability, made.get("next trial")),
         "bands": made.get("prediction bands"),
         "adaptation": made.get("worth of adaptation"),
-        "envelope": trial_envelope(found.ship, trials),
+        "envelope": made["envelope"] if "envelope" in made else trial_envelope(found.ship, trials),
         "left_out": made.get("worth of what was left out"),
         "campaigns": fit.content,
         **uncertainty_rows(found),
@@ -241,11 +298,6 @@ def _content(
         **made.get("--profile", {}),
         "timings_s": {**found.timings, **seconds},
     }
-
-
-def _message_rows(**levels: Sequence[Message]) -> list[dict[str, str]]:
-    """Rows of the messages of each of the ``levels``, each message once."""
-    return [{"level": level, **row} for level, some in levels.items() for row in message_rows(dict.fromkeys(some))]
 
 
 def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:

@@ -8,13 +8,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import adapter, plain
 from fitting.settings import Settings, Start
 from mmg.errors import BadValue
 from mmg.messages import Message
@@ -71,7 +70,7 @@ class EffectValue:
 
 @dataclass(frozen=True)
 class EffectTest:
-    """Whether a freed effect is more than chance (``diagnosis.calibration.freed_effects``).
+    """Whether a freed effect is more than chance (``diagnosis.for_calibration``).
 
     p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
     for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol
@@ -156,9 +155,9 @@ class MessageRow:
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
-    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.delivered``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
-    left_out: what stretches left out of the trials were worth (``fitting.uncertainty.left_out``);
+    left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
     campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship
     scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
     Attributes with a default are absent from the file where they are None.
@@ -210,7 +209,8 @@ class FitRecord:
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:
         """The record with the attributes in ``content``, plain or typed. Raises pydantic's error for wrong ones."""
-        return _adapter().validate_json(json.dumps(plain(content)), strict=True)
+        record: FitRecord = adapter(FitRecord).validate_json(json.dumps(plain(content)), strict=True)
+        return record
 
     @property
     def warnings(self) -> tuple[Message, ...]:
@@ -253,21 +253,12 @@ class FitObjects:
     next_trial: NextTrial | None = None
 
 
-@cache
-def _adapter() -> Any:
-    from pydantic import TypeAdapter
-
-    return TypeAdapter(FitRecord)
-
-
 def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     """The record in ``content``, the JSON of the file ``path``. Raises UserError that names every key at fault."""
     from pydantic import ValidationError
 
     if content.get("kind") != "calibration":
-        raise BadValue(
-            f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run folder of mmg fit"
-        )
+        raise BadValue(f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run of mmg fit")
     if content.get("schema_version") != SCHEMA_VERSION:
         version = content.get("schema_version")
         raise BadValue(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")

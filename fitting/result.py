@@ -24,30 +24,17 @@ from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
+from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
-from fitting.report.run_folder import (
-    FIGURES,
-    ITERATE,
-    MODEL,
-    PAGE,
-    PENDING,
-    RESULT,
-    SHIP,
-    START,
-    check_target,
-    read_iterate,
-    read_result,
-    write_json,
-    write_whole,
-)
 from fitting.solvers.interrupts import left_out_message, unless_interrupted
-from mmg.errors import UserError, name_fault
+from mmg.errors import Missing, UserError, name_fault
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
+    from fitting.solvers.reduced import ReducedProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +57,22 @@ class FitResult(FitRecord):
     def calibration(self) -> Calibration | None:
         """The solver's own account; None for a result that was read from a folder."""
         return self.objects.calibration if self.objects else None
+
+    @property
+    def problem(self) -> ReducedProblem:
+        """What was minimised, as a function of the free coefficients alone, for optimisers and samplers from outside.
+        Raises UserError for a result that was read from a folder."""
+        from fitting.solvers.reduced import ReducedProblem
+
+        found = self.fitted_objects.calibration
+        return ReducedProblem(found.problem, found.solution.x)
+
+    @property
+    def fitted_objects(self) -> FitObjects:
+        """``objects``. Raises UserError for a result that was read from a folder, which has none."""
+        if self.objects is None:
+            raise Missing(f"{self.folder}: was read from its folder, which has no trials; calibrate them again")
+        return self.objects
 
     def without_parts(self, name: str) -> FitResult:
         """The result with the warning that Ctrl-C left out the part ``name``."""
@@ -114,10 +117,12 @@ class FitResult(FitRecord):
         """
         target = Path(folder)
         if not replace:
-            check_target(target)
+            run_folder.check_target(target)
         named = self._named(target)
-        pending = (MessageRow("warning", PENDING.code, PENDING),) if report and self.objects else ()
-        write_whole(target, partial(named._fill, pending=pending, attach=attach), replace)
+        pending = (
+            (MessageRow("warning", run_folder.PENDING.code, run_folder.PENDING),) if report and self.objects else ()
+        )
+        run_folder.write_whole(target, partial(named._fill, pending=pending, attach=attach), replace)
         if numbers:
             numbers(named)
         return changed(named._illustrated(target) if report else named, folder=target)
@@ -139,25 +144,23 @@ class FitResult(FitRecord):
         state = "calibrated" if self.converged else "NOT CONVERGED, best iterate"
         note = f"{self.ship.title}, {state} by mmg fit; std is the standard error of each estimate."
         if self.scaling is not None:
-            note = (
-                f"{self.ship.name}, scaled from {self.scaling['model']['ship']} by mmg scale; std: standard deviation."
-            )
-        (scratch / SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
-        (scratch / START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
+            note = f"{self.ship.name}, scaled from {self.scaling['model']['ship']} by mmg scale; with its std."
+        (scratch / run_folder.SHIP).write_text(dump_ship(self.ship, note), encoding="utf-8")
+        (scratch / run_folder.START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
         if self.iterate:
-            save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / ITERATE)
-            (scratch / ITERATE).chmod(0o644)
+            save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / run_folder.ITERATE)
+            (scratch / run_folder.ITERATE).chmod(0o644)
         if self.ship.network is not None:
             save_network(scratch / NETWORK, self.ship.network, self.ship)
-        if self.folder and (self.folder / FIGURES).is_dir() and not self.objects:
-            shutil.copytree(self.folder / FIGURES, scratch / FIGURES)
+        if self.folder and (self.folder / run_folder.FIGURES).is_dir() and not self.objects:
+            shutil.copytree(self.folder / run_folder.FIGURES, scratch / run_folder.FIGURES)
         if self.model is not None:
-            (scratch / MODEL).mkdir()
-            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / MODEL)
+            (scratch / run_folder.MODEL).mkdir()
+            changed(self.model, objects=None, figures=(), folder=None)._fill(scratch / run_folder.MODEL)
         if attach:
             attach(scratch)
         saved = changed(self, figures=(), messages=(*pending, *self.messages)) if self.objects else self
-        write_json(scratch / RESULT, saved.to_dict())
+        run_folder.write_json(scratch / run_folder.RESULT, saved.to_dict())
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
@@ -165,7 +168,12 @@ class FitResult(FitRecord):
         from fitting.report.page import build_page, write_page
         from fitting.report.plots import write_figures
 
-        began, done, written, objects = time.perf_counter(), self, FigureFolder(folder / FIGURES), self.objects
+        began, done, written, objects = (
+            time.perf_counter(),
+            self,
+            FigureFolder(folder / run_folder.FIGURES),
+            self.objects,
+        )
         if objects:
             models = objects.before, objects.after
             draw = partial(write_figures, written, self, models, objects.trials, objects.validation)
@@ -173,13 +181,13 @@ class FitResult(FitRecord):
                 if unless_interrupted(lambda: (draw(),)) is None:
                     written.failures.append(left_out_message(["figures"]))
             done = self._with_figures(written, time.perf_counter() - began)
-        with written.making(PAGE):
+        with written.making(run_folder.PAGE):
             trials = (*objects.trials, *objects.validation) if objects else ()
-            write_page(build_page([(done, done.ship, folder)], [Delivered(trials)]), folder / PAGE)
+            write_page(build_page([(done, done.ship, folder)], [Delivered(trials)]), folder / run_folder.PAGE)
         if objects:  # last, as it says that all is there
             done = self._with_figures(written, time.perf_counter() - began)
-            with written.making(RESULT):
-                write_json(folder / RESULT, done.to_dict())
+            with written.making(run_folder.RESULT):
+                run_folder.write_json(folder / run_folder.RESULT, done.to_dict())
         return done
 
     def with_late_figures(self, trials: Sequence[Trial]) -> FitResult:
@@ -198,10 +206,10 @@ class FitResult(FitRecord):
         with suppress(UserError):  # fitted all the same (--unchecked)
             train, held_out = ready(train, held_out)
         models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)
-        written = FigureFolder(self.folder / FIGURES)
+        written = FigureFolder(self.folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, self, models, train, held_out)
-            write_json(self.folder / RESULT, (done := self._with_figures(written, 0.0)).to_dict())
+            run_folder.write_json(self.folder / run_folder.RESULT, (done := self._with_figures(written, 0.0)).to_dict())
             return done
         return self
 
@@ -223,11 +231,11 @@ def read_fit(folder: str | Path) -> FitResult:
     Raises UserError for a folder that is none, or whose result.json lacks keys or holds wrong ones, all named.
     """
     where = Path(folder)
-    record = read_record(where / RESULT, read_result(where))
-    start, network = load_ship(where / START), where / NETWORK
+    record = read_record(where / run_folder.RESULT, run_folder.read_result(where))
+    start, network = load_ship(where / run_folder.START), where / NETWORK
     start = start.with_network(load_network(network, start)) if network.exists() else start
-    iterate = read_iterate(where) if (where / ITERATE).exists() else None
-    model = read_fit(where / MODEL) if (where / MODEL).is_dir() else None
+    iterate = run_folder.read_iterate(where) if (where / run_folder.ITERATE).exists() else None
+    model = read_fit(where / run_folder.MODEL) if (where / run_folder.MODEL).is_dir() else None
     return FitResult(**vars(record), ship=load_ship(where), start=start, iterate=iterate, folder=where, model=model)
 
 

@@ -56,7 +56,7 @@ class Start:
 
 
 ESTIMATORS = ("both", "windows")
-"""The mean of two estimates (``fitting.selection.two_estimates``), or multiple shooting alone."""
+"""The mean of two estimates (``fitting.calibration``), or multiple shooting alone."""
 
 
 def check_estimator(name: str) -> None:

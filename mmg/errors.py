@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import PureWindowsPath
 
 from mmg.messages import printable
@@ -93,6 +95,15 @@ class NotCalibrated(UserError):
 
 class ProgramFailed(UserError):
     """Another program that was called and failed."""
+
+
+@contextmanager
+def writing(what: object, advice: str = "choose another --out") -> Iterator[None]:
+    """While it lasts, an error of the system is that of ``what`` is written: UserError, with ``advice``."""
+    try:
+        yield
+    except OSError as error:
+        raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); {advice}") from None
 
 
 def needs_torch(what: str) -> None:

@@ -189,9 +189,7 @@ class Ship:
 
     def with_values(self, values: Mapping[str, float]) -> Ship:
         """A copy with some coefficient values replaced."""
-        return self.with_coefficients(
-            {name: self.coefficients[name].with_(value=float(value)) for name, value in values.items()}
-        )
+        return self.with_coefficients({s: self.coefficients[s].with_(value=float(v)) for s, v in values.items()})
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""

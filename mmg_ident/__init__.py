@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import Score
     from fitting.result import FitResult
+    from fitting.solvers.reduced import ReducedProblem
     from mmg.errors import UserError
     from mmg.messages import Message
     from mmg.progress import OnProgress, Progress
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         diagnose,
         load_run,
         predict,
+        refit,
         score,
         simulate,
         train,
@@ -42,31 +44,21 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
 
 _HOMES = {
-    "CheckReport": "cases.checks.report",
-    "Diagnosis": "diagnosis.result",
-    "FitResult": "fitting.result",
-    "Message": "mmg.messages",
-    "OnProgress": "mmg.progress",
-    "Progress": "mmg.progress",
-    "Score": "fitting.prediction.score",
-    "Ship": "mmg.ship",
-    "TrainResult": "residual.result",
-    "Trial": "cases.trial",
-    "TrialSet": "cases.trial_set",
-    "UserError": "mmg.errors",
-    "export_ship": "delivery.export",
-    "load_ship": "cases.shipfiles.ship_file",
-    "new_ship": "cases.shipfiles.new_ship",
-    "read_trials": "cases.io.read",
+    "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result", "FitResult": "fitting.result",
+    "Message": "mmg.messages", "OnProgress": "mmg.progress", "Progress": "mmg.progress",
+    "ReducedProblem": "fitting.solvers.reduced",
+    "Score": "fitting.prediction.score", "Ship": "mmg.ship", "TrainResult": "residual.result", "Trial": "cases.trial",
+    "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "export_ship": "delivery.export",
+    "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "scale": "delivery.full_scale.result",
-}
+}  # fmt: skip
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [
-    "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "Score", "Ship",
-    "TrainResult", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "export_ship",
-    "load_run", "load_ship", "new_ship", "predict", "read_trials", "scale", "score", "simulate", "train",
-    "write_report",
+    "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem",
+    "Score", "Ship", "TrainResult", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
+    "export_ship", "load_run", "load_ship", "new_ship", "predict", "read_trials", "refit", "scale", "score", "simulate",
+    "train", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

@@ -207,14 +207,28 @@ def calibrate(
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if not start.effects:
         return result
-    from diagnosis.calibration.freed_effects import with_effect_tests
+    from diagnosis.for_calibration import with_effect_tests
 
     return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
 
 
+def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnProgress | None = None) -> FitResult:
+    """The calibration ``fit`` of this session again, from where it ended, for pages on which a coefficient is moved.
+
+    hold: values of coefficients by symbol that stay, while the others are fitted; progress: called at each iteration.
+    Trials, windows and the noise that residuals are weighed by stay as they were, so that objectives can be compared;
+    a second estimate keeps its distance. Returns coefficients, errors and scores alone: no bands, no next trial.
+    Standard errors are those of a fit in which all coefficients move. Raises UserError for a result that was read from
+    a folder, for a symbol that is not free and a value outside its bounds.
+    """
+    from fitting.calibrate import refit as solved_again
+
+    return solved_again(fit, hold or {}, progress)
+
+
 def _second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
     """As ``filter_estimate``, whose modules are read only where one is asked for."""
-    from diagnosis.calibration.filter_estimate import filter_estimate
+    from diagnosis.for_calibration import filter_estimate
 
     return filter_estimate(ship, trials)
 

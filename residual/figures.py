@@ -4,28 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import Forecaster
 from fitting.report.plot_style import ALARM, BEFORE, DASHES, FigureFolder, dress, new_figure
-from fitting.report.plots import error_growth_plot
+from fitting.report.plots import write_error_growth
 from mmg.rollout import Simulator
 
 
-def learning_plot(
-    per_seed: Sequence[Mapping[str, Any]], before: str = "calibrated ship", axes: Axes | None = None
-) -> Figure:
+def learning_plot(per_seed: Sequence[Mapping[str, Any]], before: str = "calibrated ship") -> Figure:
     """Stop error over that of what was ``before``, per epoch and seed of ``per_seed``.
 
-    Dots: weights kept; bars: judged error. axes: to draw on, None for a new figure. Returns the figure.
+    Dots: weights kept; bars: judged error. Returns the figure.
     """
-    target = axes if axes is not None else new_figure(3.2).subplots()
-    ax = dress(target, "epoch", f"30 s windows: error / {before}")
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "epoch", f"30 s windows: error / {before}")
     end = max(row["history"][-1]["epoch"] for row in per_seed)
     for row, dashes in zip(per_seed, cycle(DASHES), strict=False):
         epochs = [h["epoch"] for h in row["history"]]
@@ -42,7 +39,7 @@ def learning_plot(
         ax.set_yscale("log")
     ax.axhline(1.0, color=BEFORE, linestyle=(0, (4, 1.5)), linewidth=1.0, label=before)
     ax.legend(fontsize=7.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return cast(Figure, ax.figure)
+    return figure
 
 
 def write_figures(
@@ -65,10 +62,4 @@ def write_figures(
         f"at the right: their error on the windows that judge{apart}.",
     )  # fmt: skip
     if trials and any(row["has_position"] for row in held_out or content["data"]):
-        written.write(
-            "error_growth", lambda: error_growth_plot(models, trials),
-            "How errors grow with the length of the prediction",
-            f"Rms errors over windows of the {'validation' if held_out else 'training'} trials, each started from the "
-            "measured state and from there on driven by the measured rudder, revolutions and wind alone. Shaded: one "
-            "standard error, by leaving out one trial (of a single one, one window) after the other.",
-        )  # fmt: skip
+        write_error_growth(written, models, trials, "validation" if held_out else "training")

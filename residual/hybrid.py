@@ -234,9 +234,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], 
     return replace(scales, output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE)
 
 
-HYBRID_KIND = ModelKind(
-    build_hybrid, hybrid_scales, lambda ship: ship.inputs, lambda ship: Physics(ship).logged_features
-)
+HYBRID_KIND = ModelKind(build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: Physics(s).logged_features)
 """A residual on a ship without a network."""
 
 

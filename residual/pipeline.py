@@ -20,16 +20,8 @@ from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
 from fitting.record import read_record
+from fitting.report import run_folder
 from fitting.report.parts import Store
-from fitting.report.run_folder import (
-    RESULT,
-    data_rows,
-    described_in,
-    of_predictions,
-    read_result,
-    trial_rows,
-    versions,
-)
 from fitting.result import FitResult
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import Message
@@ -97,8 +89,8 @@ def train(
         settings=task.settings,
         per_seed=tuple(_seed_rows(outcomes, validation or chosen)),
         scores={},
-        data=tuple(data_rows(chosen)),
-        validation_data=tuple(data_rows(validation)),
+        data=tuple(run_folder.data_rows(chosen)),
+        validation_data=tuple(run_folder.data_rows(validation)),
         sigma={
             name: dict(zip(STATES, sigma.tolist(), strict=True))
             for name, sigma in (("loss", scales.sigma), ("held_out", scales.score))
@@ -106,7 +98,7 @@ def train(
         envelope=envelope_of(ship.features, scales.features),
         outside=_outside(kind, task, validation),
         timings_s={"train": seconds, "seeds": [o.seconds for o in outcomes]},
-        versions={**versions(), "torch": metadata.version("torch")},
+        versions={**run_folder.versions(), "torch": metadata.version("torch")},
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         command=command,
         warnings=(
@@ -141,16 +133,16 @@ def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Ma
 def _known(folder: Path) -> Mapping[str, Any]:
     """The content of result.json on the ship in ``folder``, {} where there is none; UserError where it is not as
     written."""
-    folder = described_in(folder)
-    if not (folder / RESULT).exists():
+    folder = run_folder.described_in(folder)
+    if not (folder / run_folder.RESULT).exists():
         return {}
-    content = read_result(folder)
+    content = run_folder.read_result(folder)
     if content["kind"] == "training":
         return read_training(folder).to_dict()
     if content["kind"] == "calibration":
-        read_record(folder / RESULT, content)
+        read_record(folder / run_folder.RESULT, content)
         return content
-    return {**of_predictions(content), "data": trial_rows(folder)}
+    return {**run_folder.of_predictions(content), "data": run_folder.trial_rows(folder)}
 
 
 def _hybrid(
@@ -171,7 +163,7 @@ def _hybrid(
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
             "residual_size": _residual_size(network, scales) if network else {},
             "calibration": _calibration_in(known) if known else None,
-            **of_predictions(known),
+            **run_folder.of_predictions(known),
         },
         "notices": (notice,) if always else (),
     }

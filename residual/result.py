@@ -4,6 +4,8 @@
 ``calibrated/`` beside a hybrid, ``hybrid/`` beside the calibrated ship. ``result.json`` holds settings, seeds, data and
 everything that led to the decision, ``training/`` the finished seeds. A black box has ``network.safetensors`` and
 ``start.toml``, the ship that named its inputs.
+
+The report on a training is one self-contained HTML page, made without torch.
 """
 
 from __future__ import annotations
@@ -12,32 +14,21 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as changed
-from functools import cache
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
-from fitting.prediction.score import ScorePair
-from fitting.report.delivered import Delivered, delivered
-from fitting.report.page import label_of, write_page
-from fitting.report.run_folder import (
-    FIGURES,
-    PAGE,
-    PENDING,
-    RESULT,
-    SHIP,
-    START,
-    check_target,
-    plain,
-    read_result,
-    write_json,
-    write_whole,
-)
+from fitting.prediction.score import ScorePair, in_words
+from fitting.report import run_folder
+from fitting.report.delivered import Delivered, delivered, delivery_sections
+from fitting.report.page import citations_of, environment, label_of, write_page
+from fitting.report.plot_style import figures_of
+from fitting.report.use import shown_quantity
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
@@ -45,8 +36,7 @@ from mmg.network import Network
 from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.decide import Decision
-from residual.report import headline, page_of
+from residual.decide import Decision, percent
 from residual.settings import TrainSettings, settings_from
 
 if TYPE_CHECKING:
@@ -54,6 +44,142 @@ if TYPE_CHECKING:
 
     from fitting.prediction.predict import Forecaster
     from residual.papers.black_box import BlackBox
+
+TROUBLE = 0.2
+"""Share of validation rows outside the training range from which on the report warns. Set by hand."""
+
+
+def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], known: Sequence[Delivered] = ()) -> str:
+    """One self-contained HTML page on trainings.
+
+    runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
+    recommends, None of a black box. known: of each its trials and its form for IMO; none by default.
+    """
+    deliveries = [*known, *(Delivered() for _ in runs[len(known) :])]
+    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, deliveries, strict=True), 1)]
+    states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
+    titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
+    return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
+
+
+def _run(
+    label: str, folder: Path, result: Mapping[str, Any], ship: Ship | None, known: Delivered, number: int
+) -> dict[str, Any]:
+    """All that the template shows of one training, and on the use of its ``ship``, in sections after the others."""
+    hybrid, outside = "decision" in result, result["outside"].get("trials", {})
+    settings = {k: v for k, v in result["settings"].items() if hybrid or k != "symmetric"}
+    shown = {
+        "id": f"run{number}",
+        "label": label,
+        "result": result,
+        "hybrid": hybrid,
+        "title": "learned residual" if hybrid else f"black box {result['model']}",
+        "before": "calibrated ship" if hybrid else "ship model",
+        "after": "with residual" if hybrid else "black box",
+        "headline": headline(result),
+        "warnings": _warnings(result, outside),
+        "judged": judged_table(result),
+        "seeds": [f"seed {row['seed']}" for row in result["per_seed"]],
+        "figures": {f["name"]: f for f in figures_of(folder, result["figures"])},
+        "size": result.get("residual_size") or {},
+        "envelope": envelope_rows(result),
+        "outside": outside,
+        "settings": settings,
+        "citations": citations_of(result),
+        "use": ship is not None,
+    }
+    if ship is None:
+        return shown
+    usable = (result.get("calibration") or {}).get("converged") is not False
+    shown |= {"name": ship.called, "about": ship.title if ship.mark else ""}
+    shown |= {"first": 9, "numbered": False, "usable": usable}
+    return shown | delivery_sections(result, ship, known)
+
+
+def _warnings(result: Mapping[str, Any], outside: Mapping[str, float]) -> list[str]:
+    """Its own warnings and those that follow from its numbers; outside: share of the rows of each trial."""
+    words = list(result["warnings"])
+    far = ", ".join(f"{name} ({percent(share, False)})" for name, share in outside.items() if share > TROUBLE)
+    if far:
+        words.append(f"much of these validation trials lies outside the network's training range: {far}")
+    if "decision" not in result and not result["validation_data"]:
+        words.append("no trials were held out: the scores are those of the training trials; give some with --validate")
+    restarted = [str(row["seed"]) for row in result["per_seed"] if row["restarts"] and row["status"] != "diverged"]
+    if restarted:
+        words.append(f"diverged at first and trained again at a lower rate: seed(s) {', '.join(restarted)}")
+    return words
+
+
+def headline(result: Mapping[str, Any]) -> dict[str, str]:
+    """The one sentence of a training ``result``, whether it was kept, and what was trained on what."""
+    data, decision = result["data"], result.get("decision")
+    seconds = sum(row["duration_s"] for row in data)
+    what = f"{len(result['per_seed'])} training(s) on {len(data)} trial(s), {seconds:,.0f} s"
+    if not decision:
+        return {"sentence": _box_sentence(result), "state": "", "what": f"{what}."}
+    always = " It is recommended by --keep always." if result["kept"] and not decision["kept"] else ""
+    return {
+        "sentence": decision["words"] + always,
+        "state": "kept" if result["kept"] else "declined",
+        "what": f"{what}; judged by {'the validation trials' if result['validation_data'] else 'parts in turn'}.",
+    }
+
+
+def _box_sentence(result: Mapping[str, Any]) -> str:
+    """How a black box does on held-out trials, beside the ship that it was trained for."""
+    scores, model = result["scores"], f"The black box {result['model']}"
+    name = next((n for n in ("validation", "training") if n in scores), "")
+    if not name:
+        return f"{model} was trained; the trials hold no positions, so its predictions could not be scored."
+    before, after = scores[name]["before"], scores[name]["after"]
+    where = "on held-out trials" if name == "validation" else "on the trials it was trained on"
+    restarts = any(t.get("restarts", True) for t in after["trials"])
+    trained, ship = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
+    over = f"over 100 s {trained[1]} and {ship[1]}" if restarts else "there is nothing to score over 100 s"
+    return (
+        f"{model} has an error of {trained[0]} in 30 s predictions {where}, the ship model beside it "
+        f"({result['beside']}) {ship[0]}; {over}."
+    )
+
+
+def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Per judging run of ``result``: windows, errors before and after over the seeds it judged, changes."""
+    seeds = [row["seed"] for row in result["per_seed"]]
+    runs: dict[str, dict[int, dict]] = {}
+    for row in result["per_seed"]:
+        for part in row["judged_runs"] if row["status"] != "diverged" else []:
+            runs.setdefault(part["run"], {})[row["seed"]] = part
+    table = []
+    for name, parts in sorted(runs.items()):
+        before, after = (sum(p[k] or nan for p in parts.values()) / len(parts) for k in ("before", "after"))
+        table.append(
+            {
+                "run": name, "windows": next(iter(parts.values()))["windows"], "before": before, "after": after,
+                "change": percent(after / before - 1 if before else None), "worse": after > 1.0005 * before,
+                "seeds": [_change(parts.get(seed)) for seed in seeds],
+            }
+        )  # fmt: skip
+    return table
+
+
+def _change(part: Mapping[str, Any] | None) -> str:
+    if not part or not part["before"] or part["after"] is None:
+        return ""
+    return percent(part["after"] / part["before"] - 1)
+
+
+def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Range of each feature in the training rows of ``result``, and in the validation rows with the share outside."""
+    beyond, rows = result["outside"].get("features", {}), []
+    for name, (low, high) in result["envelope"].items():
+        words, unit, factor = shown_quantity(name)
+        own = beyond.get(name)
+        if own:
+            own = {**own, "lowest": factor * own["lowest"], "highest": factor * own["highest"]}
+        both = {"low": factor * low, "high": factor * high}
+        rows.append({"name": name, "words": words, "unit": unit, **both, "own": own})
+    return rows
+
 
 SCHEMA_VERSION = 1
 CALIBRATED, HYBRID = "calibrated", "hybrid"
@@ -154,7 +280,7 @@ class TrainResult(TrainRecord):
         kept = self.recommended == HYBRID
         decided = {"kept": kept, "recommended": self.recommended, "other": self.other, "decision": self.decision}
         levels = (("warning", self.warnings), ("notice", self.notices))
-        return plain(
+        return run_folder.plain(
             {
                 "kind": "training",
                 "schema_version": SCHEMA_VERSION,
@@ -196,31 +322,31 @@ class TrainResult(TrainRecord):
         """
         folder = Path(folder)
         if not replace:
-            check_target(folder)
-        content = changed(self, figures=(), warnings=(*[PENDING] * report, *self.warnings)).to_dict()
+            run_folder.check_target(folder)
+        content = changed(self, figures=(), warnings=(*[run_folder.PENDING] * report, *self.warnings)).to_dict()
 
         def fill(scratch: Path) -> None:
             if (folder / FINISHED).is_dir():
                 shutil.copytree(folder / FINISHED, scratch / FINISHED)
             self._write_models(scratch)
-            write_json(scratch / RESULT, content)
+            run_folder.write_json(scratch / run_folder.RESULT, content)
 
-        write_whole(folder, fill, replace)
+        run_folder.write_whole(folder, fill, replace)
         if not report:
             return
         from fitting.report.plot_style import FigureFolder
         from residual.figures import write_figures
 
-        written = FigureFolder(folder / FIGURES)
+        written = FigureFolder(folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
-        with written.making(PAGE):
+        with written.making(run_folder.PAGE):
             page = _page([(label_of(folder), folder, done.to_dict(), self.for_use)], imo=False)
-            write_page(page, folder / PAGE)
+            write_page(page, folder / run_folder.PAGE)
         done = changed(done, warnings=(*self.warnings, *written.failures))
-        with written.making(RESULT):  # last, as it says that all is there
-            write_json(folder / RESULT, done.to_dict())
+        with written.making(run_folder.RESULT):  # last, as it says that all is there
+            run_folder.write_json(folder / run_folder.RESULT, done.to_dict())
 
     def _write_models(self, folder: Path) -> None:
         """The recommended ship and the other one, or the black box."""
@@ -228,7 +354,7 @@ class TrainResult(TrainRecord):
             from residual.papers.black_box import save_box
 
             note = f"{self.start.name}: the ship whose inputs the black box takes; nothing else of it is used."
-            (folder / START).write_text(dump_ship(self.start, note), encoding="utf-8")
+            (folder / run_folder.START).write_text(dump_ship(self.start, note), encoding="utf-8")
             save_box(folder / NETWORK, self.black_box)
             return
         words = "calibrated ship with a residual network (network.safetensors) of mmg train."
@@ -239,7 +365,7 @@ class TrainResult(TrainRecord):
             place = folder if name == self.recommended else folder / name
             place.mkdir(exist_ok=True)
             text = dump_ship(ship.without_network(), f"{self.start.name}, {note}")
-            (place / SHIP).write_text(text, encoding="utf-8")
+            (place / run_folder.SHIP).write_text(text, encoding="utf-8")
             if ship.network is not None:
                 save_network(place / NETWORK, ship.network, ship)
 
@@ -251,18 +377,13 @@ _BUILT = {
 """Keys of result.json that every training may have; the others are its details."""
 
 
-@cache
-def _adapter() -> TypeAdapter[TrainRecord]:
-    return TypeAdapter(TrainRecord)
-
-
 def read_training(folder: str | Path) -> TrainResult:
     """The training in a run folder, with its ships or its black box.
 
     folder: as ``TrainResult.save`` wrote it. Raises UserError where it is none, or something of it cannot be read.
     """
     folder = Path(folder)
-    content = read_result(folder)
+    content = run_folder.read_result(folder)
     if content["kind"] != "training":
         raise BadValue(f"{folder}: is no run of mmg train")
     box, network, decision, recommended = None, None, None, ""
@@ -278,14 +399,14 @@ def read_training(folder: str | Path) -> TrainResult:
         else:
             from residual.papers.black_box import load_box
 
-            start = load_ship(folder / START)
+            start = load_ship(folder / run_folder.START)
             box = load_box(folder, start)
         warnings, notices = (
             messages_from(row for row in content["messages"] if row["level"] == level)
             for level in ("warning", "notice")
         )
         return TrainResult(
-            **vars(_adapter().validate_python(content)),
+            **vars(run_folder.adapter(TrainRecord).validate_python(content)),
             warnings=warnings,
             notices=notices,
             start=start,
@@ -301,7 +422,7 @@ def read_training(folder: str | Path) -> TrainResult:
         why = f"{'.'.join(map(str, fault['loc']))}: {fault['msg'].lower()}"
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         why = str(error)
-    raise BadValue(f"{folder / RESULT}: is incomplete ({why}); train again")
+    raise BadValue(f"{folder / run_folder.RESULT}: is incomplete ({why}); train again")
 
 
 def _page(
@@ -327,6 +448,6 @@ def write_report(
         runs = [(label_of(Path(f)), Path(f), r.to_dict(), r.for_use) for f, r in zip(folders, results, strict=True)]
         page = _page(runs, full_load, imo)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
-        names = ", ".join(str(Path(f) / RESULT) for f in folders)
+        names = ", ".join(str(Path(f) / run_folder.RESULT) for f in folders)
         raise BadValue(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None
     write_page(page, where)

@@ -51,7 +51,7 @@ class TrainSettings:
     step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
     block: float = field(default=150.0, metadata={"help": "Length of blocks [s] of few runs.", "gt": 0})
     augment: str = field(
-        default="", metadata={"help": "Set of Wakita 2024: sli2, jit10, d-ref, ...", "choices": (*SETS, "")}
+        default="", metadata={"help": "Of Wakita 2024: sli2, jit10, d-ref, ...", "choices": (*SETS, "")}
     )
     time_limit: float | None = field(default=None, metadata={"help": "Limit of the training [s].", "gt": 0})
 

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
 from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from diagnosis.hypotheses.second_sample import NOTHING
+from diagnosis.hypotheses.found_again import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
 
 KINDS = {"null": 8, "library": 20, "strangers": 12}
@@ -50,8 +50,8 @@ REMEMBERED = (
     "diagnosis.hypotheses.unnamed:unnamed_forms",
     "diagnosis.hypotheses.unnamed:unnamed_slopes",
     FORMS,
-    "diagnosis.judgement.matters:_mean_error",
-    "diagnosis.judgement.matters:sensor_error",
+    "diagnosis.judgement.left_over:_mean_error",
+    "diagnosis.judgement.left_over:sensor_error",
     "diagnosis.validation.held_out:compare",
     "diagnosis.validation.held_out:prediction_errors",
 )
@@ -91,21 +91,24 @@ RULES = (
     Switch("names found again", "test trials say nothing of candidates",
            {f"{SEARCH}:_found_again": constantly(NOTHING)}),
     Switch("tests contradict", "test trials never contradict names",
-           {f"{JUDGE}.verdict:contradicts": constantly(False)}),
+           {f"{JUDGE}.judged_search:contradicts": constantly(False)}),
     Switch("doubts", "no doubt in a name that test trials do not confirm",
-           {f"{JUDGE}.verdict:_doubt": constantly("")}),
-    Switch("runs agree", "runs need not agree on a name", {f"{JUDGE}.verdict:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
+           {f"{JUDGE}.judged_search:_doubt": constantly("")}),
+    Switch("runs agree", "runs need not agree on a name",
+           {f"{JUDGE}.judged_search:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
     Switch("possible sizes", "effects of an impossible size are named",
-           {f"{JUDGE}.possible_size:impossible_size": constantly("")}),
+           {f"{JUDGE}.judged_search:impossible_size": constantly("")}),
     Switch("another ship", "coefficients may be those of another ship",
-           {f"{JUDGE}.believable:_another_ship": constantly("")}),
+           {f"{JUDGE}.judged_search:_another_ship": constantly("")}),
     Switch("not random", "neither test of what is left",
            {f"{JUDGE}.left_over:not_random": constantly([])}),
     Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.left_over:LINE_PROBABILITY": 0.0}),
     Switch("force order", "no test of forces that follow each other",
            {"diagnosis.estimation.force_order:ForceOrder.is_random": property(constantly(True))}),
-    Switch("matters", "a remainder counts whatever its size", {f"{JUDGE}.matters:remainder_matters": constantly(True)}),
-    Switch("remainder", "unnamed forms leave no remainder", {f"{JUDGE}.verdict:has_remainder": constantly(False)}),
+    Switch("matters", "a remainder counts whatever its size",
+           {f"{JUDGE}.left_over:remainder_matters": constantly(True)}),
+    Switch("remainder", "unnamed forms leave no remainder",
+           {f"{JUDGE}.judged_search:has_remainder": constantly(False)}),
     Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
     *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),

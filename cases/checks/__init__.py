@@ -1,6 +1,8 @@
 """Import checks: is this trial what its header says, and what can be learned from it?
 
 ``check(trials)`` gives one ``CheckReport`` per trial; ``pooled(reports)`` says what they excite together.
+
+Constants of this room that name no source are set by hand; ``benchmarks.file_faults`` measures what they do together.
 """
 
 from cases.checks.folders import check

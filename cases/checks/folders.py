@@ -16,10 +16,10 @@ from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, Che
 from cases.checks.single import (
     excitation,
     following,
+    headway,
     not_checked,
     rudder_sign,
     sampling,
-    sternway,
     sway_findings,
     turning_wind,
     wind,
@@ -161,7 +161,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
-        said[k].findings.extend([*sternway(trials[k]), *turning_wind(trials[k])])
+        said[k].findings.extend([*headway(trials[k]), *turning_wind(trials[k])])
     rows = zip(reports, _with_lines(trials, said), map(not_checked, trials), found, alone, strict=True)
     return [_joined(*row) for row in rows]
 
@@ -245,14 +245,18 @@ def _contradicted(
     ]
     keys: Keys = {}
     alone = found.reading != found.folder
+    psi_may = found.reading.rate == -1 and trial.has_position and not independent(trial, "track")  # as good, untested
     for code, meaning in [] if still else found.reading.statements():
         unsure = alone and len(trials) > 2 and found.odds < SURE
         turned = found.reading.rudder != found.folder.rudder and code == "rudder_sign"  # what else turns her is unknown
         files = f"against {len(trials) - 1} others" if alone else f"over {len(trials)} files"
         odds = f" (log odds {found.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {found.odds:.0f})"
         text = _sentence(code, meaning, found) + odds
+        if psi_may and code == "r_sign":
+            text += ", or psi counts counter-clockwise, and u and v were derived from it"
         said.append((DOUBTFUL if turned or unsure else CONTRADICTORY, code, text))
         advised = found.agreed and not found.rival and not unsure and found.reading.rudder == found.folder.rudder
+        advised = advised and not psi_may
         keys = found.reading.keys() if advised else {}
     if found.rival and not still:
         both = [line(wanted) for each in (found.reading, found.rival) if (wanted := settings(trial, each.keys()))]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -242,7 +242,23 @@ APART = 0.1
 legs in directions a quarter turn apart."""
 
 MOSTLY = 0.9
-"""Share of the rows with revolutions ahead in which sternway is no manoeuvre."""
+"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre."""
+
+FAST = 0.8
+"""Share of the greatest speed from which a ship is at speed: what she has left of it when she is stopped is none."""
+
+MOST_DRIFT = math.radians(45.0)
+"""Drift at speed that no ship on her propellers ahead has; about 20 deg are usual in the tightest turns."""
+
+TURNING = math.radians(90.0)
+"""Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
+and where it turns her, her bow drifts off."""
+
+SLOW = 0.1
+"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead."""
+
+LEAST_DRIFT = 0.02
+"""Share of the surge that the sway of a ship in such a turn exceeds: drift of a degree, on the widest circles."""
 
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
@@ -251,10 +267,11 @@ COST = 8.0
 """Nats by which another reading of the wind is likelier, as in competition.py."""
 
 WOULD = {
-    "track": "a speed log, or a receiver of its own for course and speed over ground",
-    "turn": "a rate gyro",
+    "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
+    "would check it; an offset of the heading or a late receiver would not show",
+    "turn": "a rate gyro would check it",
 }
-"""Comparison -> what would make it."""
+"""Comparison -> what would make it, and what does not show without."""
 
 
 def not_checked(trial: Trial) -> list[Found]:
@@ -266,31 +283,42 @@ def not_checked(trial: Trial) -> list[Found]:
         made = [name for name in (*of, "x", "y", "psi") if name in trial.ancestors]
         roots = sorted({root for name in made for root in trial.roots(name)} - set(of))
         come = f"{', '.join(made)} come from {', '.join(roots)}" if roots else f"{', '.join(made)} were assumed"
-        also = " and runs in both directions" if comparison == "track" else ""
-        text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}{also} would check it."
+        text = f"Not checked: {', '.join(of)} against the {rest}, as {come}; {WOULD[comparison]}."
         out.append((INFO, "not_checked", text))
     return out
 
 
-def _regressed(trials: Sequence[Trial], most: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Offset, pivot and current (north, east), (4,), their standard errors, and the least eigenvalue of what they are
-    regressed on, over rows ahead with a turn rate of at ``most`` so much of the greatest; NaN without any."""
-    blocks: list[tuple[np.ndarray, np.ndarray]] = []
-    for trial in trials:
-        u, v, r, psi = trial["u"], trial["v"], trial["r"], trial["psi"]
-        good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(psi)
-        if not good.any():
-            continue
-        good &= np.nan_to_num(u) > AHEAD * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
+def _ahead(trial: Trial, most: float = math.inf, least: float = AHEAD) -> np.ndarray:
+    """Rows (M,) of ``trial`` in which the ship goes ahead, faster than ``least`` of the greatest speed and at a turn
+    rate of at ``most`` so much of the greatest."""
+    u, v, r = trial["u"], trial["v"], trial["r"]
+    good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(trial["psi"])
+    if good.any():
+        good &= np.nan_to_num(u) > least * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
         good &= np.abs(np.nan_to_num(r)) <= most * float(np.nanquantile(np.abs(r), 0.95))
         good &= ~(trial["n"] < 0) if "n" in trial else True  # a reversed propeller pushes the stern aside
-        A = np.stack([u, -r, -np.sin(psi), np.cos(psi)], axis=1)
-        for rows in np.array_split(np.flatnonzero(good), PIECES):
-            blocks.append((A[rows].T @ A[rows], A[rows].T @ v[rows]))
-    nothing = np.full(4, math.nan)
-    if not blocks:
-        return nothing, nothing, 0.0
+    return np.flatnonzero(good)
+
+
+def _turns(trials: Sequence[Trial], least: float) -> list[tuple[Trial, np.ndarray]]:
+    """Those of ``trials`` that turn by TURNING and more ahead, faster than ``least`` of the greatest speed, with these
+    rows."""
+    pairs = [(trial, rows) for trial in trials if len(rows := _ahead(trial, least=least)) > 1]
+    return [(trial, rows) for trial, rows in pairs if np.ptp(trial.psi_unwrapped[rows]) > TURNING]
+
+
+def _regressed(trials: Sequence[Trial], most: float = math.inf) -> tuple[np.ndarray, np.ndarray, float]:
+    """Offset, pivot and current (north, east), (4,), their standard errors, and the least eigenvalue of what they are
+    regressed on, over the rows of ``_ahead``; NaN without any."""
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    for trial in trials:
+        psi = trial["psi"]
+        A = np.stack([trial["u"], -trial["r"], -np.sin(psi), np.cos(psi)], axis=1)
+        for rows in np.array_split(_ahead(trial, most), PIECES):
+            blocks.append((A[rows].T @ A[rows], A[rows].T @ trial["v"][rows]))
     N, h = (np.stack(some) for some in zip(*blocks, strict=True))
+    if not N.any():
+        return np.full(4, math.nan), np.full(4, math.nan), 0.0
     size = np.sqrt(np.diag(N.sum(axis=0))) + 1e-12
     N, h = N / np.outer(size, size), h / size
     flat = 1e-6 * np.eye(4)
@@ -301,8 +329,10 @@ def _regressed(trials: Sequence[Trial], most: float) -> tuple[np.ndarray, np.nda
 
 def sway_findings(trials: Sequence[Trial]) -> list[Found]:
     """Doubts about heading and reference point, from what the sway of ``trials`` of one ship going ahead is together:
-    v = offset u - pivot r + a current across, the offset [rad] where she goes straight, the pivot [m] everywhere."""
+    v = offset u - pivot r + a current across, the offset [rad] where she goes straight, the pivot [m] in turns."""
     out: list[Found] = []
+    if not trials:
+        return out
     values, std, least = _regressed(trials, STRAIGHT)
     off, error = float(values[0]), float(std[0])
     if least > APART and abs(off) > max(SIGMAS * error, OFFSET):
@@ -312,7 +342,22 @@ def sway_findings(trials: Sequence[Trial]) -> list[Found]:
             f"{math.degrees(error):.1g}): the heading is off, by a mounting or by a variation"
         )
         out.append((DOUBTFUL, "heading_offset", text))
-    values, std, _ = _regressed(trials, math.inf)
+    turns = _turns(trials, SLOW)
+    if not turns:
+        return out
+    v, u = (np.concatenate([trial[name][rows] for trial, rows in turns]) for name in "vu")
+    drift = math.sqrt(np.sum(v**2) / np.sum(u**2))
+    if drift < LEAST_DRIFT:
+        text = (
+            f"The ship does not drift in turns (sway is {drift:.1%} of surge): psi is the course over ground, or "
+            "velocities are those of an antenna at the pivot point (reference_point)"
+        )
+        out.append((DOUBTFUL, "course_heading", text))
+        return out
+    turns = _turns(trials, AHEAD)
+    if not turns:
+        return out
+    values, std, _ = _regressed([trial for trial, _ in turns])
     ahead, error = float(values[1]), float(std[1])
     if -ahead > SIGMAS * error:
         text = (
@@ -324,20 +369,37 @@ def sway_findings(trials: Sequence[Trial]) -> list[Found]:
     return out
 
 
-def sternway(trial: Trial) -> list[Found]:
-    """A doubt where a ship with revolutions ahead goes astern throughout ``trial``."""
-    if "n" not in trial or "n_azimuth" in trial:  # a pod may push either way
+def headway(trial: Trial) -> list[Found]:
+    """A doubt where the ship of ``trial`` does not go ahead while, at her speed, her propellers push her ahead."""
+    u, v = trial["u"], trial["v"]
+    speed = np.hypot(u, v)
+    fast = speed > FAST * np.nanmax(speed, initial=1e-9)
+    thrust = sum(_thrusts(trial), np.zeros(len(trial)))
+    driven = fast & (thrust > 0.1 * np.nanmax(np.abs(thrust), initial=1e-9))
+    drift = np.abs(np.arctan2(v, u)[driven])
+    if len(drift) < max(PIECES, AHEAD * fast.sum()) or np.mean(drift > MOST_DRIFT) < MOSTLY:
         return []
-    u, n = trial["u"], trial["n"]
-    known = np.isfinite(u) & np.isfinite(n)
-    driven = known & (n > 0.1 * np.nanmax(np.abs(n), initial=1e-9))
-    if known.sum() < PIECES or driven.sum() < AHEAD * known.sum() or np.mean(u[driven] < 0) < MOSTLY:
-        return []
+    angle = float(np.median(drift))
+    if angle < math.pi - MOST_DRIFT:
+        text = (
+            f"At speed, with revolutions ahead, the ship goes {math.degrees(angle):.0f} deg off her heading: it has "
+            "another zero or sense, or velocities are in other axes"
+        )
+        return [(DOUBTFUL, "heading_offset", text)]
     text = (
-        f"With revolutions ahead the ship goes astern in {np.mean(u[driven] < 0):.0%} of the rows: n is positive "
-        "astern, u is, or the heading is turned by 180 deg"
+        "At speed, with revolutions ahead, the ship goes astern: n is positive astern, u is, or the heading is turned "
+        "by 180 deg"
     )
     return [(DOUBTFUL, "u_sign", text)]
+
+
+def _thrusts(trial: Trial) -> Iterator[np.ndarray]:
+    """Revolutions of each propeller of ``trial`` as they push ahead (N,): those of a pod by the cosine of its angle."""
+    for side in ("", "_2"):
+        if f"n{side}" in trial:
+            yield trial[f"n{side}"]
+        if f"n_azimuth{side}" in trial and f"azimuth{side}" in trial:
+            yield trial[f"n_azimuth{side}"] * np.cos(trial[f"azimuth{side}"])
 
 
 def turning_wind(trial: Trial) -> list[Found]:

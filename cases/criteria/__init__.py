@@ -1,1 +1,4 @@
-"""Figures of manoeuvres (advance, overshoot, stopping distance, ...) and the IMO criteria they are judged by."""
+"""Figures of manoeuvres (advance, overshoot, stopping distance, ...) and the IMO criteria they are judged by.
+
+Constants of this room that name no source are set by hand.
+"""

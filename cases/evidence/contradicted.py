@@ -19,6 +19,12 @@ from cases.trial import RUDDERS, Trial
 TURNED = 0.1
 """rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it."""
 
+QUARTER = math.pi / 2
+"""rad; turn of a track that no ship makes on one heading."""
+
+MERIDIANS = 1e-3
+"""rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres."""
+
 VARIED = 0.05
 """Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v."""
 
@@ -30,8 +36,9 @@ def standing(trial: Trial) -> dict[str, str]:
     """Column -> what says that it must have moved, of ``trial``, in words."""
     psi, r = trial.psi_unwrapped, trial["r"]
     still = {name for name in ("psi", "u", "v", "r", "x", "y") if name in trial and _stands(trial[name])}
+    frozen = _stands(psi, MERIDIANS)
     out: dict[str, str] = {}
-    if not still or len(trial) < 20:
+    if not (still or frozen) or len(trial) < 20:
         return out
     made = integral(trial.t, np.nan_to_num(r))
     integrated = _range(made)
@@ -39,10 +46,14 @@ def standing(trial: Trial) -> dict[str, str]:
         out["r"] = f"the heading turns by {_range(psi):.2g} rad and not by {integrated:.2g}"
     if "psi" in still and integrated > TURNED:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
+    if frozen and {"x", "y"} <= set(trial.columns) and not {"x", "y"} & still:
+        course = _range(np.unwrap(np.angle(_track(trial))))
+        if course > QUARTER:
+            out["psi"] = f"the track turns by {course:.2g} rad"
     speed = float(np.sqrt(np.nanmean(trial["u"] ** 2 + trial["v"] ** 2)))
     if {"x", "y"} <= still and speed * trial.duration > 1.0:
         out |= dict.fromkeys(("x", "y"), f"the ship runs at {speed:.2g} m/s")
-    elif "x" in trial and "y" in trial and not {"x", "y", "psi"} & still:
+    elif still and "x" in trial and "y" in trial and not {"x", "y", "psi"} & still:
         track = _track(trial)
         size = float(np.sqrt(np.mean(np.abs(track) ** 2)))
         if "u" in still and float(np.std(track.real)) > VARIED * size:
@@ -52,9 +63,9 @@ def standing(trial: Trial) -> dict[str, str]:
     return out
 
 
-def _stands(values: np.ndarray) -> bool:
+def _stands(values: np.ndarray, within: float = 0.0) -> bool:
     known = values[np.isfinite(values)]
-    return len(known) > 0 and float(np.mean(known == np.median(known))) >= STANDS
+    return len(known) > 0 and float(np.mean(np.abs(known - np.median(known)) <= within)) >= STANDS
 
 
 def _range(values: np.ndarray) -> float:

@@ -267,22 +267,25 @@ SIDEWAYS = 0.05
 
 def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
     """Raises OpenQuestion where the ship stops or goes astern on revolutions that are never negative. Blades that turn
-    and pods may do so; where she goes sideways or backwards from the beginning, heading or frame are wrong."""
-    log = next((log for log in logs if "n" in log.of and "n" in log.columns), None)
-    if log is None or "n" in chosen.columns_of(log.table.path) or {"pitch", "azimuth"} & set(columns):
+    and pods that turn round may do so; where she goes sideways or backwards from the beginning, heading or frame are
+    wrong."""
+    name = next((q for q in ("n", "n_azimuth") if q in columns), "")
+    log = next((log for log in logs if name in log.of and name in log.columns), None)
+    if log is None or name in chosen.columns_of(log.table.path) or "pitch" in columns:
         return
-    good = np.isfinite(columns["u"]) & np.isfinite(columns["v"]) & np.isfinite(columns["n"])
-    u, v, n = (columns[name][good] for name in ("u", "v", "n"))
-    if not len(u) or n.min() < 0 or not n.any():
+    known = np.all([np.isfinite(columns[q]) for q in ("u", "v", name)], axis=0)
+    u, v, n = (columns[q][known] for q in ("u", "v", name))
+    round_about = any((np.cos(columns[q]) < 0).any() for q in ("azimuth", "azimuth_2") if q in columns)
+    if not len(u) or n.min() < 0 or not n.any() or round_about:
         return
     speed, first = np.hypot(u, v), int(np.argmax(u))
     fast = speed > 0.5 * speed.max()
     if u[first] < 0.5 * speed.max() or np.mean(np.abs(v) > np.abs(u), where=fast) > SIDEWAYS:
         return
     if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first])).any():
-        header = log.of["n"].header
+        header = log.of[name].header
         words = f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write it"
-        right = {"columns": {"n": {"from": header, "unit": log.of["n"].unit}}}
+        right = {"columns": {name: {"from": header, "unit": log.of[name].unit}}}
         raise OpenQuestion(log.table.path, f"{words}, or a column with it", {"they are right": right})
 
 

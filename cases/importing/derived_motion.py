@@ -41,6 +41,8 @@ RICHARDSON = 2.0
 the path at a point, and leave half an order of Richardson's three."""
 SLENDER = 6.0
 """Length over breadth of a usual ship."""
+COARSE = 0.01
+"""Share of the extent of a track to which its positions may be rounded before it is said. Set by hand."""
 FINEST = 1e-4
 """m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments."""
 PLACES = 9
@@ -243,6 +245,11 @@ def derived_velocities(
         new["r"], std["r"], ancestors["r"] = _where_near(good, turn.rate, h), turn.rate_std, ("psi",)
         said.append(Message(f"r derived from the heading, standard error {turn.rate_std:.2g} rad/s", "derived"))
     used = [pair for pair in (("x", "y"), ("sog", "cog")) if set(pair) <= set(columns)]
+    rounded = max(grain.get("x", 0.0), grain.get("y", 0.0)) if ("x", "y") in used else 0.0
+    extent = max(float(np.nanmax(columns[q]) - np.nanmin(columns[q])) for q in ("x", "y")) if rounded else 0.0
+    if rounded > COARSE * extent:
+        words = f"positions are rounded to {rounded:.2g} m, on a track of {extent:.3g} m"
+        said.append(Message(words, "coarse_positions"))
     if {"u", "v"} <= set(columns) or not used:
         return Derived(new, std, ancestors, said)
     ground, rounding = np.full((len(t), 2), np.nan), 0.0

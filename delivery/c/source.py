@@ -1,22 +1,194 @@
-"""The C product: its equations as one staged program, Runge-Kutta steps, derivatives, extrapolation, and an example."""
+"""The C product: its equations as one staged program, Runge-Kutta steps, derivatives, extrapolation, and an example.
+
+The residual network of a hybrid ship in C is loops over arrays of weights, and its derivatives. Rows are filled up with
+zeros to whole blocks, whose loops have a fixed length: compilers make vector instructions of them, and other code stays
+in registers. ``step_many`` has the network of LANES ships: weights once, lanes inside.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from math import factorial
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from cases.maneuvers import self_propulsion
-from delivery.c.header import TEMPLATES, comment, definitions, header_c
-from delivery.c.network import network_words, tanh_statements
-from delivery.product import Product, filled
-from mmg.compile.portable_c import LANES, Emitter, LaneEmitter, functions_used, lane_functions, prelude
+from delivery.product import Product, filled, identifiers, unit_of
+from mmg.compile.portable_c import LANES, Emitter, LaneEmitter, functions_used, lane_functions, literal, prelude
 from mmg.compile.stages import Program
 from mmg.effects import effect
 from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS
+from mmg.network import Layers, Network
+
+BLOCK = 8
+"""Rows of a block."""
+TERMS, DOUBLINGS = 15, 6
+"""With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40."""
+
+
+def array(name: str, values: np.ndarray) -> str:
+    """C text of the constant array ``name`` with ``values`` (N,) in their order."""
+    numbers = [literal(float(x)) for x in np.ravel(values)]
+    lines = ",\n  ".join(", ".join(numbers[i : i + 4]) for i in range(0, len(numbers), 4))
+    return f"static const real {name}[{len(numbers)}] = {{\n  {lines}}};\n"
+
+
+def tanh_statements(x: str) -> str:
+    """Statements that make p, exp(2 x) - 1, of the number with the name ``x``.
+
+    Even and odd terms of the series are apart, so that both may be worked at once.
+    """
+    terms = [f"R({1 / factorial(k)!r})" for k in range(1, TERMS + 1)]
+    even, odd = (reduce(lambda total, c: f"({total}) * q + {c}", reversed(terms[i::2])) for i in (0, 1))
+    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)
+    halved = f"const real h = {x} * R({2.0 ** (1 - DOUBLINGS)!r});\n    const real q = h * h;"
+    return f"{halved}\n    real p = ({even}) * h + ({odd}) * q;\n    {doubled}"
+
+
+def _filled(values: np.ndarray, columns: int = 0) -> np.ndarray:
+    """Rows of ``values`` (rows,) or (rows, N) filled up with zeros to whole blocks, and to so many ``columns``."""
+    more = [(0, -len(values) % BLOCK), (0, columns - values.shape[-1])][: values.ndim]
+    return np.pad(values, more)
+
+
+class Member:
+    """One network of a hybrid: its arrays, and the calls of its layers, as the templates take them.
+
+    number: among the networks; share: by which its outputs are multiplied (3,).
+    """
+
+    def __init__(self, number: int, layers: Layers, scales: np.ndarray, share: np.ndarray) -> None:
+        self.number, self.depth = number, len(layers.biases)
+        columns = [len(scales), *(len(_filled(b)) for b in layers.biases)]
+        self.shapes = list(zip(columns[1:], columns[:-1], strict=True))
+        """(rows, columns) of its layers, filled up."""
+        self.width = columns[-1]
+        weights = [layers.weights[0] / scales[None, :], *layers.weights[1:-1]]
+        last = np.zeros((self.width, 4))
+        last[: len(layers.biases[-1]), :3] = (share[:, None] * layers.weights[-1]).T
+        self.arrays = ""
+        for i, (W, b) in enumerate(zip(weights, layers.biases, strict=True)):
+            blocks = _filled(W, columns[i]).reshape(-1, BLOCK, columns[i]).transpose(0, 2, 1)
+            rows = {"weight": blocks, "bias": _filled(b), "offset": _filled(np.tanh(b))}
+            self.arrays += "".join(array(f"network_{number}_{name}_{i}", values) for name, values in rows.items())
+        self.arrays += array(f"network_{number}_last", last)
+
+    def _constants(self, i: int) -> str:
+        return ", ".join(f"network_{self.number}_{name}_{i}" for name in ("weight", "bias", "offset"))
+
+    def layers(self, *results: str) -> list[str]:
+        """Calls of its layers one after the other, from x into ``results`` in turn."""
+        names = ["x", *(results[i % len(results)] for i in range(self.depth))]
+        shapes = enumerate(self.shapes)
+        return [f"{rows}x{n}({self._constants(i)}, {names[i]}, {names[i + 1]})" for i, (rows, n) in shapes]
+
+    @property
+    def lane_layers(self) -> list[str]:
+        """The same calls for several ships at once."""
+        names = ["x", *(f"y[{i % 2}]" for i in range(self.depth))]
+        shapes = enumerate(self.shapes)
+        return [f"layer({self._constants(i)}, {rows}, {n}, {names[i]}, {names[i + 1]})" for i, (rows, n) in shapes]
+
+
+def network_words(network: Network) -> dict[str, Any]:
+    """What the templates of a ``network`` take."""
+    share = network.output_scales / len(network.members)
+    members = [Member(k, m, network.feature_scales, share) for k, m in enumerate(network.members)]
+    deepest = max(member.depth for member in members)
+    return {
+        "MEMBERS": members, "ARRAYS": [member.arrays for member in members], "DEEPEST": deepest,
+        "SHAPES": sorted({shape for member in members for shape in member.shapes}),
+        "WIDEST": max(max(map(max, member.shapes)) for member in members), "T": [f"t[{i}]" for i in range(deepest)],
+        "BLOCK": BLOCK, "DOUBLINGS": DOUBLINGS, "SHARE": 2 ** (DOUBLINGS - 1), "tanh": tanh_statements,
+    }  # fmt: skip
+
+
+TEMPLATES = Path(__file__).parent / "templates"
+LONGEST_STRING = 4000
+"""Most bytes of a string constant: C99 promises 4095."""
+
+
+def quoted(text: str, most: int = LONGEST_STRING) -> str:
+    """C string constant of ``text`` in UTF-8, of which at most ``most`` bytes are kept."""
+    content = text.encode()[:most]
+    plain = {ord('"'): '\\"', ord("\\"): "\\\\", ord("?"): "\\?", ord("\n"): "\\n"}
+    return '"' + "".join(plain.get(b) or (chr(b) if 32 <= b < 127 else f"\\{b:03o}") for b in content) + '"'
+
+
+def comment(lines: Iterable[str]) -> str:
+    """C comment of these ``lines``: characters that are not ASCII become ?, and nothing in them ends it early."""
+    safe = [line.encode("ascii", "replace").decode().replace("*/", "* /").replace("/*", "/ *") for line in lines]
+    safe = [line.replace("??", "? ?").rstrip("\\").rstrip() for line in safe]
+    return "/* " + "\n * ".join(safe) + "\n */\n"
+
+
+def number(value: float | None) -> str:
+    """C text of the double ``value``; unknown (None) is -1, an infinite one DBL_MAX."""
+    if value is None or math.isnan(value):
+        return "-1.0"
+    if math.isinf(value):
+        return "DBL_MAX" if value > 0 else "-DBL_MAX"
+    return repr(float(value))
+
+
+def tables(product: Product) -> list[tuple[str, Sequence[str]]]:
+    """Tables of a ``product``, empty ones left out: declaration, elements as C text."""
+    model, coefficients = product.model, product.coefficients
+    words = "const char *const"
+    named: list[tuple[str, str, Sequence[str]]] = [
+        (words, "state_names", [quoted(s) for s in model.states]),
+        (words, "state_units", [quoted(unit_of(s)) for s in model.states]),
+        (words, "input_names", [quoted(s) for s in model.controls]),
+        (words, "input_units", [quoted(unit_of(s)) for s in model.controls]),
+        (words, "role_names", [quoted(s) for s in model.roles]),
+        (words, "coefficient_names", [quoted(c.symbol) for c in coefficients]),
+        (words, "coefficient_units", [quoted(c.unit) for c in coefficients]),
+        (words, "coefficient_verdicts", [quoted(c.verdict, 500) for c in coefficients]),
+        (words, "coefficient_descriptions", [quoted(c.description, 500) for c in coefficients]),
+        ("const double", "coefficient_defaults", [number(c.value) for c in coefficients]),
+        ("const double", "coefficient_lower", [number(c.lower) for c in coefficients]),
+        ("const double", "coefficient_upper", [number(c.upper) for c in coefficients]),
+        ("const double", "coefficient_stds", [number(c.std) for c in coefficients]),
+        (words, "range_names", [quoted(s) for s in product.ranges]),
+        (words, "range_units", [quoted(unit_of(s)) for s in product.ranges]),
+        ("const double", "range_lower", [number(low) for low, _ in product.ranges.values()]),
+        ("const double", "range_upper", [number(high) for _, high in product.ranges.values()]),
+    ]
+    return [
+        (f"{kind} {product.identifier}_{name}[{len(elements)}]", elements) for kind, name, elements in named if elements
+    ]
+
+
+def definitions(product: Product) -> str:
+    """C text that defines the tables of a ``product`` and its words about itself."""
+    text = [declared + " = {\n  " + ",\n  ".join(elements) + "};\n" for declared, elements in tables(product)]
+    return (
+        "".join(text) + f"const char {product.identifier}_about[] =\n  " + quoted("\n".join(product.sentences)) + ";\n"
+    )
+
+
+def header_c(product: Product, kept: int) -> str:
+    """The header of a ``product`` whose coefficient stage leaves ``kept`` numbers behind."""
+    p, model = product.identifier, product.model
+    S, C, P, R = (len(names) for names in (model.states, model.controls, model.symbols, model.roles))
+    sizes = {"STATES": S, "INPUTS": C, "COEFFICIENTS": P, "ROLES": R, "COLUMNS": 6, "RANGES": len(product.ranges)}
+    places = "".join(
+        f"enum {{ {', '.join(f'{p}_{kind}_{name} = {i}' for i, name in enumerate(identifiers(names)))} }};\n"
+        for kind, names in (("state", model.states), ("input", model.controls), ("role", model.roles))
+    )
+    return filled(
+        TEMPLATES / "ship.h", product, PLACES=places, P1=max(P, 1), KEPT=max(kept, 1),
+        ABOUT=comment([*product.sentences, "SI units and radians. Names and units are in the tables at the end."]),
+        SIZES="".join(f"#define {p.upper()}_{name} {count}\n" for name, count in sizes.items()),
+        TABLES="".join(f"extern {declared};\n" for declared, _ in tables(product)),
+    )  # fmt: skip
+
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""

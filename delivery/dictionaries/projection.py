@@ -103,12 +103,7 @@ class Motions:
     def needed_force(self, mass: Inertia | None = None) -> np.ndarray:
         """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship, its own by default, moves as the
         ship does."""
-        u, v, r, mass = self.u, self.v, self.r, mass or self.mass
-        du, dv, dr = self.rates
-        X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r * r
-        Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
-        N = mass.I_z * dr + mass.moment * (dv + u * r)
-        return np.array([X, Y, N])
+        return np.array((mass or self.mass).net_force((self.u, self.v, self.r), self.rates))
 
     def messages(self, errors: Sequence[ChannelError], target: str, form: str, instead: str = EXACT) -> list[Message]:
         """What is to be said of a projection: error per channel, range, what is left out.

@@ -18,16 +18,7 @@ from unicodedata import normalize
 
 import numpy as np
 
-from delivery.dictionaries.projection import (
-    EXACT,
-    ChannelError,
-    Motions,
-    Rates,
-    channel_errors,
-    fit_parameters,
-    linear_parameters,
-    motions,
-)
+from delivery.dictionaries import projection
 from delivery.product import Product
 from mmg.components.rigid_body import accelerations
 from mmg.errors import Missing, Unsupported
@@ -89,23 +80,21 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
     return messages
 
 
-def shipmmg_motions(product: Product) -> Motions:
+def shipmmg_motions(product: Product) -> projection.Motions:
     """Motions of the ship of ``product``; UserError where it lacks what shipmmg needs."""
     for role in ("propeller", "rudder"):
         if role not in product.ship.components:
-            raise Unsupported(
-                f"shipmmg needs a {role} of its own; {product.ship.name} has none beside its hull model: {EXACT}"
-            )
+            raise Unsupported(f"shipmmg needs a {role} of its own; {product.ship.name} has none: {projection.EXACT}")
     missing = [name for name in ("D_P", "A_R", "aspect_ratio", "x_R", "B") if name not in product.ship.particulars]
     if missing:
         raise Missing(
             f"shipmmg needs a propeller and a rudder; the ship file of {product.ship.name} lacks {', '.join(missing)}: "
             "add them, or export the ship as c, casadi or fmu"
         )
-    return motions(product, "shipmmg")
+    return projection.motions(product, "shipmmg")
 
 
-def _inflow(samples: Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _inflow(samples: projection.Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """U [m/s], beta [rad], v' and r' (M,) as shipmmg takes them."""
     P = samples.ship.particulars
     across = samples.v - samples.r * P["x_G"]
@@ -113,7 +102,7 @@ def _inflow(samples: Motions) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     return U, np.arcsin(-across / U), samples.v / U, samples.r * P["L"] / U
 
 
-def propeller(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def propeller(samples: projection.Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X_P [N], 1 - w_P and K_T (M,). samples: motions; p: parameters by symbol."""
     P, (_, beta, _, r1) = samples.ship.particulars, _inflow(samples)
     one_minus_w = 1 - p["w_P0"] * np.exp(-4 * (beta - p["x_P"] * r1) ** 2)
@@ -122,7 +111,7 @@ def propeller(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.
     return (1 - p["t_P"]) * P["rho"] * K_T * samples.n**2 * P["D_P"] ** 4, one_minus_w, K_T
 
 
-def rudder(samples: Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_T: np.ndarray) -> np.ndarray:
+def rudder(samples: projection.Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_T: np.ndarray) -> np.ndarray:
     """X_R, Y_R [N], N_R [N m] (3, M). samples: motions; p: parameters; one_minus_w, K_T: of the propeller (M,)."""
     P, (U, beta, _, r1) = samples.ship.particulars, _inflow(samples)
     eta = P["D_P"] / math.sqrt(P["A_R"] * P["aspect_ratio"])
@@ -138,7 +127,7 @@ def rudder(samples: Motions, p: Mapping[str, float], one_minus_w: np.ndarray, K_
     return np.array([-(1 - p["t_R"]) * F * np.sin(samples.delta), -(1 + p["a_H"]) * cosine, -lever * cosine])
 
 
-def hull_terms(samples: Motions) -> dict[str, dict[str, np.ndarray]]:
+def hull_terms(samples: projection.Motions) -> dict[str, dict[str, np.ndarray]]:
     """Terms of the hull polynomial by letter and symbol, (M,) each [N, N m]. samples: motions."""
     P, (U, _, v1, r1) = samples.ship.particulars, _inflow(samples)
     unit = 0.5 * P["rho"] * P["L"] * P["d"] * U**2
@@ -153,7 +142,7 @@ def hull_terms(samples: Motions) -> dict[str, dict[str, np.ndarray]]:
     return columns
 
 
-def force(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
+def force(samples: projection.Motions, p: Mapping[str, float]) -> np.ndarray:
     """X, Y [N], N [N m] (3, M) of the whole model. samples: motions; p: parameters by symbol."""
     thrust, one_minus_w, K_T = propeller(samples, p)
     total = rudder(samples, p, one_minus_w, K_T)
@@ -163,7 +152,7 @@ def force(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
     return total
 
 
-def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+def project(samples: projection.Motions) -> tuple[dict[str, float], tuple[projection.ChannelError, ...]]:
     """Parameters by symbol and the errors. Propeller and rudder are fitted to the ship's own, the hull to what is left,
     and then all together to the whole force. samples: motions of the ship."""
     needed = samples.needed_force()
@@ -180,14 +169,14 @@ def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...
         return (propeller(samples, fixed | dict(zip(first, x, strict=True)))[0] - own_X) / size_X
 
     first = {name: start[name] for name in SCREW if name in start}
-    parameters = fixed | fit_parameters(screw, first, bounds)
+    parameters = fixed | projection.fit_parameters(screw, first, bounds)
     _, one_minus_w, K_T = propeller(samples, parameters)
 
     def blade(x: np.ndarray) -> np.ndarray:
         return ((rudder(samples, dict(zip(second, x, strict=True)), one_minus_w, K_T) - own_R) / size_R).ravel()
 
     second = {name: start[name] for name in BLADE}
-    parameters |= fit_parameters(blade, second, bounds)
+    parameters |= projection.fit_parameters(blade, second, bounds)
     return _together(samples, parameters, needed, bounds, own_X)
 
 
@@ -198,7 +187,9 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) or 1.0
 
 
-def _remainder(samples: Motions, p: Mapping[str, float], needed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _remainder(
+    samples: projection.Motions, p: Mapping[str, float], needed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """What propeller and rudder leave of the force (3, M), and the thrust X_P (M,)."""
     thrust, one_minus_w, K_T = propeller(samples, p)
     remainder = needed - rudder(samples, p, one_minus_w, K_T)
@@ -207,12 +198,12 @@ def _remainder(samples: Motions, p: Mapping[str, float], needed: np.ndarray) -> 
 
 
 def _together(
-    samples: Motions,
+    samples: projection.Motions,
     start: dict[str, float],
     needed: np.ndarray,
     bounds: Mapping[str, tuple[float, float]],
     own_thrust: np.ndarray,
-) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+) -> tuple[dict[str, float], tuple[projection.ChannelError, ...]]:
     """All parameters, the hull's linear ones inside, and the errors. The propeller's thrust is held to the ship's."""
     size = np.array([_rms(row) for row in needed])[:, None]
     terms = hull_terms(samples)
@@ -225,14 +216,14 @@ def _together(
         off = [(row - Q @ (Q.T @ row)) / s for row, Q, s in zip(remainder, bases, size, strict=True)]
         return np.concatenate([*off, 0.3 * (thrust - own_thrust) / _rms(own_thrust)])
 
-    parameters = start | fit_parameters(residual, free, bounds)
+    parameters = start | projection.fit_parameters(residual, free, bounds)
     remainder, _ = _remainder(samples, parameters, needed)
     for row, letter in zip(remainder, terms, strict=True):
-        parameters |= linear_parameters(terms[letter], row)
-    return parameters, channel_errors(needed, force(samples, parameters))
+        parameters |= projection.linear_parameters(terms[letter], row)
+    return parameters, projection.channel_errors(needed, force(samples, parameters))
 
 
-def dictionaries(samples: Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+def dictionaries(samples: projection.Motions, p: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Arguments of Mmg3DofBasicParams and of Mmg3DofManeuveringParams. samples: motions; p: parameters by symbol."""
     P, mass = samples.ship.particulars, samples.mass
     basic = {
@@ -247,7 +238,7 @@ def dictionaries(samples: Motions, p: Mapping[str, float]) -> tuple[dict[str, fl
     return {normalize("NFKC", name): float(value) for name, value in basic.items()}, maneuvering
 
 
-def shipmmg_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
+def shipmmg_rates(samples: projection.Motions, p: Mapping[str, float]) -> projection.Rates:
     """The rates of the projected ship by shipmmg's equations. samples: motions of the ship; p: parameters by symbol."""
     mass = samples.mass
 
@@ -258,7 +249,7 @@ def shipmmg_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
     return rates
 
 
-def nomoto(samples: Motions) -> tuple[float, float, str]:
+def nomoto(samples: projection.Motions) -> tuple[float, float, str]:
     """K [1/s], T [s] of the ship of ``samples`` about straight running, and why there are none, "" where there are."""
     rates, h = samples.ship_rates(), 1e-4
     u, n, L = float(samples.u.max()), float(samples.n.max()), samples.ship.particulars["L"]

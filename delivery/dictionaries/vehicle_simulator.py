@@ -17,17 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from delivery.dictionaries.projection import (
-    EXACT,
-    RATE,
-    ChannelError,
-    Motions,
-    Rates,
-    channel_errors,
-    fit_parameters,
-    linear_parameters,
-    motions,
-)
+from delivery.dictionaries import projection
 from delivery.product import Product, filled
 from mmg.errors import Unsupported
 from mmg.messages import Message
@@ -44,8 +34,10 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     """
     if "n" not in product.ship.actuators or "propeller" not in product.ship.components:
         name = product.ship.name
-        raise Unsupported(f"{SIMULATOR} needs a propeller of its own; {name} has none beside its hull model: {EXACT}")
-    samples = motions(product, SIMULATOR)
+        raise Unsupported(
+            f"{SIMULATOR} needs a propeller of its own; {name} has none beside its hull model: {projection.EXACT}"
+        )
+    samples = projection.motions(product, SIMULATOR)
     p, errors = project(samples)
     messages = samples.messages(errors, SIMULATOR, f"the tanker of {SIMULATOR}")
     messages.append(samples.compared(vehicle_rates(samples, p))[1])
@@ -57,7 +49,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
         "parameters": "{\n" + "".join(f'    "{name}": {value!r},\n' for name, value in p.items()) + "}",
         "rpm": round(60 * float(samples.n.max()), 3), "speed": speed, "length": L,
         "delta_max": round(math.degrees(float(np.abs(samples.delta).max())), 3),
-        "delta_rate": round(math.degrees(RATE) / scale, 3), "gain": 1.5, "time": round(L / speed, 3),
+        "delta_rate": round(math.degrees(projection.RATE) / scale, 3), "gain": 1.5, "time": round(L / speed, 3),
         "lead": round(10 * scale, 1),
     }  # fmt: skip
     target.write_text(filled(TEMPLATE, product, **words), encoding="utf-8")
@@ -69,7 +61,7 @@ def _in_docstring(text: str) -> str:
     return text.replace("\\", "/").replace('"', "'")
 
 
-def _shared(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shared(samples: projection.Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """beta, c^2 and g_T (M,) of the form."""
     L, n, u = samples.ship.particulars["L"], samples.n, samples.u
     c2 = p["c_uu"] * u * np.abs(u) + p["c_un"] * u * n + p["c_nn"] * np.abs(n) * n
@@ -77,7 +69,7 @@ def _shared(samples: Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.nd
     return samples.v / u, np.maximum(c2, 0.0), thrust
 
 
-def terms(samples: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
+def terms(samples: projection.Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
     """Terms of the three equations by letter and parameter, (M,) each, in m^2/s^2 (yaw: by L). samples: motions; p: has
     c_uu, c_un, c_nn and the thrust's."""
     L, u, v, r, delta = samples.ship.particulars["L"], samples.u, samples.v, samples.r, samples.delta
@@ -96,14 +88,14 @@ def terms(samples: Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.nd
     }  # fmt: skip
 
 
-def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+def project(samples: projection.Motions) -> tuple[dict[str, float], tuple[projection.ChannelError, ...]]:
     """Parameters of the form and the errors, by ``samples``: motions of the ship."""
     P, mass = samples.ship.particulars, samples.mass
     L, m, u, n = P["L"], P["m"], samples.u, samples.n
     t = samples.ship.coefficients["t_P"].value if "t_P" in samples.ship.coefficients else 0.2
     p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}
     pull = {"Tuu": u**2 / L, "Tun": u * n, "Tnn": L * np.abs(n) * n}
-    p |= linear_parameters(pull, samples.forces["propeller"][0] / (m * (1 - t)))
+    p |= projection.linear_parameters(pull, samples.forces["propeller"][0] / (m * (1 - t)))
     rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * samples.rates
     D2 = P.get("D_P", 0.03 * L) ** 2
 
@@ -113,7 +105,7 @@ def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...
         remainder = rates.copy()
         remainder[0] -= L * (1 - t) * _shared(samples, q)[2]
         for row, found in zip(remainder, terms(samples, q).values(), strict=True):
-            q |= linear_parameters(found, row)
+            q |= projection.linear_parameters(found, row)
         return q
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -121,14 +113,14 @@ def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...
         off = form(samples, q) - rates
         return (off / np.sqrt(np.mean(rates**2, axis=1))[:, None]).ravel()
 
-    shares = fit_parameters(residual, {"uu": 0.5, "un": 0.5}, {"uu": (0.0, 20.0), "un": (-2.0, 20.0)})
+    shares = projection.fit_parameters(residual, {"uu": 0.5, "un": 0.5}, {"uu": (0.0, 20.0), "un": (-2.0, 20.0)})
     found = with_slipstream(np.array(list(shares.values())))
     needed = samples.needed_force(replace(mass, moment=0.0))
     unit = np.array([m / L, m / L, m])[:, None]
-    return found, channel_errors(needed, needed + unit * (form(samples, found) - rates))
+    return found, projection.channel_errors(needed, needed + unit * (form(samples, found) - rates))
 
 
-def form(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
+def form(samples: projection.Motions, p: Mapping[str, float]) -> np.ndarray:
     """Right-hand sides of the three equations (3, M), that of yaw by L. samples: motions; p: all parameters."""
     sums = [sum(p[name] * values for name, values in row.items()) for row in terms(samples, p).values()]
     found = np.array(sums)
@@ -136,7 +128,7 @@ def form(samples: Motions, p: Mapping[str, float]) -> np.ndarray:
     return found
 
 
-def vehicle_rates(samples: Motions, p: Mapping[str, float]) -> Rates:
+def vehicle_rates(samples: projection.Motions, p: Mapping[str, float]) -> projection.Rates:
     """The rates of the projected ship. samples: motions of the ship; p: parameters of the form."""
     L = samples.ship.particulars["L"]
     inertia = L * np.array([p["m11"], p["m22"], p["m33"] * L])

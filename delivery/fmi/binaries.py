@@ -97,29 +97,23 @@ def build_here(sources: dict[str, str], identifier: str) -> tuple[dict[str, byte
         return {}, str(error)
 
 
-def _zig() -> list[str]:
-    """The command of the zig compiler, on the path or as a Python package; empty where there is none."""
-    path = shutil.which("zig")
-    if path:
-        return [path, "cc"]
-    return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else []
-
-
 def _command(name: str) -> list[str]:
     """The compiler for a platform, with the flags that only it needs."""
-    chosen, zig, position = PLATFORMS[name], _zig(), ["-fPIC"] if not name.endswith("windows") else []
-    windows = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
+    chosen, zig = PLATFORMS[name], shutil.which("zig")
+    alone = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
+    position, last = ([], alone) if name.endswith("windows") else (["-fPIC"], [])
     local_compiler = compiler() if name == this_platform() else None
     if name == this_platform() and os.environ.get("MMG_CC") == NONE:
         raise NotInstalled(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
     if local_compiler:
-        return [local_compiler, *position, *(windows if name.endswith("windows") else [])]
+        return [local_compiler, *position, *last]
     for other in chosen.compilers:
         path = shutil.which(other)
         if path:
-            return [path, *position, *(windows if name.endswith("windows") else [])]
-    if zig:
-        return [*zig, "-target", chosen.zig, "-s", *position]
+            return [path, *position, *last]
+    if zig or importlib.util.find_spec("ziglang"):
+        command = [zig] if zig else [sys.executable, "-m", "ziglang"]
+        return [*command, "cc", "-target", chosen.zig, "-s", *position]
     wanted = [*chosen.compilers, "zig (pip install ziglang)"]
     raise NotInstalled(f"--platforms {name}: no C compiler for it; install {' or '.join(wanted)}, or leave it out")
 

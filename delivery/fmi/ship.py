@@ -58,9 +58,7 @@ class CoSimulatedShip(Product):
                 continue
             symbols = [symbol for symbol in ship.coefficients if symbol.startswith(f"{name}.")]
             if late is not None or len(symbols) != 1:
-                raise Unsupported(
-                    f"the effect {name}: an FMU holds one delay of the actuators; leave it out with --without"
-                )
+                raise Unsupported(f"the effect {name}: an FMU holds one delay of the actuators; use --without")
             late, ship = coefficients[symbols[0]], ship.without_effect(name)
         late_log = None
         if _logs_late_alone(ship):

@@ -98,9 +98,12 @@ def scaled_ship(
     density = scaling.density or (p["rho"] if same or scaling.length < friction.MODEL or p["rho"] > 1010 else SALT)
     law = Similarity(scaling.length / p["L"], density / p["rho"])
     bare = similar_ship(model, law, scaling.name or f"{model.name}_{scaling.length:g}m")
-    speed = _model_speed(model, scaling, law, fastest)
+    speed = p.get("U_0", 0.0) or fastest  # of the model [m/s], at which friction is taken
     if scaling.speed is not None:
+        speed = scaling.speed / math.sqrt(law.scale)
         bare = replace(bare, particulars={**bare.particulars, "U_0": scaling.speed})
+    elif not speed > 0:
+        speed = TEST_FROUDE * reference_speed(p["L"])
     change = None if scaling.froude_only else _change(model, bare, scaling, speed, law)
     values = {s: c.value for s, c in model.coefficients.items()}
     scaled = ship_values(values, change) if change else {}
@@ -123,14 +126,6 @@ def scaled_ship(
     }
     ship = bare.with_coefficients(rows)
     return ScaledShip(model, ship, law, speed, change, tuple(scaled), added, fitted, matrix)
-
-
-def _model_speed(model: Ship, scaling: Scaling, law: Similarity, fastest: float) -> float:
-    """Speed of the model [m/s] at which friction is taken."""
-    if scaling.speed is not None:
-        return scaling.speed / math.sqrt(law.scale)
-    speed = model.particulars.get("U_0", 0.0) or fastest
-    return speed if speed > 0 else TEST_FROUDE * reference_speed(model.particulars["L"])
 
 
 def _change(model: Ship, ship: Ship, scaling: Scaling, speed: float, law: Similarity) -> Change:

@@ -22,8 +22,7 @@ from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import DIFFERENCE, Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
-from diagnosis.hypotheses.force_forms import ForceForms, of_unit_size, unit
-from diagnosis.hypotheses.smooth_basis import Forms, evaluated
+from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 

@@ -11,11 +11,18 @@ from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.found_again import other_trials, same_trials
+from diagnosis.hypotheses.found_again import (
+    CERTAIN,
+    EXCESS,
+    NOTHING,
+    FoundAgain,
+    both_by_weight,
+    other_trials,
+    same_trials,
+)
 from diagnosis.hypotheses.refit import followed_without, gained, refit, robust_p, wald_p
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import CERTAIN, EXCESS, NOTHING, FoundAgain, both_by_weight
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
@@ -254,7 +261,8 @@ def select_effects(
         searches.append(s)
         if s.best is None or not s.significant:
             break
-        if named and (not _is_further(s.best) or _doubtful(problem, s.best)):
+        is_further = s.best.bic_of_both > FURTHER and s.best.p_both < FURTHER_LEVEL
+        if named and (not is_further or _doubtful(problem, s.best)):
             break
         again[s.best.candidate] = max(2 * s.best.by_others.gain, 0.0)
         named, now = pruned(problem, [*named, s.best.candidate], s.best.fit, again)
@@ -268,11 +276,6 @@ def select_effects(
             break
     robust = {c: robust_p(problem.steps, problem.data, now, c) for c in named}
     return Selection(tuple(named), null, now, tuple(searches), robust)
-
-
-def _is_further(best: RefittedEffect) -> bool:
-    """Whether the ``best`` effect is enough more than chance to be named beside others."""
-    return best.bic_of_both > FURTHER and best.p_both < FURTHER_LEVEL
 
 
 def _doubtful(problem: SearchProblem, best: RefittedEffect) -> bool:

@@ -55,9 +55,7 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
         percent = 100 / max(np.sqrt(rows[best, 0]), 1e-9)
         words = f"To know the size of {one.effect} better: {_order(options[best])} of {SECONDS * k:.0f} s, "
         if percent <= 2 * AIM:
-            return (
-                words + f"which alone would measure it to {percent:.{'1f' if percent < 10 else '0f'}} % of its value."
-            )
+            return f"{words}which alone would measure it to {percent:.{'1f' if percent < 10 else '0f'}} % of its value."
         return words + f"about {np.ceil((percent / AIM) ** 2):.0f} times for {AIM:.0f} % of its value."
     worst = rows.min(axis=1)
     best = int(np.argmax(worst))
@@ -130,9 +128,7 @@ def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[T
     """The manoeuvres of the library that the ``ship`` can run, and a run of each."""
     air = [i for i, name in enumerate(problem.steps.ship.inputs) if name in AIR]
     windy = bool(np.nan_to_num(problem.data.inputs[:, :, air]).any())  # never in a towing tank
-    chosen = [
-        o for o in library(ship, windy) if not o.name.endswith("half speed") or o.maneuver.startswith("zigzag:20")
-    ]
+    chosen = [o for o in library(ship, windy) if "half speed" not in o.name or o.maneuver.startswith("zigzag:20")]
     seconds = SECONDS * time_scale(ship.particulars["L"])
     return runs(ship, chosen, seconds, problem.data.h)[:2]
 

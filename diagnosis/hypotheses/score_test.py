@@ -94,9 +94,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
-    both = free + Priors(
-        tuple(Column(s) for s in symbols), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf)
-    )
+    both = free + Priors(tuple(map(Column, symbols)), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
     timing = timing_columns(steps, data, point, active)
     pushed = DrivenColumns.pushing(timing)
@@ -122,19 +120,12 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         ratio = 1.0
         if EFFECTS[candidate.effect].measures:
             ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
-        ratio += _by_timing(rest.S[i, i], rest.S[i, :c])
+        with_timing = rest.S[i, :c]  # what errors in the time of the inputs add to the variance of the slopes
+        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)
+        ratio += float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
         if ratio > 1.0:
             ratios[candidate] = ratio
     return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios, rest.taken[:, c:])
-
-
-def _by_timing(S: np.ndarray, with_timing: np.ndarray) -> float:
-    """What errors in the time of the inputs add to the variance of slopes, over their information S (q, q).
-
-    with_timing: (q, c) their information in common with those errors.
-    """
-    inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
-    return float(np.trace(inverse @ with_timing @ with_timing.T)) / len(S)
 
 
 def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> list[ScoreTest]:

@@ -19,11 +19,10 @@ from scipy.linalg import cholesky, solve_triangular
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
 from diagnosis.estimation.parameters import active_in_window
+from diagnosis.findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
-from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.hypotheses.unnamed import UnnamedForms
-from diagnosis.location.regions import CHANNELS, UNITS, Samples, by_variable
-from diagnosis.location.situations import variables_of
+from diagnosis.location.where import CHANNELS, UNITS, Samples, by_variable, variables_of
 from mmg.components.rigid_body import inertia
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship

@@ -126,7 +126,8 @@ class UnnamedSlopes:
             for name, at in own.items()
         }
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
-        each = _log_bayes_of(g[..., single, None], np.diag(S)[single, None])
+        alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)
+        each = np.logaddexp.reduce(alone, axis=0) - np.log(len(alone))
         return mixture, each.max(axis=-1) - np.log(single.sum()), logs
 
 
@@ -269,14 +270,6 @@ def log_bayes(
     for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):
         logs.append(0.5 * (squared * (m / (1 + m)) - np.log1p(m)).sum(axis=-1))
     return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
-
-
-def _log_bayes_of(
-    along: np.ndarray, values: np.ndarray, tolerance: float = 0.0, sizes: Sequence[float] = SIZES
-) -> np.ndarray:
-    """The same of slopes ``along`` (..., c) independent directions with information ``values`` (..., c)."""
-    logs = _logs_of(along, values, tolerance, sizes)
-    return np.logaddexp.reduce(logs, axis=0) - np.log(len(logs))
 
 
 def _logs_of(along: np.ndarray, values: np.ndarray, tolerance: float, sizes: Sequence[float]) -> list[np.ndarray]:

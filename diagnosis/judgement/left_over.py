@@ -1,16 +1,76 @@
 """What is left over beside the names, or without any: a remainder of a size that matters, and what no random force
-leaves, lines in a spectrum and forces that follow each other."""
+leaves, lines in a spectrum and forces that follow each other.
+
+What is left beside a name matters to predictions, not to a test: where hardly any random force acts, every rounding is
+significant.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.judgement.judged_search import JudgedSearch
-from diagnosis.judgement.matters import remainder_matters
-from diagnosis.judgement.verdict import has_remainder
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.findings import HeldOut
+from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.judgement.judged_search import JudgedSearch, has_remainder
 from diagnosis.prepare import Prepared
+from diagnosis.validation.held_out import errors, start_states, window_length
 from mmg.messages import Message
+
+LEAST_SHARE = 0.05
+"""Share of a gap up to which nobody is told of it."""
+DRAWS = 8
+"""Draws of the noise of the sensors."""
+
+
+def matters(error: float, best: float, before: float) -> bool:
+    """Whether predictions with an ``error`` leave more than LEAST_SHARE of the gap between the error ``before``, with
+    nothing named, and the ``best`` one (mean squared errors of 30 s windows)."""
+    return error - best > LEAST_SHARE * max(before - best, 0.0)
+
+
+def remainder_matters(p: SearchProblem, found: Selection, tests: GriddedTrials | None, held: HeldOut | None) -> bool:
+    """Whether predictions with the effects ``found`` have an error that the noise of the sensors does not explain, of a
+    size that matters.
+
+    p: the problem; tests: trials that took no part; held: the check on these, None without any: then the trials of
+    ``p`` themselves are predicted. Returns True where these hold no whole window either.
+    """
+    data = p.data if held is None or tests is None else tests
+    if held is not None:
+        before, after = held.mse_before, held.mse_after
+    else:
+        before, after = (_mean_error(p.steps, p.data, fit.theta) for fit in (found.null, found.final))
+    return not after or matters(after, sensor_error(p.steps, data, found.final), before)
+
+
+def _mean_error(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> float:
+    """Mean squared error of 30 s windows, 0 without any."""
+    windows, _ = errors(steps, data, theta, window_length(steps.ship))
+    return float(windows.mean()) if len(windows) else 0.0
+
+
+def sensor_error(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> float:
+    """Error of predictions of a flawless model, which begin at noisy rows and are compared with such: of the paths that
+    ``fit`` predicts for the trials ``data``, logged with its noise. steps: the transition model. Returns the mean over
+    windows and draws, 0 where the ship cannot be followed."""
+    theta = fit.theta
+    acted = acting(steps, data, theta)
+    first = start_states(steps, acted, theta)[:1]
+    path = steps.logged(steps.follow(np.repeat(first, len(data.y), axis=0), acted.controls, theta), theta)
+    if not np.isfinite(path).all():
+        return 0.0
+    noise, rng = np.hypot(fit.noise.white, fit.noise.coloured), np.random.default_rng(0)
+    drawn = (replace(data, y=path + noise * rng.standard_normal(path.shape)) for _ in range(DRAWS))
+    return float(np.mean([_mean_error(steps, one, theta) for one in drawn]))
+
 
 LINE_PROBABILITY = 1e-6
 """Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""

@@ -4,6 +4,10 @@ The latent force is what must be added to the forces of the model so that it fol
 rms is below that of the force itself where the sensors are noisy. Surge, sway and yaw are compared by X^2/(m + m_x),
 Y^2/(m + m_y), N^2/(I_z + J_z), proportional to the kinetic energy that each gives to the free ship in the same time.
 "relative" is the rms divided by that of the net force of the channel (mass times acceleration in the body frame).
+
+A region is compared with all samples outside of it: z is the log ratio of the mean squares in and out by its standard
+error, mean_z the difference of the means by its own. Standard errors are of the jackknife over runs, and not below
+those of as many independent samples as the region lasts correlation times tau.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,12 +23,300 @@ import numpy as np
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.residual_checks import periodogram
-from diagnosis.location.regions import CHANNELS, UNITS, Samples, all_bins, by_variable, regions
-from diagnosis.location.situations import PHASES, phases, variables_of
 from mmg.components.rigid_body import Inertia, inertia
-from mmg.motion.frames import body_to_earth
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.motion.frames import body_to_earth, relative_air
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
+
+STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
+STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
+STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
+PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
+SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
+"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
+TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
+"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
+FEW = 12
+"""An input with no more different values than this has a bin for each of them."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable that a force may depend on.
+
+    values: (M,) by sample; edges: (B + 1,) of its bins, rising; signed: port and starboard.
+    """
+
+    name: str
+    unit: str
+    values: np.ndarray
+    edges: np.ndarray
+    signed: bool = False
+
+
+def quantile_edges(values: np.ndarray, bins: int = 6) -> np.ndarray:
+    """Edges (B + 1,) of at most ``bins`` bins with about equally many of ``values`` (M,), the last a little above."""
+    different = np.unique(values)
+    if len(different) <= FEW:
+        middles = 0.5 * (different[1:] + different[:-1])
+        ends = np.array([different[0], different[-1] + 1e-9 * max(1.0, abs(different[-1]))])
+        return np.concatenate([ends[:1], middles, ends[1:]])
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, bins + 1)))
+    edges[-1] += 1e-9 * max(1.0, abs(edges[-1]))
+    return edges
+
+
+def signed_edges(values: np.ndarray) -> np.ndarray:
+    """Edges (B + 1,) by quantiles of negative and positive ``values`` (M,), one of them 0: port and starboard apart."""
+    halves = [quantile_edges(part, 3) for part in (values[values < 0], values[values >= 0]) if len(part)]
+    if len(halves) < 2 or len(np.unique(values)) <= FEW:
+        return quantile_edges(values)
+    return np.concatenate([halves[0][:-1], [0.0], halves[1][1:]])
+
+
+SECTORS = np.linspace(-np.pi / 8, 2 * np.pi - np.pi / 8, 9)
+"""Edges [rad] of eight equal sectors of the circle, the first centred at 0."""
+
+
+def in_sectors(values: np.ndarray) -> np.ndarray:
+    """``values`` (M,) [rad] turned by whole circles into the range of SECTORS."""
+    return np.mod(values - SECTORS[0], 2 * np.pi) + SECTORS[0]
+
+
+def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> list[Variable]:
+    """All variables that vary over the samples of ``data``, wind only where it was logged.
+
+    names: of the model's inputs; z: (K + 1, R, S) states.
+    """
+    inside = data.inside
+    middle = 0.5 * (z[:-1] + z[1:])[inside]
+    x, y, psi, u, v, r = middle[:, :6].T
+    inputs = {name: data.inputs[..., i][inside] for i, name in enumerate(names)}
+    found = [
+        Variable("u", "m/s", u, quantile_edges(u)),
+        Variable("v", "m/s", v, signed_edges(v), signed=True),
+        Variable("r", "rad/s", r, signed_edges(r), signed=True),
+    ]
+    for name in (n for n in INPUTS if n in inputs):
+        values = inputs[name]
+        signed = name in RUDDERS or (INPUTS[name][1] == "rps" and bool((values < 0).any()))
+        edges = signed_edges(values) if signed else quantile_edges(values)
+        found.append(Variable(name, INPUTS[name][1], values, edges, signed=signed))
+        if name in RUDDERS:
+            rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
+            edges = np.abs(rate).max() * np.array([-1.0001, -0.1, 0.1, 1.0001])  # to port, at rest, to starboard
+            found.append(Variable(f"rate of {name}", "rad/s", rate, edges, signed=True))
+    if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
+        a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
+        speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
+        found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
+        found.append(Variable("apparent wind angle", "rad", angle, SECTORS))
+    found.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
+    found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
+    found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
+    clock = data.t[:-1][inside]
+    found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
+    return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
+
+
+def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
+    """Phase (M,) of every sample of ``data``, as a position in PHASES.
+
+    names: of the model's inputs; z: (K + 1, R, S) states; length: of the ship [m]. Thresholds refer to the time L/U of
+    the ship, with U not below a share of the usual speed of the trials.
+    """
+    inside = data.inside
+    u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
+    # over several steps, so that the noise of the path does not count as a change
+    reach = max(1, round(0.25 * length / max(float(np.abs(u[inside]).mean()), 1e-6) / data.h))
+    du, dr = (_change(z[..., i], reach, data.steps) / (reach * data.h) for i in (3, 5))
+    speed = np.hypot(u, v)
+    usual = float(np.quantile(speed[inside], 0.8))
+    U = np.maximum(speed, max(SLOW_SHARE * usual, 1e-9))
+    back = (data.inputs[..., [names.index(name) for name in PROPELLERS if name in names]] < 0).any(axis=-1)
+    rules = {
+        STOPPING: back | (u < -ASTERN_SHARE * usual),
+        SLOW: speed < SLOW_SHARE * usual,
+        CHANGING: np.abs(dr) * (length / U) ** 2 > TURN_CHANGE,
+        STEADY: np.abs(r) * length / U > TURNING,
+        ACCELERATING: np.abs(du) * length / U**2 > SPEED_CHANGE,
+    }
+    found = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
+    return found[inside]
+
+
+def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
+    """Change (K, R) of z (K + 1, R) over ``reach`` steps about each step, never beyond the end of its window."""
+    k = np.arange(len(z) - 1)[:, None]
+    start = np.clip(k - reach // 2, 0, np.maximum(steps - reach, 0)[None])
+    end = np.minimum(start + reach, steps[None])
+    return np.take_along_axis(z, end, axis=0) - np.take_along_axis(z, start, axis=0)
+
+
+CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
+MOST, EACH = 30, 3
+"""Most regions listed: of all, and of one variable and channel."""
+ENOUGH = 5.0
+"""Correlation times tau of the latent force that a region must last to be listed."""
+GRID = 3
+"""Cells of the place along north and along east."""
+SMALL = 0.25
+"""Ratio of the rms at which a region with little force still counts in the order."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """M samples of the latent force [N, N, N m]: force (M, 3), after (M, 3) with the named effects, or None; run: (M,)
+    trial of each; h: step [s]; tau: correlation time [s]."""
+
+    force: np.ndarray
+    after: np.ndarray | None
+    run: np.ndarray
+    h: float
+    tau: float
+
+    def rms(self, member: np.ndarray) -> np.ndarray:
+        """Root mean squares (bins, 3) of the samples of each bin; member: (bins, M)."""
+        return np.sqrt(means(self.force**2, member))
+
+    def summary(self, member: np.ndarray, channel: int) -> dict[str, float]:
+        """Rms and mean of the force of one channel (0 to 2) over the samples ``member`` (M,), later force included."""
+        row: dict[str, float] = {}
+        for end, force in (("", self.force), ("_after", self.after)):
+            if force is not None:
+                part = force[member, channel]
+                row[f"force_rms{end}"] = float(np.sqrt((part**2).mean())) if len(part) else 0.0
+                row[f"mean{end}"] = float(part.mean()) if len(part) else 0.0
+        return row
+
+
+def means(force: np.ndarray, member: np.ndarray) -> np.ndarray:
+    """Means (bins, 3) of ``force`` (M, 3) over the samples of each bin; member: (bins, M)."""
+    return member.astype(float) @ force / np.maximum(member.sum(axis=1), 1)[:, None]
+
+
+Bin = tuple[str, Any, Any, str]
+"""Variable, low, high, unit; low and high of a place are pairs (north, east)."""
+
+
+def all_bins(variables: Sequence[Variable], z: np.ndarray, inside: np.ndarray) -> tuple[list[Bin], np.ndarray]:
+    """(the bins, their samples (bins, M)): bins of the ``variables``, halves by sign of signed ones, cells of the
+    place.
+
+    z: (K + 1, R, S) states; inside: (K, R) steps that exist, M of them.
+    """
+    bins: list[Bin] = []
+    members = []
+    for one in variables:
+        ends = one.values.min(), one.values.max()
+        pairs = list(itertools.pairwise(one.edges))
+        if one.signed and ends[0] < 0 < ends[1]:
+            pairs += [(ends[0], 0.0), (0.0, ends[1] * (1 + 1e-9))]
+        bins += [(one.name, float(low), float(high), one.unit) for low, high in pairs]
+        members += [(one.values >= low) & (one.values < high) for low, high in pairs]
+    x, y = (0.5 * (z[:-1, :, i] + z[1:, :, i])[inside] for i in (0, 1))
+    cells = [
+        np.linspace(float(p.min()), float(p.max()) + 1e-9 * max(1.0, abs(float(p.max()))), GRID + 1) for p in (x, y)
+    ]
+    for (a, b), (c, d) in itertools.product(*(itertools.pairwise(edges) for edges in cells)):
+        bins.append(("place", [float(a), float(c)], [float(b), float(d)], "m"))
+        members.append((x >= a) & (x < b) & (y >= c) & (y < d))
+    return bins, np.array(members)
+
+
+def regions(bins: list[Bin], member: np.ndarray, s: Samples) -> list[dict[str, Any]]:
+    """Rows of the bins whose force differs most clearly from that outside of them, at most MOST.
+
+    bins; member: (bins, M) their samples; s: the samples.
+    """
+    z, mean_z, ratio = _contrast(member, s)
+    count = member.sum(axis=1)
+    effective = count * s.h / s.tau
+    outside = (member.shape[1] - count) * s.h / s.tau
+    sure = np.maximum(np.abs(z), np.abs(mean_z)) * np.maximum(ratio, SMALL)
+    telling = np.where((np.minimum(effective, outside) >= ENOUGH)[:, None], sure, 0.0)
+    listed: dict[tuple[str, int], list[float]] = {}
+    rows: list[dict[str, Any]] = []
+    for flat in np.argsort(-telling, axis=None, kind="stable"):
+        i, c = divmod(int(flat), 3)
+        if len(rows) >= MOST or telling[i, c] <= 1.0:
+            break
+        name, low, high, unit = bins[i]
+        gaps = listed.setdefault((name, c), [])
+        if len(gaps) >= EACH or any(math.isclose(abs(mean_z[i, c]), g, rel_tol=1e-9) for g in gaps):
+            continue  # the complement of a listed region says the same
+        gaps.append(abs(float(mean_z[i, c])))
+        row = {"variable": name, "low": low, "high": high, "unit": unit, "channel": CHANNELS[c], "force_unit": UNITS[c]}
+        row |= {"ratio": float(ratio[i, c]), "count": int(count[i]), "effective": float(effective[i])}
+        row |= {"z": float(z[i, c]), "mean_z": float(mean_z[i, c])}
+        rows.append(row | s.summary(member[i], c))
+    return rows
+
+
+def _contrast(member: np.ndarray, s: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """z of the mean squares and of the means, inside against outside, and the rms by that of all, each (bins, 3)."""
+    runs = np.unique(s.run)
+    moments = np.concatenate([np.ones((len(s.force), 1)), s.force, s.force**2], axis=1)  # (M, 7)
+    own = [s.run == run for run in runs]
+    whole = np.array([moments[m].sum(axis=0) for m in own])  # (runs, 7)
+    by_run = np.array([member[:, m].astype(float) @ moments[m] for m in own])  # (runs, bins, 7)
+    total, inner = whole.sum(axis=0), by_run.sum(axis=0)
+    log_ratio, gap = _differences(inner, total[None] - inner)
+    count_in, count_out = inner[:, 0] * s.h / s.tau, (total[0] - inner[:, 0]) * s.h / s.tau
+    share = 1 / np.maximum(count_in, 0.5) + 1 / np.maximum(count_out, 0.5)
+    floor_ratio = 2 * share[:, None]
+    floor_gap = 2 * share[:, None] * (total[4:] / total[0])  # of means: a sample lasts two correlation times
+    n = len(runs)
+    if n >= 3:
+        left = _differences(inner[None] - by_run, (total - whole)[:, None] - (inner[None] - by_run))
+        spread = [(n - 1) / n * ((d - d.mean(axis=0)) ** 2).sum(axis=0) for d in left]
+        floor_ratio, floor_gap = np.maximum(floor_ratio, spread[0]), np.maximum(floor_gap, spread[1])
+    overall = np.sqrt(total[4:] / total[0])
+    rms = np.sqrt(inner[:, 4:] / np.maximum(inner[:, :1], 1))
+    ratio = np.divide(rms, overall, out=np.ones_like(rms), where=np.broadcast_to(overall > 0, rms.shape))
+    safe = np.maximum(floor_gap, 1e-300)
+    return log_ratio / np.sqrt(floor_ratio), gap / np.sqrt(safe), ratio
+
+
+def _differences(inner: np.ndarray, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log ratio of the mean squares and difference of the means from sums (..., 7): count, 3 sums, 3 squares."""
+    n_in, n_out = np.maximum(inner[..., :1], 1.0), np.maximum(outer[..., :1], 1.0)
+    a, b = np.maximum(inner[..., 4:] / n_in, 0.0), np.maximum(outer[..., 4:] / n_out, 0.0)
+    tiny = 1e-12 * (a + b) + 1e-300
+    return np.log((a + tiny) / (b + tiny)), inner[..., 1:4] / n_in - outer[..., 1:4] / n_out
+
+
+def by_variable(variables: Sequence[Variable], s: Samples) -> list[dict[str, Any]]:
+    """Rows by variable and channel: the force averaged in bins (for the figure), the best explained first.
+
+    variables; s: samples. "explained": share of the mean square of the force due to its mean by bin, less the share
+    expected by chance.
+    """
+    rows: list[dict[str, Any]] = []
+    square = (s.force**2).mean(axis=0)
+    for one in variables:
+        member = (one.values >= one.edges[:-1, None]) & (one.values < one.edges[1:, None])
+        count = member.sum(axis=1)
+        used = count * s.h / s.tau >= 1.0
+        if used.sum() < 2:
+            continue
+        member, count = member[used], count[used]
+        at = member.astype(float) @ one.values / count
+        mean, rms = means(s.force, member), s.rms(member)
+        later = means(s.after, member) if s.after is not None else None
+        spread = np.sqrt(np.maximum(rms**2 - mean**2, 0.0) / np.maximum(count * s.h / (2 * s.tau), 1.0)[:, None])
+        chance = 2 * s.tau * len(count) / (len(s.force) * s.h)
+        for c, channel in enumerate(CHANNELS):
+            share = float((count * mean[:, c] ** 2).sum() / len(s.force) / square[c]) if square[c] > 0 else 0.0
+            row: dict[str, Any] = {"variable": one.name, "unit": one.unit, "channel": channel, "force_unit": UNITS[c]}
+            row |= {"explained": share - chance, "at": at.tolist(), "mean": mean[:, c].tolist()}
+            row |= {"std": spread[:, c].tolist(), "rms": rms[:, c].tolist()}
+            if later is not None:
+                row["mean_after"] = later[:, c].tolist()
+            rows.append(row)
+    return sorted(rows, key=lambda row: -row["explained"])
+
 
 PERIODS = (60.0, 20.0, 5.0)
 """Periods [s] between the bands, of a 3 m model (Froude's law)."""
@@ -73,7 +366,10 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
     square = (s.force**2).mean(axis=0)
     energy = square / masses
     later = (s.after**2).mean(axis=0) / masses if s.after is not None else None
-    net = np.sqrt((_net_force(data, z, mass) ** 2).mean(axis=0))
+    velocity = [0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5)]
+    rates = [(z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5)]
+    net_force = np.stack(mass.net_force(velocity, rates), axis=-1)[data.inside]  # of the smoothed motion, (M, 3)
+    net = np.sqrt((net_force**2).mean(axis=0))
     every = np.ones(len(s.force), dtype=bool)
     result: dict[str, dict[str, Any]] = {}
     for c, name in enumerate(CHANNELS):
@@ -84,16 +380,6 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
             row["share_after"] = float(later[c] / later.sum()) if later.sum() > 0 else 1 / 3
         result[name] = row
     return result
-
-
-def _net_force(data: GriddedTrials, z: np.ndarray, mass: Inertia) -> np.ndarray:
-    """Net force X, Y, N of every sample (M, 3) from the smoothed motion, by the equations of motion."""
-    u, v, r = (0.5 * (z[:-1, :, i] + z[1:, :, i]) for i in (3, 4, 5))
-    du, dv, dr = ((z[1:, :, i] - z[:-1, :, i]) / data.h for i in (3, 4, 5))
-    X = (mass.m + mass.m_x) * du - (mass.m + mass.m_y) * v * r - mass.moment * r**2
-    Y = (mass.m + mass.m_y) * dv + (mass.m + mass.m_x) * u * r + mass.moment * dr
-    N = mass.I_z * dr + mass.moment * (dv + u * r)
-    return np.stack([X, Y, N], axis=-1)[data.inside]
 
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:

@@ -20,12 +20,10 @@ from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.design.area import Area
-from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan
-from fitting.design.sequences import table_of
+from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
-from fitting.prediction.bands import draws_of
-from fitting.prediction.figure_intervals import correlation_in
+from fitting.prediction.bands import correlation_in, draws_of
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import Conflict, Missing, NoSolution, NotCalibrated, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS
@@ -110,9 +108,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
                 slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
     for name, slope in slopes.items():
         if not np.isfinite(slope).all() or not slope.any():
-            raise NoSolution(
-                f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; ask for another"
-            )
+            raise NoSolution(f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; take another")
     return np.array([slopes[name] for name in names])
 
 

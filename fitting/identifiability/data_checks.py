@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from cases.trial import Trial
-from fitting.nlp.captive import CaptiveForces, estimate_from_captive
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
 from fitting.solvers.condensing import solve_led
@@ -21,6 +21,9 @@ from mmg.messages import Message
 from mmg.model import assemble
 from mmg.ship import Ship
 from mmg.states import STATES
+
+if TYPE_CHECKING:
+    from fitting.nlp.captive import CaptiveForces
 
 FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
@@ -153,7 +156,9 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
     if not unmoved:
         return []
-    names, backwards = ", ".join(unmoved), _always_astern(trials)
+    names = ", ".join(unmoved)
+    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
+    backwards = bool(turning) and not any((a > 0).any() for a in turning)
     if backwards:
         text, wanted = f"{names}: act only going ahead, of which the trials have nothing", "a trial ahead"
     else:
@@ -165,12 +170,6 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
         raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
     code = "not_excited_ahead" if backwards else "not_excited_astern"
     return [Message(f"{text}; the prior decides them: add {wanted}", code)]
-
-
-def _always_astern(trials: Sequence[Trial]) -> bool:
-    """Whether no sample of the ``trials`` has a propeller ahead."""
-    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
-    return bool(turning) and not any((a > 0).any() for a in turning)
 
 
 def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:
@@ -235,6 +234,8 @@ def against_captive(
     forces: of the points; base: values of all coefficients (C,), free: positions (P,) of those in ``prior``. The points
     are fitted with the prior 30 times wider; what they leave to that prior is not compared.
     """
+    from fitting.nlp.captive import estimate_from_captive
+
     alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [

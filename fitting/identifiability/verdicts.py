@@ -17,27 +17,12 @@ from mmg.messages import Message
 from mmg.ship import Ship
 
 PHYSICAL: dict[str, tuple[float, float]] = {
-    "t_P": (0.0, 0.4),
-    "w_P0": (0.0, 0.8),
-    "x_P": (-0.7, -0.3),
-    "t_R": (0.0, 0.6),
-    "a_H": (0.0, 1.0),
-    "x_H": (-0.6, -0.3),
-    "epsilon": (0.7, 1.6),
-    "ell_R": (-1.2, -0.5),
-    "gamma_P": (0.2, 0.8),
-    "gamma_N": (0.2, 0.8),
-    "gamma_R_plus": (0.2, 0.8),
-    "gamma_R_minus": (0.2, 0.8),
-    "X_0F": (-math.inf, 0.0),
-    "X_0A": (-math.inf, 0.0),
-    "R_0": (0.0, math.inf),
-    "Y_v": (-math.inf, 0.0),
-    "N_v": (-math.inf, 0.0),
-    "N_r": (-math.inf, 0.0),
-    "C_D": (0.0, math.inf),
-    "k_0": (0.0, math.inf),
-}
+    "t_P": (0.0, 0.4), "w_P0": (0.0, 0.8), "x_P": (-0.7, -0.3), "t_R": (0.0, 0.6), "a_H": (0.0, 1.0),
+    "x_H": (-0.6, -0.3), "epsilon": (0.7, 1.6), "ell_R": (-1.2, -0.5), "gamma_P": (0.2, 0.8), "gamma_N": (0.2, 0.8),
+    "gamma_R_plus": (0.2, 0.8), "gamma_R_minus": (0.2, 0.8), "X_0F": (-math.inf, 0.0), "X_0A": (-math.inf, 0.0),
+    "R_0": (0.0, math.inf), "Y_v": (-math.inf, 0.0), "N_v": (-math.inf, 0.0), "N_r": (-math.inf, 0.0),
+    "C_D": (0.0, math.inf), "k_0": (0.0, math.inf),
+}  # fmt: skip
 """Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks.
 
 Engineering judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
@@ -173,9 +158,7 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
     for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):
         shift = (values.get(symbol, mean) - mean) / std
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
-            far.append(
-                f"{symbol} = {values[symbol]:.3g} lies {abs(shift):.1f} prior standard deviations from its prior"
-            )
+            far.append(f"{symbol} = {values[symbol]:.3g} is {abs(shift):.1f} prior standard deviations from its prior")
     found = [Message(f"{', '.join(outside)}: {REMEDIES}", "implausible")] if outside else []
     if far:
         words = f"{', '.join(far)}, though trials hardly determine added masses: {REMEDIES}"

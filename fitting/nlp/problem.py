@@ -13,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fitting.nlp.captive import Captive, CaptiveForces
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import Prior as Prior
 from fitting.nlp.run_constants import Columns, neutral_values
@@ -27,6 +26,9 @@ from fitting.nlp.sparsity import Pattern, sparsity_patterns, upper_triangle
 from fitting.nlp.windows import Segments
 from mmg.model import assemble, states_behind
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from fitting.nlp.captive import Captive, CaptiveForces
 
 
 class Problem:
@@ -81,7 +83,11 @@ class Problem:
         """The problem with kernels made for it; captive: points of captive tests; compiled: use a C compiler."""
         free = prior.positions(ship)
         kernel = Kernels(assemble(ship), free, compiled)
-        forces = CaptiveForces(kernel.model, free[: prior.shared], captive, compiled) if captive else None
+        if not captive:
+            return cls(ship, prior, kernel, segments, sigma, loss)
+        from fitting.nlp.captive import CaptiveForces  # late: few fits have captive tests
+
+        forces = CaptiveForces(kernel.model, free[: prior.shared], captive, compiled)
         return cls(ship, prior, kernel, segments, sigma, loss, forces)
 
     def __reduce__(self) -> tuple:
@@ -291,8 +297,11 @@ class Problem:
         return self.with_changes(sigma=sigma, loss=self.loss if tau is None else replace(self.loss, tau=tau))
 
     def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
-        """The same problem with other bounds of the coefficients, (P,) each."""
-        return self.with_changes(prior=replace(self.prior, lower=lower, upper=upper))
+        """The same problem with other bounds of the coefficients, (P,) each. All else is shared."""
+        other = object.__new__(Problem)
+        other.__dict__ |= self.__dict__ | {"patterns": self.patterns}
+        other.prior = replace(self.prior, lower=lower, upper=upper)
+        return other
 
     def with_changes(self, **changes: Any) -> Problem:
         """The same problem with other arguments of its constructor; a ship may differ in what is not free."""

@@ -10,17 +10,20 @@ virtual machine.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
-from fitting.nlp.portable_intervals import PortableIntervals
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.batch import MORE, BatchFunction, differences, finite_at
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
+
+if TYPE_CHECKING:
+    from fitting.nlp.portable_intervals import PortableIntervals
 
 
 class Kernels:
@@ -51,6 +54,8 @@ class Kernels:
     @cached_property
     def portable(self) -> PortableIntervals:
         """The same as the compiled kernel, interpreted."""
+        from fitting.nlp.portable_intervals import PortableIntervals  # late: not where there is a compiler
+
         return PortableIntervals(self.whole)
 
     @property

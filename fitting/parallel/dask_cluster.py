@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from fitting.parallel.executors import executing
+from fitting.report.run_folder import NOT_INSTALLED, versions
 from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError
 from mmg.progress import LOGGER
 
@@ -143,14 +144,6 @@ def check_scheduler(theirs: str, address: str) -> None:
         )
 
 
-def _version() -> str:
-    """Version of this package, "" where it is not installed."""
-    try:
-        return importlib.metadata.version(PACKAGE)
-    except importlib.metadata.PackageNotFoundError:
-        return ""
-
-
 def check_workers(client: Any, address: str) -> None:
     """Raises UserError unless scheduler and workers are there and of the versions of this process.
 
@@ -158,23 +151,21 @@ def check_workers(client: Any, address: str) -> None:
     """
     import distributed
 
-    here = _version()
+    here = versions()[PACKAGE]
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
     except (OSError, distributed.TimeoutError):
         raise ProgramFailed(
             f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
         ) from None
-    versions = client.get_versions()
-    check_scheduler(versions["scheduler"]["packages"]["distributed"], address)
+    known = client.get_versions()
+    check_scheduler(known["scheduler"]["packages"]["distributed"], address)
     found = client.run(importlib.metadata.version, PACKAGE, on_error="return")
     for worker, version in sorted(found.items()):
-        if version != here and (here or not isinstance(version, Exception)):
+        if version != here and (here != NOT_INSTALLED or not isinstance(version, Exception)):
             what = f"has {PACKAGE} {version}" if isinstance(version, str) else f"lacks {PACKAGE}"
             raise Conflict(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
-    packages = {worker: about["packages"] for worker, about in versions["workers"].items()}
+    packages = {worker: about["packages"] for worker, about in known["workers"].items()}
     for worker, about in sorted(packages.items()):
-        if about["python"].rpartition(".")[0] != versions["client"]["packages"]["python"].rpartition(".")[0]:
-            raise Conflict(
-                f"--scheduler {address}: the worker {worker} has Python {about['python']}, this process another"
-            )
+        if about["python"].rpartition(".")[0] != known["client"]["packages"]["python"].rpartition(".")[0]:
+            raise Conflict(f"--scheduler {address}: {worker} has Python {about['python']}, this process another")

@@ -89,18 +89,13 @@ def fit_bands(
         more = _wanted(errors.error[:, s][early], np.full(int(early.sum()), 2.0), total[:, s][early])
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
     fixed += bands.measurement_variance(errors.times, errors.states)
-    sure = few_runs(len({id(s.record) for s in stretches}))
+    # errors are alike in a run, so the runs are what a band is known by: Student's quantile over the normal one
+    sure = student_quantile(0.95, max(len({id(s.record) for s in stretches}) - 1, 2)) / NORMAL
     water, offset = adapt(simulator, stretches, Adaptation.of(ship, default_past(ship)))
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
     process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
     held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
     return process_dict(process) | ({"held": held_dict(held)} if held else {})
-
-
-def few_runs(count: int) -> float:
-    """Factor on a band that ``count`` runs were used for: Student's quantile over the normal one, as a run is the unit
-    that errors are alike in."""
-    return student_quantile(0.95, max(count - 1, 2)) / NORMAL
 
 
 def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None) -> list[Stretch]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.envelope import HeldMotion, held_of, inputs_at
+from fitting.prediction.envelope import HeldMotion, held_of, inputs_at, met_so_far
 from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
@@ -125,7 +125,8 @@ class Bands:
         times, states = batch.times[rows], out[rows]
         variance = self.process_variance(times, states, length) * self.process.factor_at(times, adapted) ** 2
         if self.held is not None:
-            variance *= self.held.widening(times, states, inputs_at(batch, rows), length)
+            novelty = self.held.novelty(states, inputs_at(batch, rows), length)
+            variance *= 1 + met_so_far(times, novelty)[:, None]
         variance += self.measurement_variance(times, states)
         variance += self.coefficient_variance(simulator, batch, rows)
         coarse = np.sqrt(variance)

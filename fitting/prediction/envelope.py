@@ -22,6 +22,7 @@ from cases.trial import Trial
 from fitting.prediction.stretches import Record, WindowBatch
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import INPUTS
+from mmg.motion.frames import relative_air
 from mmg.ship import AIR, Ship
 
 DRIFT = "beta"
@@ -157,8 +158,7 @@ def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length:
     psi, u, v, r = (states[..., i, :] for i in (2, 3, 4, 5))
     rows = [u, v, r * length, *(inputs[..., list(names).index(name), :] for name in _actuators(names))]
     north, east = (inputs[..., list(names).index(name), :] for name in AIR)
-    c, s = np.cos(psi), np.sin(psi)
-    return np.stack([*rows, c * north + s * east - u, -s * north + c * east - v], axis=-2)
+    return np.stack([*rows, *relative_air(north, east, psi, u, v)], axis=-2)
 
 
 def _actuators(names: Sequence[str]) -> list[str]:
@@ -184,14 +184,6 @@ class HeldMotion:
         rows = np.moveaxis(motion(states, inputs, self.names, length), -2, -1) / self.scale
         far = nearest(np.nan_to_num(rows.reshape(-1, rows.shape[-1])), self.points).reshape(rows.shape[:-1])
         return np.clip(far / self.reach - 1, 0.0, MOST_NEW)
-
-    def widening(self, times: np.ndarray, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
-        """Factor (n, 1, M) on the variance of the process at times (n, M) since the start, by the novelty met so far.
-
-        states, inputs, length: as of ``novelty``.
-        """
-        met = met_so_far(times, self.novelty(states, inputs, length))
-        return 1 + met[:, None]
 
 
 def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:

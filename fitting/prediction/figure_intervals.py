@@ -286,8 +286,8 @@ def maneuver_scatter(
     Raises UserError as ``cases.criteria.scatter.scatter``.
     """
     judged = plan.kind in (JUDGED if content else STOPS)
-    if judged:
-        ship = _seen_exactly(ship)
+    for name in ship.effects if judged else ():  # figures are those of the motion, whatever her instruments show
+        ship = ship.without_effect(name) if EFFECTS[name].measures else ship
     found = scattered(ship, plan, count, seed, correlation_in(content), dt)
     if not judged:
         return found, None, None
@@ -308,13 +308,6 @@ def maneuver_scatter(
     kept = np.isfinite(trials.states).all(axis=(0, 1))
     trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
     return replace(found, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
-
-
-def _seen_exactly(ship: Ship) -> Ship:
-    """The ``ship`` without effects of her instruments: figures are those of the motion."""
-    for name in ship.effects:
-        ship = ship.without_effect(name) if EFFECTS[name].measures else ship
-    return ship
 
 
 def accelerations(

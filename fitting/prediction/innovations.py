@@ -25,6 +25,7 @@ from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import TooFewData, UserError
+from mmg.motion.frames import earth_to_body
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -199,8 +200,7 @@ def corrected(trial: Trial, ship: Ship, name: str, size: float) -> np.ndarray | 
 def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:
     """Means (S, 24) over quarters of ``difference`` (N, 6, S), positions turned by the first ``heading`` (S,)."""
     d = difference.copy()
-    c, s = np.cos(heading), np.sin(heading)
-    d[:, 0], d[:, 1] = c * difference[:, 0] + s * difference[:, 1], -s * difference[:, 0] + c * difference[:, 1]
+    d[:, 0], d[:, 1] = earth_to_body(difference[:, 0], difference[:, 1], heading)
     means = d.reshape(QUARTERS, -1, *d.shape[1:]).mean(axis=1)
     return means.transpose(2, 0, 1).reshape(len(heading), -1)
 

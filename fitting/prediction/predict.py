@@ -168,9 +168,7 @@ def predict_all(
         own = list(simulator.own)
     elif isinstance(simulator, Simulator):
         own = [values_of(simulator.ship, trial) for trial in trials]
-    plans = [
-        _plan(trial, simulator.inputs, length, stride, short_last, o) for trial, o in zip(trials, own, strict=True)
-    ]
+    plans = [_plan(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
         return [([], notes) for _, notes in plans]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmg.model import INVERSIONS, columns, settled
+from mmg.motion.frames import earth_to_body
 from mmg.rollout import Simulator
 
 
@@ -118,13 +119,13 @@ def rollout(
         inputs, logged = inputs.copy(), logged.copy()
         air = simulator.model.controls.index("wind_north")
         inputs[:, air : air + 2] -= drift[:-1]
-        logged[3:5] -= _body(drift[0], logged[2])
+        logged[3:5] -= earth_to_body(drift[0, 0], drift[0, 1], logged[2])
     start = _started(simulator, logged, inputs[0], offset, batch.values)
     states = simulator.run(start, inputs, batch.steps, batch.values, method)
     out = np.array(simulator.columns(states, batch.values))
     if water is not None:
         out[:, :2] += way
-        out[:, 3:5] += np.moveaxis(_body(np.moveaxis(drift, 1, 0), out[:, 2]), 0, 1)
+        out[:, 3:5] += np.stack(earth_to_body(drift[:, 0], drift[:, 1], out[:, 2]), axis=1)
     return out, states
 
 
@@ -133,12 +134,6 @@ def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
     error = predicted - measured
     error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
     return error
-
-
-def _body(earth: np.ndarray, psi: np.ndarray) -> np.ndarray:
-    """Earth-fixed components (2, ...) in body axes turned by psi (...)."""
-    c, s = np.cos(psi), np.sin(psi)
-    return np.array([c * earth[0] + s * earth[1], -s * earth[0] + c * earth[1]])
 
 
 def _started(

@@ -18,23 +18,14 @@ from cases.io.files import replace_text, replaced
 from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
+from fitting.report import sections
 from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
-from fitting.report.sections import (
-    coefficient_groups,
-    headline,
-    identifiability_section,
-    plus_minus,
-    report_warnings,
-    shown_number,
-    shown_setting,
-    structure_section,
-)
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
-from mmg.errors import Missing, NotInstalled, NotWritable
+from mmg.errors import Missing, NotInstalled, writing
 from mmg.ship import Ship
 
 DATA_SOURCES = (
@@ -75,7 +66,7 @@ def label_of(folder: Path) -> str:
 def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delivered) -> dict[str, Any]:
     """All that the template shows of one run."""
     result = record.to_dict()
-    groups = coefficient_groups(result, ship)
+    groups = sections.coefficient_groups(result, ship)
     kinds = [row["kind"] for group in groups for row in group["rows"]]
     figures: dict[str, list[dict[str, Any]]] = {place: [] for place in (*PLACES, "other")}
     for figure in figures_of(folder, result["figures"]):
@@ -87,17 +78,17 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "about": ship.title if ship.mark else "",
         "result": result,
         "ship": ship,
-        "headline": headline(result),
-        "warnings": report_warnings(result),
+        "headline": sections.headline(result),
+        "warnings": sections.report_warnings(result),
         "groups": groups,
         "counts": [(KINDS[kind], kinds.count(kind)) for kind in KINDS if kind in kinds],
-        "identifiability": identifiability_section(result),
+        "identifiability": sections.identifiability_section(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
         "models": [
             *((role, name, summary(role, name)) for role, name in ship.components.items()),
             *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
-        "choice": structure_section(folder),
+        "choice": sections.structure_section(folder),
         "planned": plan_section(folder),
         "figures": figures,
         "citations": citations_of(result),
@@ -152,7 +143,11 @@ def environment(*packages: str) -> Environment:
         loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "fitting.report")]), autoescape=True,
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, bytecode_cache=kept,
     )  # fmt: skip
-    found.filters |= {"number": shown_number, "plus_minus": plus_minus, "setting": shown_setting}
+    found.filters |= {
+        "number": sections.shown_number,
+        "plus_minus": sections.plus_minus,
+        "setting": sections.shown_setting,
+    }
     found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]
     found.globals |= {"zip": zip, "sets": SETS, "state_units": UNITS}
     return found
@@ -178,10 +173,8 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
 
 def write_page(text: str, out: Path) -> None:
     """Write the page ``text`` to ``out``, atomically. Raises UserError when it cannot be written."""
-    try:
+    with writing(out):
         replace_text(out, text)
-    except OSError as error:
-        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
 
 
 def needs_weasyprint() -> None:
@@ -204,8 +197,5 @@ def write_pdf(text: str, out: Path) -> None:
 
     inside = URLFetcher(allowed_protocols=("data",), allow_redirects=False)  # pictures that the page holds itself
     content = HTML(string=text, url_fetcher=inside).write_pdf()
-    try:
-        with replaced(out) as scratch:
-            scratch.write_bytes(content)
-    except OSError as error:
-        raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
+    with writing(out), replaced(out) as scratch:
+        scratch.write_bytes(content)

@@ -22,7 +22,7 @@ from cases.io.files import read_json
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.report.run_folder import plain, write_json
-from mmg.errors import Conflict, Missing, NotWritable, UserError
+from mmg.errors import Conflict, Missing, NotWritable, UserError, writing
 from mmg.ship import Ship
 
 SETTINGS = "settings.json"
@@ -45,7 +45,7 @@ class Store:
         if self.resume and path.exists():
             self._compare(path)
             return
-        try:
+        with writing(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             others = [p for p in self.folder.iterdir() if not p.name.startswith(".")]
             if self.resume:  # of a run that was killed before it began, there is nothing but this folder
@@ -53,8 +53,6 @@ class Store:
             if others:
                 raise Missing(f"{self.folder.parent}: holds no interrupted run to resume; choose another --out")
             write_json(path, self.about)
-        except OSError as error:
-            raise NotWritable(f"{self.folder}: cannot be written ({error.strerror}); choose another --out") from None
 
     def part(self, name: str) -> Store:
         """The store ``name`` of a stage of the same run, in a folder of this one."""

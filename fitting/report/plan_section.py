@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cases.io.files import read_json, replaced
-from fitting.design.area import corners
 from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, figure_entry, new_figure
 from fitting.report.run_folder import write_json
 from mmg.errors import UserError
@@ -120,6 +119,8 @@ def keep_plan(planned: PlannedTrial, folder: Path, out: Path) -> None:
 def plan_map(planned: PlannedTrial) -> Figure:
     """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
     from matplotlib.patches import Ellipse, Polygon, Rectangle  # late: slow to import
+
+    from fitting.design.area import corners
 
     f, area, ship, m = planned.found, planned.task.area, planned.ship, planned.task.area.margin
     figure = new_figure(8.0)

@@ -17,12 +17,13 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, TypeAdapter
 from safetensors.numpy import load_file
 
 from cases.io.files import alone, file_hash, read_json, replace_text
@@ -31,7 +32,7 @@ from cases.io.trial_table import LARGEST_CSV
 from cases.trial import Trial
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.effects import with_present_names
-from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, Unreadable
+from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, Unreadable, writing
 from mmg.messages import Message
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
@@ -40,10 +41,18 @@ MODEL = "model"
 """Folder in the run of a scaled ship that holds the run of its model."""
 OF_PREDICTIONS = ("coefficients", "correlation", "per_run", "campaigns", "bands", "adaptation")
 """Keys of a calibration's result.json that tell of predictions by her ship: what is made of her has them too."""
+NOT_INSTALLED = "not installed"
+"""Version of a package that is not there."""
 PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
 """Warning of a run folder that is whole but for these; it is gone when they are made."""
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number as it is read; JSON holds null where it is not finite (``plain``)."""
+
+
+@cache
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """What reads plain values as a ``kind``; to make one takes long."""
+    return TypeAdapter(kind)
 
 
 def versions() -> dict[str, str]:
@@ -53,21 +62,24 @@ def versions() -> dict[str, str]:
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "not installed"
+            found[name] = NOT_INSTALLED
     return found
 
 
 def check_target(folder: Path) -> None:
     """UserError unless ``folder`` is free and can be created."""
     if folder.exists():
-        raise TargetExists(
-            f"{folder}: already exists; choose another --out, or continue an interrupted run with --resume"
-        )
-    parent = folder.absolute().parent
+        raise TargetExists(f"{folder}: already exists; choose another --out, continue an interrupted run with --resume")
+    check_place(folder)
+
+
+def check_place(target: Path) -> None:
+    """UserError unless ``target`` can come to be where it is to be."""
+    parent = target.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise NotWritable(f"{folder}: cannot be written ({parent} is not a writable folder); choose another --out")
+        raise NotWritable(f"{target}: cannot be written ({parent} is not a writable folder); choose another --out")
 
 
 def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = False) -> None:
@@ -79,7 +91,7 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
     folder = folder.absolute()
     scratch = folder.parent / f".{folder.name}.{secrets.token_hex(4)}"
     old = scratch.with_name(f"{scratch.name}.old")
-    with _held(folder, "writing"):
+    with _held(folder, "writing"), writing(folder):
         _remove_leftovers(folder)
         try:
             scratch.mkdir()
@@ -92,10 +104,6 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
                 shutil.rmtree(old, ignore_errors=True)
             else:
                 os.replace(scratch, folder)
-        except OSError as error:
-            raise NotWritable(
-                f"{folder}: cannot be written ({error.strerror or error}); choose another --out"
-            ) from None
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
 
@@ -119,11 +127,9 @@ def reserved(folder: Path) -> Iterator[None]:
 def _held(folder: Path, purpose: str) -> Iterator[None]:
     """While it lasts, and the process lives, no other one has the run ``folder`` for this ``purpose``."""
     with contextlib.ExitStack() as stack:
-        try:
+        with writing(folder):
             folder.parent.mkdir(parents=True, exist_ok=True)
             mine = stack.enter_context(alone(folder.parent / f".{folder.name}.{purpose}"))
-        except OSError as error:
-            raise NotWritable(f"{folder}: cannot be written ({error.strerror}); choose another --out") from None
         if not mine:
             raise Conflict(f"{folder}: another process is working on it; wait, or choose another --out")
         yield

@@ -315,18 +315,24 @@ def gains(before: np.ndarray, after: np.ndarray) -> bool:
 
 def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
     """The ``fit`` with its values in words and numbers."""
-    constants, scores = fit.calibration.constants, fit.left_out
-    assert constants is not None and scores is not None
-    own, prior = slice(len(fit.calibration.p), None), fit.calibration.problem.prior
-    std = prior.std[own] * np.sqrt(np.diag(fit.calibration.spread.model)[own])
+    assert fit.left_out is not None
+    without, own_error = (float(np.nanmean(some)) for some in fit.left_out)
+    error = relative_change(*fit.left_out)[1]
+    fit = replace(fit, content={"left_out": {"without": without, "with": own_error, "error": error}})
+    return with_values(fit, campaigns)
+
+
+def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
+    """The ``fit`` with the values that its calibration has by campaign, of these ``campaigns``, in words and numbers;
+    as it is without any."""
+    constants, problem, p = fit.calibration.constants, fit.calibration.problem, fit.calibration.p
+    if constants is None or not problem.prior.campaign:
+        return fit
+    own = slice(len(p), None)
+    std = problem.prior.std[own] * np.sqrt(np.diag(fit.calibration.spread.model)[own])
     sentences = differences(constants, campaigns, std.reshape(constants.value.shape) / constants.prior_std)
-    without, own_error = (float(np.nanmean(some)) for some in scores)
-    content = {
-        "values": constants.rows(),
-        "left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]},
-        "sentences": [str(message) for message in sentences],
-    }
-    return replace(fit, content=content, messages=tuple(sentences))
+    content = {"values": constants.rows(), "sentences": [str(message) for message in sentences]}
+    return replace(fit, content=(fit.content or {}) | content, messages=tuple(sentences))
 
 
 def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
@@ -365,9 +371,7 @@ def differences(constants: RunConstants, campaigns: Campaigns, left: np.ndarray)
         value, std = constants.value[:, k], constants.std[:, k]
         unit = f" {constants.units[k]}" if constants.units[k] else ""
         low, high = int(np.argmin(value)), int(np.argmax(value))
-        each = ", ".join(
-            f"{name} {_short(v, s)} +- {s:.1g}" for name, v, s in zip(constants.runs, value, std, strict=True)
-        )
+        each = ", ".join(f"{n} {_short(v, s)} +- {s:.1g}" for n, v, s in zip(constants.runs, value, std, strict=True))
         least, most = _short(value[low], std[low]), _short(value[high], std[high])
         mean, width = _short(constants.prior_value[k], constants.prior_std[k]), constants.prior_std[k]
         words = (

@@ -83,10 +83,13 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
         raise OutOfRange(f"order {rules.order}: must be at least 1")
     found = []
     for name, structure in _structures(ship, rules):
-        made = generated_ship(ship, structure, f"{ship.name}_{name.replace('-', '_')}", rules.hard)
-        found.append(StructureCandidate(name, made, structure.words, structure.order, structure.submodels))
-        if structure.submodels == "SM-1" and structure.order <= ON_TOP and not structure.units:
-            found.append(on_top(ship, name, structure, rules))
+        may_be_on_top = structure.submodels == "SM-1" and structure.order <= ON_TOP and not structure.units
+        for on_top in (False, True)[: 1 + may_be_on_top]:  # of the ship's own forces, which are fixed then
+            called = f"{ship.name}_{'plus_' * on_top}{name.replace('-', '_')}"
+            made = generated_ship(ship, structure, called, rules.hard, offset=on_top)
+            words = structure.words + ", on top of the ship's own forces" * on_top
+            label = f"{GIVEN}+{name}" if on_top else name
+            found.append(StructureCandidate(label, made, words, structure.order, structure.submodels))
     found.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
     own = ", ".join(f"{role} {model}" for role, model in ship.components.items())
     return (StructureCandidate(GIVEN, ship, f"the ship as given: {own}"), *found)
@@ -100,23 +103,17 @@ def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCan
     return known[name]
 
 
-def on_top(ship: Ship, name: str, structure: Structure, rules: Rules) -> StructureCandidate:
-    """The candidate whose polynomial ``structure``, of the candidate ``name`` by ``rules``, is on top of the forces of
-    ``ship``, which are fixed."""
-    made = generated_ship(ship, structure, f"{ship.name}_plus_{name.replace('-', '_')}", rules.hard, offset=True)
-    words = f"{structure.words}, on top of the ship's own forces"
-    return StructureCandidate(f"{GIVEN}+{name}", made, words, structure.order, structure.submodels)
-
-
 def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
     """The structures of all polynomials by their names."""
     words = (rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
+    first = structure_of(ship, 1, "SM-1", *words)
+    names = [name for device in first.devices for name in device.names]
+    by_stall = ("SM-3", "SM-4") if any(name.startswith("delta") for name in names) else ()
     found = [
         (f"{submodels.lower().replace('-', '')}-order{order}", structure_of(ship, order, submodels, *words))
-        for submodels in _submodels(ship, rules)
+        for submodels in ("SM-1", "SM-2", *by_stall, *(("quadrants",) if "n" in names else ()))
         for order in range(1, rules.order + 1)
     ]
-    first = found[0][1]
     for order in range(2, rules.order + (2 if rules.order >= HIGHEST else 1)):
         count = len(variables(first.devices))
         if math.comb(count + order, order) <= WIDEST:
@@ -124,11 +121,3 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
         if rules.symmetric and units_of(first.devices):
             found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))
     return found
-
-
-def _submodels(ship: Ship, rules: Rules) -> tuple[str, ...]:
-    """Sub-models that the actuators allow: by the stall angle where there are rudders, quadrants with a propeller."""
-    first = structure_of(ship, 1, "SM-1", rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
-    names = [name for device in first.devices for name in device.names]
-    rudders = any(name.startswith("delta") for name in names)
-    return ("SM-1", "SM-2", *(("SM-3", "SM-4") if rudders else ()), *(("quadrants",) if "n" in names else ()))

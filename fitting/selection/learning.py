@@ -9,33 +9,27 @@ unknowns and .257 for .200 with 50, in 20 times as many simulations.)
 
 from __future__ import annotations
 
-import hashlib
-import shutil
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
-from cases.io.files import read_json, replace_text
-from cases.shipfiles.ship_file import dump_ship
+from cases.io.files import replace_text
 from cases.trial import Trial
 from fitting.parallel import run_all
-from fitting.report.run_folder import Real, write_json
+from fitting.report.parts import Store
+from fitting.report.run_folder import Real, adapter, plain
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.polynomial_regression import increments, regress
 from fitting.selection.subsequences import SubsequenceObjective
 from fitting.settings import Settings
-from mmg.errors import Conflict, NotWritable, TargetExists, Unreadable
 from mmg.progress import LOGGER
-from mmg.ship import Ship
 
-ASKED = "choice.json"
-"""File of what was wanted, beside runs that are kept."""
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
 """Weights of the sparsity, from strong to weak."""
 WORSE, PATIENCE = 1.5, 3
@@ -127,73 +121,11 @@ class Learned:
     lessons: tuple[Lesson, ...]
 
 
-@dataclass(frozen=True)
-class Kept:
-    """Finished runs in ``folder``, beside the run folder, from which an interrupted choice goes on; None: none are
-    kept. The folder is OUT.unfinished: a JSON file for each run, and ``choice.json`` with what was wanted."""
-
-    folder: Path | None = None
-
-    def get(self, name: str) -> Learned | None:
-        """The run ``name``, None where it is not finished. Raises UserError for a broken file."""
-        path = self.folder / f"{name}.json" if self.folder else None
-        if path is None or not path.exists():
-            return None
-        try:
-            return TypeAdapter(Learned).validate_python(read_json(path))
-        except ValidationError as error:
-            raise Unreadable(f"{path}: cannot be read ({error}); start without --resume") from None
-
-    def put(self, name: str, run: Learned) -> None:
-        """Keeps a ``run`` under its ``name``."""
-        if self.folder:
-            write_json(self.folder / f"{name}.json", run)
-
-    def done_if_empty(self) -> bool:
-        """Removes the folder where it keeps no part yet; whether it is gone."""
-        if self.folder and [path.name for path in self.folder.iterdir()] == [ASKED]:
-            self.done()
-        return self.folder is None or not self.folder.exists()
-
-    def done(self) -> None:
-        """Removes the folder."""
-        if self.folder:
-            shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def kept_beside(out: Path, wanted: dict[str, Any], resume: bool) -> Kept:
-    """The parts kept beside the run folder ``out``.
-
-    wanted: of the choice, plain values by name; resume: go on with what is there. Raises UserError for parts
-    of another choice, for parts that are there without ``resume``, and where nothing can be written.
-    """
-    folder = out.parent / f"{out.name}.unfinished"
-    path = folder / ASKED
-    if folder.exists() and not resume:
-        raise TargetExists(f"{folder}: an interrupted choice is there; add --resume to go on with it, or delete it")
-    if path.exists():
-        before = read_json(path)
-        if other := [name for name in wanted if before.get(name) != wanted[name]]:
-            raise Conflict(f"{folder}: --resume needs the same {', '.join(other)} as the interrupted choice")
-        return Kept(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(path, wanted)
-    except OSError as error:
-        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error}); choose another --out") from None
-    return Kept(folder)
-
-
-def fingerprint(ship: Ship, sets: Sequence[Sequence[Trial]]) -> dict[str, str]:
-    """Hashes of a ``ship`` and of ``sets`` of trials, by which one choice is told from another."""
-    found = hashlib.sha256()
-    for some in sets:
-        for trial in some:
-            found.update(trial.name.encode())
-            for name in sorted(trial.columns):
-                found.update(name.encode() + np.ascontiguousarray(trial[name]).tobytes())
-        found.update(b"next set")
-    return {"ship": hashlib.sha256(dump_ship(ship).encode()).hexdigest(), "trials": found.hexdigest()}
+def kept_run(store: Store, name: str) -> Learned | None:
+    """The finished run ``name`` of a ``store``, None where there is none or it cannot be read: it is made again."""
+    with suppress(ValidationError):
+        return adapter(Learned).validate_python(part[0]) if (part := store.load(name)) else None
+    return None
 
 
 SeededRun = tuple[StructureCandidate, int]
@@ -205,21 +137,24 @@ def learn_all(
     trials: tuple[Sequence[Trial], Sequence[Trial]],
     settings: Settings,
     seeds: int = 1,
-    kept: Kept | None = None,
+    store: Store | None = None,
 ) -> dict[str, list[Learned]]:
     """Runs of each of the candidates ``given`` by name, the one with the least validation error first.
 
     trials: to train on and to validate; settings: seed of the first run, workers over which runs are spread, time limit
-    of each [s]; seeds: runs of each candidate; kept: finished runs, which are taken from there, and to which others are
-    added as they come. Raises UserError for trials from which nothing can be learned.
+    of each [s]; seeds: runs of each candidate; store: finished runs, which are taken from there, and to which others
+    are added as they come. Raises UserError for trials from which nothing can be learned.
     """
-    kept, numbers = kept or Kept(), range(settings.seed, settings.seed + seeds)
+    numbers = range(settings.seed, settings.seed + seeds)
     runs = {f"{one.name}_seed{seed}": (one, seed) for one in given for seed in numbers}
-    found = {name: run for name in runs if (run := kept.get(name)) is not None}
+    if store:
+        store.open()
+    found = {name: run for name in runs if store and (run := kept_run(store, name))}
     missing = [name for name in runs if name not in found]
 
     def keep(run: Learned) -> None:
-        kept.put(f"{run.name}_seed{run.seed}", run)
+        if store:
+            store.save(f"{run.name}_seed{run.seed}", plain(run))
         LOGGER.info(f"{run.name}, seed {run.seed}: J {run.objective:.4g}, validation {run.validation:.4g} after "
                     f"{run.seconds:.0f} s")  # fmt: skip
 

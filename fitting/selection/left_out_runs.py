@@ -87,8 +87,8 @@ def coefficients_without(
     """All coefficients (R, P) of the ship of the calibration ``fit``, for each of her runs without its fold.
 
     folds: numbers of the runs left out together, each in one; info: as of ``leave_out``. A second estimate
-    (``two_estimates``) keeps its distance: it is not made again without a run. A constant of one run is that of a run
-    never seen, one of a campaign as the rest of the campaign says. Where too little is left a row is NaN.
+    (``calibration.with_second``) keeps its distance: it is not made again without a run. A constant of one run is that
+    of a run never seen, one of a campaign as the rest of the campaign says. Where too little is left a row is NaN.
     """
     problem, prior, shared = fit.problem, fit.problem.prior, len(fit.p)
     beside = fit.p - fit.iterate["p"][:shared]

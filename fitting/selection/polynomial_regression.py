@@ -30,7 +30,7 @@ from fitting.solvers.condensing import within_bounds
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import TooFewData
 from mmg.model import assemble
-from mmg.motion.frames import body_to_earth
+from mmg.motion.frames import body_to_earth, earth_to_body
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
@@ -54,7 +54,7 @@ def without_lag(piece: Grid, lag: float, body_axes: float = 0.0) -> Grid:
         return piece
     states, psi = piece.states.copy(), np.unwrap(piece.states[:, 2])
     north, east = _earth(piece, lag, body_axes)
-    states[:, 3], states[:, 4] = np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north
+    states[:, 3], states[:, 4] = earth_to_body(north, east, psi)
     rows = len(piece.t) - _lost(lag, float(piece.t[1] - piece.t[0]))
     return replace(piece, t=piece.t[:rows], states=states[:rows], controls=piece.controls[: rows - 1])
 
@@ -99,7 +99,7 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
     step = max(STEP * scale, min(t.dt for t in trials))
     pieces = [piece for t in trials for piece in grids(t, step, ship.inputs)]
     n = max(8, round(WINDOW * scale / step))
-    lag, axes = _lag(ship, trials), _body_axes(ship)
+    lag, axes = _lag(ship, trials), ship.coefficients[AXES].value if AXES in ship.coefficients else 0.0
     pieces = [without_lag(piece, lag, axes) for piece in pieces]
     rates = _Rates(ship)
     change, slope, third = [], [], []
@@ -135,11 +135,6 @@ def _lag(ship: Ship, trials: Sequence[Trial]) -> float:
     seen = kinematics_of(trials, ship)
     lag = seen.pooled["lag"].value if seen else math.nan
     return float(np.clip(lag, 0.0, known.upper)) if math.isfinite(lag) else 0.0
-
-
-def _body_axes(ship: Ship) -> float:
-    """Whether her velocities are filtered in body axes."""
-    return ship.coefficients[AXES].value if AXES in ship.coefficients else 0.0
 
 
 class _Rates:

@@ -245,12 +245,12 @@ def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
     return replace(ship, coefficients=rows)
 
 
-def with_uncertain_mean(found: Calibration, mean: UncertainMean | None) -> Calibration:
-    """The calibration ``found`` with a covariance that holds the error of its prior's ``mean`` too, as it is for None.
+def with_uncertain_mean(found: Calibration, mean: UncertainMean) -> Calibration:
+    """The calibration ``found`` with a covariance that holds the error of its prior's ``mean`` too.
 
     An error e of the mean moves the estimate by V P e, V the covariance by information and prior P alone.
     """
-    if mean is None or not np.isfinite(found.covariance).all():
+    if not np.isfinite(found.covariance).all():
         return found
     at = [found.prior.symbols.index(s) for s in mean.symbols]
     unit, shared = found.prior.std[at], slice(len(found.p))

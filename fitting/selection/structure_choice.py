@@ -23,10 +23,11 @@ from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
+from fitting.report.parts import Store
 from fitting.report.run_folder import plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
-from fitting.selection.learning import Kept, Learned, learn_all
+from fitting.selection.learning import Learned, learn_all
 from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
 from fitting.solvers.interrupts import INTERRUPTED
@@ -167,7 +168,7 @@ def choose_structure(
     named: bool = False,
     progress: OnProgress | None = None,
     seeds: int = 0,
-    kept: Kept | None = None,
+    store: Store | None = None,
 ) -> StructureChoice:
     """The best of candidates ``given`` for ``ship``, calibrated.
 
@@ -176,7 +177,7 @@ def choose_structure(
     tried without the terms that its evidence speaks against. Those on top of the ship's own forces take these as
     calibrated, where the ship is a candidate itself. A model that diverges in one of SEQUENCES random harbour sequences
     is not chosen while another one does not. seeds: polynomials are learned by the objective of the paper instead, so
-    many runs of each; kept: finished ones, which are taken from there, and to which others are added. Raises UserError
+    many runs of each; store: finished ones, which are taken from there, and to which others are added. Raises UserError
     where no candidate can be fitted, for trials without positions, and for a named one that they cannot determine.
     """
     train, validate, test = trials
@@ -194,7 +195,7 @@ def choose_structure(
     if seeds:
         say(f"learning {len(able)} candidates", 0)
         runs = learn_all(
-            [work.prepared(one) for one in able if one.order], (train, validate), work.settings, seeds, kept
+            [work.prepared(one) for one in able if one.order], (train, validate), work.settings, seeds, store
         )
     fitted: list[_Fitted] = []
     for number, one in enumerate(able):
@@ -247,9 +248,7 @@ def _able(
 
 def _check(train: Sequence[Trial], validate: Sequence[Trial], inputs: Sequence[str]) -> None:
     if not train or not validate:
-        raise Missing(
-            f"{len(train)} trials to fit on and {len(validate)} to choose by: give both, the latter with --validate"
-        )
+        raise Missing(f"{len(train)} trials to fit on and {len(validate)} to choose by: give both (--validate)")
     without = [t.name for t in (*train, *validate) if not t.has_position]
     if without:
         raise Missing(f"{', '.join(without)}: no positions, by which candidates are judged")
@@ -351,7 +350,7 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
     least = min(f.error for f in fitted)
     if not np.isfinite(least):
         raise NoSolution(
-            "no candidate predicts the validation trials: every one diverges; see mmg check, or give other trials"
+            "no candidate predicts the validation trials: all diverge; see mmg check, or give other trials"
         )
     near = sorted((f for f in fitted if f.error <= NO_LOSS * least), key=lambda f: f.row.unknowns)
     order = [*near, *sorted((f for f in fitted if f not in near), key=lambda f: f.error)]

@@ -116,9 +116,7 @@ def spread_of(trials: Sequence[Trial]) -> np.ndarray:
     sigma = np.array([np.nanstd(np.concatenate([t[name] for t in trials])) for name in ("u", "v", "r")])
     still = [name for name, value in zip("uvr", sigma, strict=True) if not value > 0]
     if still:
-        raise TooFewData(
-            f"{', '.join(t.name for t in trials)}: {', '.join(still)} never changes; give trials that move"
-        )
+        raise TooFewData(f"{', '.join(t.name for t in trials)}: {', '.join(still)} never changes; give others")
     return sigma
 
 

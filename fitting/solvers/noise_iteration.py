@@ -86,8 +86,8 @@ class Resumption:
 _NAMES = tuple(field.name for field in fields(Resumption))
 
 
-def _row(problem: Problem, solution: Solution, restarted: bool) -> dict:
-    """What is kept of a solve."""
+def solve_row(problem: Problem, solution: Solution, restarted: bool = False) -> dict:
+    """What is kept of the ``solution`` of a ``problem``; restarted: with damping."""
     return {
         "objective": solution.objective,
         "status": solution.status,
@@ -112,7 +112,7 @@ class NoiseSolves:
     draft: bool = False
 
 
-def _noise_of(problem: Problem, solution: Solution) -> ResidualNoise:
+def noise_of(problem: Problem, solution: Solution) -> ResidualNoise:
     """The noise of the residuals of ``problem`` at its ``solution``."""
     floor = 1e-6 * problem.scale[:6]
     return estimate_noise(problem.segments, *problem.errors(solution.x), floor=floor, robust=problem.loss.robust)
@@ -134,7 +134,7 @@ def _without_last(
     status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
     start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
     last = Resumption.of(number, number + 1, problem, x, x, "User_Requested_Stop", settings)
-    return NoiseSolves(problem, start, _noise_of(problem, start), tuple(passes), last, draft=True)
+    return NoiseSolves(problem, start, noise_of(problem, start), tuple(passes), last, draft=True)
 
 
 def solve_with_noise_estimation(
@@ -184,8 +184,8 @@ def solve_with_noise_estimation(
         restarted = solution.status in STUCK
         if restarted:
             solution = solve_damped(problem, p, settings, began, progress)
-        noise = _noise_of(problem, solution)
-        passes.append(_row(problem, solution, restarted))
+        noise = noise_of(problem, solution)
+        passes.append(solve_row(problem, solution, restarted))
         p = problem.split(solution.x)[1]
         end = solution.x if problem.segments is full.segments else full.start(p)
         last = Resumption.of(number, count, full, start, end, solution.status, settings)

@@ -7,6 +7,7 @@ and Hessians of thousands of points run at SIMD speed from the very expression t
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import casadi as ca
 
@@ -60,61 +61,6 @@ HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
 _COMMON = (
     "#include <math.h>\n#include <string.h>\n#define INLINE static inline __attribute__((always_inline))\n" + EXPORT
 )
-_VECTOR = f"""#define LANES {LANES}
-typedef double V __attribute__((vector_size(8 * LANES)));
-typedef long long M __attribute__((vector_size(8 * LANES)));
-typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
-#define bits(x) ((U)(x))
-#define real(x) ((V)(x))
-#define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
-INLINE V load(const double* p) {{ V x; memcpy(&x, p, sizeof x); return x; }}
-static inline void store(double* p, V x) {{ memcpy(p, &x, sizeof x); }}
-INLINE V fill(double a) {{ return a - (V){{0}}; }}
-INLINE V choose(M m, V a, V b) {{ return real(((U)m & bits(a)) | (~(U)m & bits(b))); }}
-#if defined(__AVX512DQ__) && defined(__GNUC__) && !defined(__clang__)
-#define ALL_LANES (unsigned char)-1
-#define any(m) (__builtin_ia32_cvtq2mask512(m) != 0)
-INLINE V more(V a, V b, V c) {{ return __builtin_ia32_vfmaddpd512_mask(a, b, c, ALL_LANES, 4); }}
-#else
-INLINE int any(M m) {{ long long y = 0; for (int i = 0; i < LANES; i++) y |= m[i]; return y != 0; }}
-#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
-INLINE V more(V a, V b, V c) {{ LANEWISE(__builtin_fma(a[i], b[i], c[i])); }}
-#else
-INLINE V more(V a, V b, V c) {{ return a * b + c; }}
-#endif
-#endif
-INLINE V each_sqrt(V x) {{ LANEWISE(__builtin_sqrt(x[i])); }}
-static V each_sin(V x) {{ LANEWISE(sin(x[i])); }}
-static V each_cos(V x) {{ LANEWISE(cos(x[i])); }}
-static V each_atan2(V y_, V x) {{ LANEWISE(atan2(y_[i], x[i])); }}
-#define v_sqrt each_sqrt
-"""
-_SCALAR = """#define LANES 1
-typedef double V;
-typedef int M;
-typedef unsigned long long U;
-INLINE U bits(V x) { U y; memcpy(&y, &x, sizeof y); return y; }
-INLINE V real(U x) { V y; memcpy(&y, &x, sizeof y); return y; }
-#define load(p) (*(p))
-#define store(p, x) (*(p) = (x))
-#define fill(a) (a)
-#define choose(m, a, b) ((m) ? (a) : (b))
-#define any(m) (m)
-#if defined(__FMA__) || defined(__ARM_FEATURE_FMA)
-#define more(a, b, c) __builtin_fma(a, b, c)
-#else
-#define more(a, b, c) ((a) * (b) + (c))
-#endif
-#define each_sin sin
-#define each_cos cos
-#define each_atan2 atan2
-#define v_sqrt sqrt
-"""
-_LAST = """#define MATH static V
-#define quotient(a, b) ((a) / (b))
-#define compare(m) choose(m, fill(1.0), fill(0.0))
-#define when(c, x) choose((c) != 0.0, x, fill(0.0))
-"""
 _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
 """Functions that do without the C library."""
 
@@ -149,62 +95,13 @@ ARC = (
 )  # fmt: skip
 """(atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), interpolated at the Chebyshev nodes."""
 
-MATH = f"""
-#define MAGNITUDE 0x7fffffffffffffffULL
-#define ROUND 6755399441055744.0
-INLINE V absolute(V x) {{ return real(bits(x) & MAGNITUDE); }}
-INLINE V signed_as(V x, V y) {{ return real((bits(x) & MAGNITUDE) | (bits(y) & ~MAGNITUDE)); }}
-INLINE V power_of_2(V shifted) {{ return real((bits(shifted) + 1023) << 52); }}
-INLINE V beyond_ln2(V x, V n) {{ return (x - n * 0x1.62e42feep-1) - n * 0x1.a39ef35793c76p-33; }}
-INLINE V expm1_small(V z) {{ return more(z * z, {_EXPM1}, z); }}
-MATH v_exp(V x) {{
-  const V y = choose(x > 710.0, fill(710.0), choose(x < -708.0, fill(-708.0), x));
-  const V shifted = y * {1 / math.log(2)!r} + ROUND, n = shifted - ROUND;
-  const V e = (1.0 + expm1_small(beyond_ln2(y, n))) * power_of_2(shifted - 1.0) * 2.0;
-  return choose(x < -708.0, fill(0.0), e);
-}}
-MATH v_tanh(V x) {{
-  const V a = 2.0 * absolute(x), y = choose(a > 44.0, fill(44.0), a);
-  const V shifted = y * {1 / math.log(2)!r} + ROUND, n = shifted - ROUND, p = power_of_2(shifted);
-  const V e = more(p, expm1_small(beyond_ln2(y, n)), p - 1.0);
-  return signed_as(quotient(e, e + 2.0), x);
-}}
-INLINE V wave(V x, unsigned long long quarter) {{
-  const V shifted = x * {2 / math.pi!r} + ROUND, n = shifted - ROUND;
-  const V r = ((x - n * 0x1.921fb544p+0) - n * 0x1.0b4611a6p-34) - n * 0x1.3198a2e037073p-69;
-  const V z = r * r;
-  const U k = bits(shifted) + quarter;
-  const V s = more(r * z, {_SIN}, r);
-  const V c = more(z * z, {_COS}, 1.0 - 0.5 * z);
-  const V even = choose((k & 1) == 0, s, c);
-  return real(bits(even) ^ ((k & 2) << 62));
-}}
-MATH v_sin(V x) {{
-  const V y = wave(x, 0);
-  const M large = absolute(x) > 1e5;
-  return any(large) ? choose(large, each_sin(x), y) : y;
-}}
-MATH v_cos(V x) {{
-  const V y = wave(x, 1);
-  const M large = absolute(x) > 1e5;
-  return any(large) ? choose(large, each_cos(x), y) : y;
-}}
-MATH v_atan2(V y, V x) {{
-  const V a = absolute(x), b = absolute(y);
-  const M steep = b > a;
-  const V larger = choose(steep, b, a), smaller = choose(steep, a, b);
-  const M wide = smaller > 0.41421356237309503 * larger;
-  const V over = choose(wide, smaller - larger, smaller), under = choose(wide, smaller + larger, larger);
-  const V t = over / choose(under == 0.0, fill(1.0), under), z = t * t;
-  const V arc = more(t * z, {_horner(list(ARC))}, t);
-  const V e = choose(wide, 0x1.921fb54442d18p-1 + (0x1.1a62633145c07p-55 + arc), arc);
-  const V first = choose(steep, 0x1.921fb54442d18p+0 - (e - 0x1.1a62633145c07p-54), e);
-  const V all = choose((bits(x) >> 63) != 0, 0x1.921fb54442d18p+1 - (first - 0x1.1a62633145c07p-53), first);
-  const V angle = signed_as(all, y);
-  const M large = smaller > 1e300;
-  return any(large) ? choose(large, each_atan2(y, x), angle) : angle;
-}}
-"""
+
+def c_file(module: str, name: str, **values: object) -> str:
+    """The C file ``name`` beside the file of a ``module``, each "@key@" replaced by its value among ``values``."""
+    text = Path(module).with_name(name).read_text(encoding="utf-8")
+    for key, value in values.items():
+        text = text.replace(f"@{key}@", str(value))
+    return text
 
 
 def prelude(lanes: int = LANES) -> str:
@@ -215,8 +112,10 @@ def prelude(lanes: int = LANES) -> str:
     else:
         calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
         calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
-    kind = _SCALAR if lanes == 1 else _VECTOR
-    return _COMMON + kind + _LAST + MATH + "\n".join(calls) + "\n"
+    kind = c_file(__file__, "scalar.h") if lanes == 1 else c_file(__file__, "vector.h", lanes=lanes)
+    polynomials = {"expm1": _EXPM1, "sin": _SIN, "cos": _COS, "arc": _horner(list(ARC))}
+    reduced = {"per_ln2": 1 / math.log(2), "per_quarter": 2 / math.pi}
+    return _COMMON + kind + c_file(__file__, "functions.h", **polynomials, **reduced) + "\n".join(calls) + "\n"
 
 
 def expression(operation: int, operands: list[str]) -> str:

@@ -21,79 +21,12 @@ import numpy as np
 from mmg import runge_kutta
 from mmg.compile.batch import FLAGS, GENERATORS, BatchFunction, differences, finite_points, points
 from mmg.compile.cache import LateSource, load_library
-from mmg.compile.codegen import prelude
+from mmg.compile.codegen import c_file, prelude
 from mmg.compile.stages import Program, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
 FLAGS_OF_ONE = (*FLAGS, "-O2")
 """-O2 makes single points a fifth faster than -O1, vectors a twentieth; they would compile half as long again."""
-
-_LOOP = """
-typedef struct {
-  long long points, steps, linear, euler;
-  const double *start, *controls, *dt, *theta;
-  const unsigned char* keep;
-  double* out;
-  long long c_step, c_row, c_point, dt_step, dt_point, theta_row, theta_point;
-} Run;
-#define AT(p, each) ((each) ? load((p) + i) : fill(*(p)))
-#define EACH(j, size) for (int j = 0; j < size; j++)
-static void shared(const V* p, V* K) {
-  @shared@
-}
-static void inputs(const V* c, const V* p, const V* K, V* H) {
-  @inputs@
-}
-static void rates(const V* q, const V* c, const V* p, const V* K, const V* H, V* d) {
-  @rates@
-}
-static void read_controls(const Run* r, long long step, long long i, V* c) {
-  EACH(j, @C@) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
-}
-EXPORT void rollout(const Run* r, long long begin, long long end) {
-  V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], given[3][@C@ + 1], h;
-  V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
-  for (long long at = begin; at < end; at += LANES) {
-    const long long i = at + LANES <= end ? at : end - LANES;
-    double* out = r->out;
-    V *H0 = held[0], *Hm = held[0], *H1 = held[0], *c0 = given[0], *cm = given[0], *c1 = given[0];
-    EACH(j, @P@) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);
-    shared(p, K);
-    EACH(s, @S@) { z[s] = load(r->start + s * r->points + i); store(out + s * r->points + i, z[s]); }
-    out += @S@ * r->points;
-    if (r->linear) {
-      Hm = held[1]; H1 = held[2]; cm = given[1]; c1 = given[2];
-      read_controls(r, 0, i, c0);
-      inputs(c0, p, K, H0);
-    }
-    for (long long step = 0; step < r->steps; step++) {
-      h = AT(r->dt + step * r->dt_step, r->dt_point);
-      if (r->linear) {
-        read_controls(r, step + 1, i, c1);
-        EACH(j, @C@) cm[j] = 0.5 * (c0[j] + c1[j]);
-        inputs(cm, p, K, Hm);
-        inputs(c1, p, K, H1);
-      } else {
-        read_controls(r, step, i, c0);
-        inputs(c0, p, K, H0);
-      }
-      rates(z + @first@, c0, p, K, H0, k1);
-      if (r->euler) {
-        EACH(s, @S@) z[s] = z[s] + h * k1[s];
-      } else {
-        @stages@
-      }
-      if (r->linear) { V *H = H0, *c = c0; H0 = H1; H1 = H; c0 = c1; c1 = c; }
-      if (!r->keep[step]) continue;
-      EACH(s, @S@) store(out + s * r->points + i, z[s]);
-      out += @S@ * r->points;
-    }
-  }
-}
-"""
-"""The integration loop of a vector of points; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
-H1: what they give. A vector that would end beyond ``end`` is moved back: the points it repeats come out the same."""
-
 
 _INPUTS_AT = {0.5: "m", 1.0: "1"}
 
@@ -121,10 +54,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     parts: dict[str, str | int] = {name: bodies[i].text for i, name in enumerate(names, 1)}
     parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "first": first}
     parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2)}
-    text = _LOOP.replace("@stages@", _stages())
-    for key, value in parts.items():
-        text = text.replace(f"@{key}@", str(value))
-    return prelude(lanes) + text
+    return prelude(lanes) + c_file(__file__, "rollout.c", stages=_stages(), **parts)
 
 
 class _RunArguments(ctypes.Structure):

@@ -3,21 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from types import ModuleType
 
-from mmg.components.actuators import lag, rate_limited
 from mmg.components.coefficients import Coefficient, names
-from mmg.components.expansion import hard_submodels, smooth_submodels
-from mmg.components.hull import abkowitz, polynomial, unified
-from mmg.components.propeller import cpp, four_quadrant, hachii, kang, standard_hirano, standard_kijima
-from mmg.components.propeller import standard as standard_propeller
 from mmg.components.rigid_body import INERTIA
-from mmg.components.roll import linear
-from mmg.components.rudder import lindenburg, single, vectwin
-from mmg.components.rudder import standard as standard_rudder
-from mmg.components.thruster import azimuth, bow, stern
-from mmg.components.waves import drift
-from mmg.components.wind import blendermann, fujiwara, isherwood
 from mmg.motion.flow import INPUTS, PODS
 
 FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "expansion", "wind", "waves")
@@ -26,27 +16,36 @@ FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azim
 ROLES = (*FORCES, "actuators", "roll")
 """All roles: the last two move rudder and propeller to their orders, and add a degree of freedom."""
 
-MODELS: dict[str, dict[str, ModuleType]] = {
-    "hull": {"unified": unified, "polynomial": polynomial, "abkowitz": abkowitz},
+MODELS = {
+    "hull": {"unified": "hull.unified", "polynomial": "hull.polynomial", "abkowitz": "hull.abkowitz"},
     "propeller": {
-        "hachii": hachii,
-        "four_quadrant": four_quadrant,
-        "kang": kang,
-        "cpp": cpp,
-        "standard": standard_propeller,
-        "standard_kijima": standard_kijima,
-        "standard_hirano": standard_hirano,
+        "hachii": "propeller.hachii",
+        "four_quadrant": "propeller.four_quadrant",
+        "kang": "propeller.kang",
+        "cpp": "propeller.cpp",
+        "standard": "propeller.standard",
+        "standard_kijima": "propeller.standard_kijima",
+        "standard_hirano": "propeller.standard_hirano",
     },
-    "rudder": {"single": single, "vectwin": vectwin, "standard": standard_rudder, "lindenburg": lindenburg},
-    "bow_thruster": {"kobayashi": bow},
-    "stern_thruster": {"kobayashi": stern},
-    "azimuth": {"azimuth": azimuth},
-    "expansion": {"smooth_submodels": smooth_submodels, "hard_submodels": hard_submodels},
-    "wind": {"fujiwara": fujiwara, "blendermann": blendermann, "isherwood": isherwood},
-    "waves": {"drift": drift},
-    "actuators": {"rate_limited": rate_limited, "lag": lag},
-    "roll": {"linear": linear},
+    "rudder": {
+        "single": "rudder.single",
+        "vectwin": "rudder.vectwin",
+        "standard": "rudder.standard",
+        "lindenburg": "rudder.lindenburg",
+    },
+    "bow_thruster": {"kobayashi": "thruster.bow"},
+    "stern_thruster": {"kobayashi": "thruster.stern"},
+    "azimuth": {"azimuth": "thruster.azimuth"},
+    "expansion": {
+        "smooth_submodels": "expansion.smooth_submodels",
+        "hard_submodels": "expansion.hard_submodels",
+    },
+    "wind": {"fujiwara": "wind.fujiwara", "blendermann": "wind.blendermann", "isherwood": "wind.isherwood"},
+    "waves": {"drift": "waves.drift"},
+    "actuators": {"rate_limited": "actuators.rate_limited", "lag": "actuators.lag"},
+    "roll": {"linear": "roll.linear"},
 }
+"""Role -> name -> file in this folder. Those of a ship are read when she needs them."""
 
 BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")
 """Particulars that every ship needs, whatever its force models."""
@@ -54,11 +53,10 @@ BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")
 
 def module(role: str, name: str) -> ModuleType:
     """The force model ``name`` of a role; KeyError with the choices if there is none."""
-    try:
-        return MODELS[role][name]
-    except KeyError:
+    if name not in MODELS.get(role, {}):
         choices = ", ".join(MODELS.get(role, {})) or "no such role; roles are " + ", ".join(ROLES)
-        raise KeyError(f"{role} = {name!r} is unknown; known: {choices}") from None
+        raise KeyError(f"{role} = {name!r} is unknown; known: {choices}")
+    return import_module(f"mmg.components.{MODELS[role][name]}")
 
 
 def summary(role: str, name: str) -> str:

@@ -41,6 +41,14 @@ class Inertia:
     y_r: Any = 0.0
     n_v: Any = 0.0
 
+    def net_force(self, velocity: Any, rates: Any) -> tuple[Any, Any, Any]:
+        """X, Y [N], N [N m] with which a body of these masses, without y_r and n_v, moves at ``velocity`` u, v, r with
+        the ``rates`` du/dt, dv/dt, dr/dt: the equations of ``accelerations`` the other way."""
+        (u, v, r), (du, dv, dr) = velocity, rates
+        X = (self.m + self.m_x) * du - (self.m + self.m_y) * v * r - self.moment * r * r
+        Y = (self.m + self.m_y) * dv + (self.m + self.m_x) * u * r + self.moment * dr
+        return X, Y, self.I_z * dr + self.moment * (dv + u * r)
+
 
 def inertia(p: SimpleNamespace, c: SimpleNamespace) -> Inertia:
     """Masses of a ship from its particulars (m, x_G, L, d, rho) and the coefficients of INERTIA.

@@ -4,40 +4,33 @@ An effect is switched on by the synthetic generator, freed by a fit and screened
 in the order in which they enter the model; adding one is adding its file and its line here.
 """
 
+from collections import UserDict
+from collections.abc import MutableMapping
+from importlib import import_module
 from typing import Any
 
-from mmg.effects.antenna_offset import AntennaOffset
-from mmg.effects.bank import Bank
-from mmg.effects.control_delay import ControlDelay
-from mmg.effects.current import Current
-from mmg.effects.draft import Draft
 from mmg.effects.effect import Effect, Parameter
-from mmg.effects.fouling import Fouling
-from mmg.effects.gnss_delay import GnssDelay
-from mmg.effects.gyro import Gyro
-from mmg.effects.heading_bias import HeadingBias
-from mmg.effects.hull_memory import HullMemory
-from mmg.effects.log_scale import LogScale
-from mmg.effects.propeller_side_force import PropellerSideForce
-from mmg.effects.rudder_backlash import RudderBacklash
-from mmg.effects.rudder_lag import RudderLag
-from mmg.effects.rudder_offset import RudderOffset
-from mmg.effects.rudder_stall import RudderStall
-from mmg.effects.shallow_water import ShallowWater
-from mmg.effects.tow import Tow
-from mmg.effects.velocity_filter import VelocityFilter
-from mmg.effects.wave_drift import WaveDrift
-from mmg.effects.wind_force import WindForce
-from mmg.effects.wind_sensor_bias import WindSensorBias
 
-EFFECTS: dict[str, Effect] = {
-    kind.name: kind()
-    for kind in (
-        Draft, Current, WindSensorBias, ControlDelay, RudderLag, RudderBacklash, RudderOffset,
-        WindForce, PropellerSideForce, RudderStall, Fouling, ShallowWater, HullMemory, Bank, WaveDrift, Tow,
-        AntennaOffset, GnssDelay, VelocityFilter, HeadingBias, LogScale, Gyro,
+
+class _EffectsByName(UserDict[str, Any]):
+    """Effects by name; the file of one is read when it is first looked up, as a model has few of them."""
+
+    def __getitem__(self, name: str) -> Effect:
+        if self.data[name] is None:
+            kind = name.title().replace("_", "")  # gnss_delay: the class GnssDelay of gnss_delay.py
+            self.data[name] = getattr(import_module(f"mmg.effects.{name}"), kind)()
+        return self.data[name]  # type: ignore[no-any-return]
+
+
+EFFECTS: MutableMapping[str, Effect] = _EffectsByName(
+    dict.fromkeys(
+        (
+            "draft", "current", "wind_sensor_bias", "control_delay", "rudder_lag", "rudder_backlash", "rudder_offset",
+            "wind_force", "propeller_side_force", "rudder_stall", "fouling", "shallow_water", "hull_memory", "bank",
+            "wave_drift", "tow", "antenna_offset", "gnss_delay", "velocity_filter", "heading_bias", "log_scale", "gyro",
+        )
     )
-}  # fmt: skip
+)  # fmt: skip
 
 FORMER = {"velocity_lag": "velocity_filter"}
 """Names of effects in files and options of earlier releases, and what they are called now."""

@@ -57,6 +57,8 @@ def compare(
     from cases.trial_set import ready
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
+    from fitting.solvers.interrupts import left_out_message
+    from mmg.messages import message_rows
 
     names = tuple(dict.fromkeys(cli.names_of([models])))
     needs_torch("mmg compare")
@@ -119,7 +121,8 @@ def compare(
         def fill(folder: Path) -> None:
             shutil.copytree(store.folder, folder / store.folder.name)
             (folder / "tables.md").write_text(tables_text(found), encoding="utf-8")
-            write_json(folder / RESULT, content | {"figures": []})
+            pending = {"level": "warning", **message_rows([left_out_message(["figures"])])[0]}  # if it ends here
+            write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], pending]})
 
         write_whole(out, fill, replace=True)
         written = FigureFolder(out)

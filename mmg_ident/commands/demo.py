@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import TargetExists, UserError
+from mmg.errors import TargetExists, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -45,7 +45,7 @@ def demo(
     folder = out or next(Path(name) for name in names if not Path(name).exists())
     if folder.exists():
         raise TargetExists(f"{folder}: already exists; choose another --out")
-    with cli.writing(folder):
+    with writing(folder):
         folder.mkdir(parents=True)
     LOGGER.setLevel(logging.WARNING)  # the story is told in its own lines
     first = campaign(folder / "trials", seed, every=2)

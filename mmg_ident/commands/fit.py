@@ -62,7 +62,6 @@ def fit(
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from fitting.calibrate import FitOptions
-    from fitting.nlp.captive import read_captive
     from fitting.report.run_folder import check_target, reserved
     from fitting.result import read_fit
     from fitting.settings import check_estimator
@@ -91,6 +90,11 @@ def fit(
     start = earlier.start if earlier else load_ship(ship)
     start = reduced_ship(start, cli.names_of(without), with_ or (), cli.names_of(fix), cli.names_of(only))
     train, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
+    points = None
+    if captive:
+        from fitting.nlp.captive import read_captive
+
+        points = read_captive(captive, captive_std)
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(cli.names_of(profile)),
@@ -98,7 +102,7 @@ def fit(
         per_run=tuple(per_run or ()),
         per_campaign=tuple(cli.names_of(per_campaign)),
         instruments=tuple(cli.names_of([measurement])),
-        captive=read_captive(captive, captive_std) if captive else None,
+        captive=points,
         resume=earlier,
         command=cli.command_line(),
         name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),

@@ -31,9 +31,8 @@ def fleet(
     Example: mmg fleet plan.toml --workers 2 --out runs/fleet
     """
     from fitting.report.run_folder import check_target, reserved
-    from mmg_ident.fleet.page import write_page
     from mmg_ident.fleet.plan import read_plan
-    from mmg_ident.fleet.rows import write_tables
+    from mmg_ident.fleet.rows import write_page, write_tables
     from mmg_ident.fleet.run import PARTS, run_fleet
 
     out = plan.with_suffix("") if out is None else out

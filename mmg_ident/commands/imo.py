@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing, TargetExists, UnknownName
+from mmg.errors import Conflict, Missing, TargetExists, UnknownName, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -135,23 +135,24 @@ def _with_intervals(
 
 def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
+    from functools import partial
+
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import maneuver_figure
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    with cli.writing(out or plot or ""):
+    draw = partial(maneuver_figure, found.runs, found.heading, clouds)
+    with writing(out or plot or ""):
         if plot is not None:
-            maneuver_figure(found.runs, found.heading, clouds).savefig(plot)
+            draw().savefig(plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
             write_json(out / "imo.json", found.to_dict())
             for run in found.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
-            FigureFolder(out).write(
-                "imo", lambda: maneuver_figure(found.runs, found.heading, clouds), found.heading, ""
-            )
+            FigureFolder(out).write("imo", draw, found.heading, "")
 
 
 def _print(found: Assessment) -> None:

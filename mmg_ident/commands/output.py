@@ -15,7 +15,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mmg.errors import BadValue, Conflict, Missing, NoSolution, NotWritable, OutOfRange, TargetExists
+from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, TargetExists
 
 if TYPE_CHECKING:
     from cases.trial_set import TrialSet
@@ -132,15 +132,6 @@ def refuse_given(options: Mapping[str, object], why: str) -> None:
     for option, value in options.items():
         if value is not None:
             raise Conflict(f"{option} {why}")
-
-
-@contextmanager
-def writing(what: Path | str) -> Iterator[None]:
-    """While it lasts, an error of the system is that of a file of ``what``. Raises UserError."""
-    try:
-        yield
-    except OSError as error:
-        raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); choose another name") from None
 
 
 def read_ready(*sets: Sequence[str | Path] | None, unchecked: bool) -> tuple[TrialSet, ...]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue
+from mmg.errors import BadValue, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -65,7 +65,7 @@ def plan(
     result = load_run(run)
     with cli.working("planning"):
         planned = plan_trial(result.ship, result.to_dict(), wish, cli.progress())
-    with cli.writing(out):
+    with writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
     try:

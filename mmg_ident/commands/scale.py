@@ -33,8 +33,7 @@ def scale(
 
     Example: mmg scale runs/first --length 325 --out runs/ship
     """
-    from delivery.full_scale.figure import write_scaled
-    from delivery.full_scale.result import scaled_result
+    from delivery.full_scale.result import scaled_result, write_scaled
     from delivery.full_scale.scaled_ship import Scaling
     from fitting.report.run_folder import check_target, reserved
 

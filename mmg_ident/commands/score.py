@@ -16,8 +16,7 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fitting.prediction.score import Score, TrialScore
-    from fitting.prediction.units import RunErrors, UnitErrors
+    from fitting.prediction.score import RunErrors, Score, TrialScore, UnitErrors
 
 
 def score(
@@ -50,9 +49,8 @@ def score(
     from cases.io.campaigns import campaigns_taken
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import TrialSet
-    from fitting.prediction.score import past_to_use, pooled_sigma
+    from fitting.prediction.score import past_to_use, pooled_sigma, window_for
     from fitting.prediction.score import score as scored
-    from fitting.prediction.units import window_for
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from fitting.settings import Settings
-from mmg.errors import Conflict, TooFewData, UnknownName, UserError
+from mmg.errors import Conflict, TooFewData, UnknownName, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -92,7 +92,7 @@ def select(
     one = candidate(model, str(write if terms is None else terms), rules)
     cli.say_notes(one.ship.notices)
     if out is not None:
-        with cli.writing(out):
+        with writing(out):
             replace_text(out, dump_ship(one.ship))
         cli.say(f"{one.ship.name}: {one.unknowns} unknowns, {sum(one.counts)} generated terms, written to {out}")
     elif json:
@@ -139,52 +139,55 @@ def _choose(
     """Chooses, writes the run folder, says what came out."""
     from dataclasses import asdict, replace
 
+    from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import PENDING, check_target, reserved
     from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
-    from fitting.selection.learning import fingerprint, kept_beside
     from fitting.selection.structure_choice import choose_structure
 
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
-    done = there and PENDING not in {message.text for message in read_fit(out).messages}
-    if not there:
+    if there and PENDING not in {message.text for message in read_fit(out).messages}:
+        cli.say(f"{out} has finished already; nothing to resume")
+        return 0
+    if not (resume and out.exists()):
         check_target(out)
     tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
-    wanted = fingerprint(model, sets) | {
-        "--only": ", ".join(only),
+    about = {
+        "ship": hash_of_ship(model),
+        "trials": [hashes_of_trials(some) for some in sets],
+        "--only": only,
         "options of the candidates": list(asdict(rules).values()),
         "--objective": "paper" if seeds else "regression",
         "--seed": settings.seed,
     }
+    store = Store(out / "learned", about, resume and out.exists())
     with reserved(out):
-        kept = kept_beside(out, wanted, resume)
-        if done:  # it was ended after the run folder was whole
-            kept.done()
-            cli.say(f"{out} is there already, whole")
-            return 0
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), seeds, kept)
+            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), seeds, store)
         except (KeyboardInterrupt, UserError) as error:
-            if not kept.done_if_empty() and isinstance(error, KeyboardInterrupt):
-                cli.say(f"finished fits are kept in {kept.folder}; the same command with --resume goes on with them")
+            store.discard()
+            if store.has_parts and isinstance(error, KeyboardInterrupt):
+                cli.say(f"finished fits are kept in {store.folder}: {cli.RESUMED}")
             raise
         result = replace(choice.result, command=cli.command_line()).save(
-            out, replace=there, attach=lambda folder: _beside(choice, folder), report=report
+            out, replace=out.exists(), attach=lambda folder: _beside(choice, store.folder, folder), report=report
         )
         choice = replace(choice, result=result)
-        kept.done()
     cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _tell(choice, out)
     return 0 if choice.result.converged else 1
 
 
-def _beside(choice: StructureChoice, folder: Path) -> None:
-    """What belongs to a choice beside the run: all candidates, learning curves."""
+def _beside(choice: StructureChoice, learned: Path, folder: Path) -> None:
+    """What belongs to a choice beside the run: all candidates, learning curves, finished runs of the paper's."""
+    import shutil
+
     from fitting.report.run_folder import write_json
     from fitting.selection.learning import write_learning
 
     write_json(folder / "selection.json", choice.to_dict())
     if choice.runs:
         write_learning(choice.runs, folder / "learning.csv")
+        shutil.copytree(learned, folder / learned.name)
 
 
 def _tell(choice: StructureChoice, out: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing
+from mmg.errors import Conflict, Missing, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -51,7 +51,7 @@ def ships(
             cli.say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
         if out is not None:
             cli.refuse_target("--out", out, force)
-            with cli.writing(out):
+            with writing(out):
                 replace_text(out, dump_ship(ship, _HEAD if new else ""))
             cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
         elif json:  # the tables of a ship file

@@ -25,8 +25,7 @@ def view(
 
     Example: mmg view runs/first --out first.html
     """
-    from delivery.view.page import LENGTHS, write_view
-    from delivery.view.sources import gather
+    from delivery.view.page import LENGTHS, gather, write_view
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))

@@ -1,31 +1,38 @@
-"""The rows of a fleet: what its table and its page say of each ship, as plain values; and the tables as files."""
+"""The rows of a fleet: what its table and its page say of each ship, as plain values; the tables and the page."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import numpy as np
 
 from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
+from fitting.report import page
+from fitting.report.plot_style import FigureFolder
 from fitting.report.run_folder import plain, versions, write_json
+from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
-from mmg.errors import NotWritable
+from mmg.errors import writing
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from diagnosis.groups.findings import Between, GroupDifference
+    from diagnosis.findings import Between, GroupDifference
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from fitting.selection.sisters import SisterWidths
     from mmg_ident.fleet.plan import PlannedShip
 
+SHIPS, DIAGNOSIS = "ships", "diagnosis"
+"""Folder of the run folders in that of a fleet, and that of a diagnosis in a run folder."""
 ALIKE, CHANCE = 2.0, 0.01
 """Log Bayes factors within which two names of a difference are alike; chance below which it is one. Set by hand."""
 MOVED, SURE = 1.0, 2.576
@@ -296,11 +303,82 @@ def coefficient_table(fleet: Fleet) -> pd.DataFrame:
 def write_tables(fleet: Fleet, folder: Path) -> None:
     """Write the tables and fleet.json of ``fleet`` to ``folder``, each whole or not at all. Raises UserError where they
     cannot be written."""
-    try:
+    with writing(folder):
         for name, table in (("fleet", ship_table(fleet)), ("coefficients", coefficient_table(fleet))):
             with replaced(folder / f"{name}.parquet") as scratch:
                 table.to_parquet(scratch, engine="pyarrow", write_page_checksum=True)
             replace_text(folder / f"{name}.csv", table.to_csv(index=name == "fleet", lineterminator="\n"))
         write_json(folder / "fleet.json", fleet)
-    except OSError as error:
-        raise NotWritable(f"{folder}: cannot be written ({error.strerror or error})") from None
+
+
+PAGE = "fleet.html"
+SHOWN = 12
+"""Coefficients in the table of a group of sisters, and in what moved."""
+SISTERLY = 0.01
+"""Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand."""
+
+
+def write_page(fleet: Fleet, folder: Path) -> None:
+    """Write the page of ``fleet`` into its ``folder``; what cannot be made is a warning."""
+    moved = Counter(symbol for row in fleet.rows for symbol in row["moved"])
+    with FigureFolder(folder).making(PAGE):
+        text = page.environment("mmg_ident.fleet").get_template("fleet.html.j2").render(
+            fleet=fleet,
+            rows=[_shown(row, folder) for row in fleet.rows],
+            groups=[_group(group) for group in fleet.groups],
+            moved=", ".join(f"{symbol} ({count})" for symbol, count in moved.most_common(SHOWN)),
+            version=versions()["mmg-ident"],
+        )  # fmt: skip
+        page.write_page(text, folder / PAGE)
+
+
+def _shown(row: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A row as the page shows it."""
+    pages = {
+        words: f"{SHIPS}/{quote(row['name'])}/{below}report.html"
+        for words, below in (("calibration", ""), ("diagnosis", f"{DIAGNOSIS}/"))
+        if (folder / SHIPS / row["name"] / below / "report.html").exists()
+    }
+    score = row["scores"].get("held_out") or row["scores"].get("training") or {}
+    return dict(row) | {
+        "pages": pages,
+        "moved_words": _distances(row, row["moved"][:SHOWN], "moved"),
+        "apart_words": _distances(row, row["moved_against_sisters"], "from_others"),
+        "score": score,
+        "score_of": "held out" if "held_out" in row["scores"] else "training" if score else "",
+        "strange": row["p_alike"] is not None and row["p_alike"] < SISTERLY,
+    }
+
+
+def _distances(row: Mapping[str, Any], symbols: Sequence[str], key: str) -> str:
+    """Coefficients of a ``row`` in words, each with the distance that its ``key`` holds."""
+    return ", ".join(f"{s} {row['coefficients'][s][key]:+.1f}".replace("-", "−") for s in symbols)
+
+
+def _group(group: SisterGroup) -> dict[str, Any]:
+    """A group of sisters as the page shows it: coefficients by width, widest first, and each sister's distance."""
+    w = group.widths
+    mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
+    values, errors = w.centre + w.unit * w.estimate, w.unit * w.std
+    used = (w.estimate - w.mean) / w.used_width
+    far = [sorted(range(len(w.symbols)), key=lambda i: -abs(row[i]))[:3] for row in used]
+    return {
+        "name": group.name,
+        "ships": group.ships,
+        "common": w.common,
+        "common_90": w.common_90,
+        "alike": int((w.width < 0.05).sum()),
+        "count": len(w.symbols),
+        "rows": [
+            {"symbol": w.symbols[i], "mean": plus_minus(mean[i], error[i]), "width": w.unit[i] * w.width[i],
+             "share": w.width[i],
+             "values": [plus_minus(v, e) for v, e in zip(values[:, i], errors[:, i], strict=True)]}
+            for i in np.argsort(-w.width)[:SHOWN] if w.width[i] > 0
+        ],
+        "sisters": [
+            {"name": name, "rms": float(np.sqrt(np.mean(used[k] ** 2))), "p": w.p_alike[k],
+             "strange": w.p_alike[k] < SISTERLY,
+             "far": ", ".join(f"{w.symbols[i]} {used[k, i]:+.1f}".replace("-", "−") for i in far[k])}
+            for k, name in enumerate(group.ships)
+        ],
+    }  # fmt: skip

@@ -37,13 +37,13 @@ from fitting.result import FitResult
 from fitting.selection import sisters
 from fitting.selection.sisters import SisterStart
 from fitting.settings import Settings
-from mmg.errors import Conflict, NotCalibrated, NotWritable, UserError
+from mmg.errors import Conflict, NotCalibrated, UserError, writing
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.api import calibrate
 from mmg_ident.fleet.plan import FleetPlan, FleetTable, PlannedShip
-from mmg_ident.fleet.rows import Fleet, SisterGroup, failed_row, ship_row
+from mmg_ident.fleet.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row
 
-SHIPS, DIAGNOSIS, PARTS = "ships", "diagnosis", "parts"
+PARTS = "parts"
 ALONE, DONE = "alone", "done"
 """Stages: sisters by their own trials, and every ship."""
 SITE = "site.toml"
@@ -108,11 +108,9 @@ def run_fleet(
     fails has one that says why. Raises UserError where nothing can be written.
     """
     began = time.perf_counter()
-    for stage in (ALONE, DONE):
-        try:
+    with writing(out):
+        for stage in (ALONE, DONE):
             (out / PARTS / stage).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise NotWritable(f"{out}: cannot be written ({error.strerror}); choose another --out") from None
     tasks = [FleetTask(ship, plan.options, out.absolute(), command) for ship in plan.ships]
     alone = [task for task in tasks if task.ship.sisters]
     failures = _do(fit_alone, alone, ALONE, workers, progress)

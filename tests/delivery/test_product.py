@@ -190,9 +190,9 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_product_is_called_as_its_calibration(run: Path) -> None:
-    from delivery.fmi.description import description
     from delivery.fmi.ship import CoSimulatedShip
     from delivery.fmi.variables import variable_table
+    from delivery.fmi.write import description
 
     found = product_of(run)
     mark = found.ship.mark

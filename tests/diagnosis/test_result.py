@@ -10,10 +10,8 @@ from typing import Any
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.findings import LearnedResidual
-from diagnosis.groups.findings import Between, GroupDifference, GroupParameter, GroupValue
-from diagnosis.report.figures import figures_for
-from diagnosis.report.page import build_report
+from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
+from diagnosis.report.page import build_report, figures_for
 from diagnosis.result import Diagnosis, read_diagnosis
 from fitting.report.plot_style import png_of
 from mmg.errors import Missing, UserError
@@ -159,7 +157,7 @@ def test_a_figure_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.M
         raise ValueError("no such colour")
 
     monkeypatch.setattr("fitting.report.plot_style.png_of", png_of)  # figures are drawn here
-    monkeypatch.setattr("diagnosis.report.figures.state_figure", broken)
+    monkeypatch.setattr("diagnosis.report.page.state_figure", broken)
     full().save(tmp_path / "gap")
     assert read_diagnosis(tmp_path / "gap").verdict == "named"
     result = json.loads((tmp_path / "gap" / "result.json").read_text())

@@ -39,7 +39,8 @@ def test_an_effect_in_one_file_enters_the_model(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_force_model_in_one_file_is_a_choice_of_a_ship(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", module_of(FORCE, "flat_plate"))
+    monkeypatch.setitem(sys.modules, "mmg.components.wind.flat_plate", module_of(FORCE, "flat_plate"))
+    monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", "wind.flat_plate")
     bare = load_ship("kvlcc2_l7")
     components = {**bare.components, "wind": "flat_plate"}
     particulars = {**bare.particulars, "A_T": 0.5, "A_L": 1.5, "C": 0.1, "rho_a": 1.2}

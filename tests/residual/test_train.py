@@ -114,7 +114,7 @@ def test_steps_are_those_of_torch_bit_for_bit() -> None:
             torch.set_default_dtype(torch.float32)
 
 
-MODULES = ("residual.settings", "residual.result", "residual.report", "fitting.calibrate")
+MODULES = ("residual.settings", "residual.result", "residual.result", "fitting.calibrate")
 
 
 def test_reading_and_calibrating_need_no_torch_and_training_not_its_compiler() -> None:

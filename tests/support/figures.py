@@ -14,6 +14,6 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def unrendered() -> Iterator[None]:
     """Within it, a figure is a file with the first bytes of a PNG, and nothing is drawn."""
     with pytest.MonkeyPatch.context() as patched:
-        for module in ("plot_style", "delivered"):
+        for module in ("plot_style", "imo_form"):
             patched.setattr(f"fitting.report.{module}.png_of", lambda draw: PNG)
         yield

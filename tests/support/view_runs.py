@@ -11,7 +11,7 @@ import numpy as np
 
 from cases.io.read import read_trials
 from cases.simulation.simulate import write_trial
-from diagnosis.report.missing_force import FILE, MissingForce, missing_force_text
+from diagnosis.result import MISSING_FORCE, MissingForce, missing_force_text
 from fitting.record import FitRecord
 from fitting.report.run_folder import RESULT, data_rows, read_result, write_json
 from tests.diagnosis.report.test_report import case
@@ -48,5 +48,5 @@ def with_diagnosis(run: Path, name: str = "diagnosis") -> Path:
     write_json(folder / RESULT, content | {"data": [row]})
     t = np.arange(0.0, 40.0, 0.5)
     force = np.column_stack([np.full_like(t, 0.3), np.sin(t), 0.2 * np.cos(t)])
-    (folder / FILE).write_text(missing_force_text({row["name"]: MissingForce(t, force)}))
+    (folder / MISSING_FORCE).write_text(missing_force_text({row["name"]: MissingForce(t, force)}))
     return folder

@@ -117,3 +117,35 @@ def test_a_wind_that_turns_with_the_ship_is_none_over_ground(circle: Trial) -> N
 @pytest.mark.parametrize("seed", [1, 2, 3, 5, 12])
 def test_filtered_velocities_refute_nothing(seed: int) -> None:
     assert judged_sound(filtered(seed))[0] == "quiet"
+
+
+def test_a_course_in_place_of_the_heading_is_a_doubt_in_a_turn(circle: Trial) -> None:
+    course = np.unwrap(circle["psi"] + np.arctan2(circle["v"], circle["u"]))
+    speed = np.hypot(circle["u"], circle["v"])
+    trial = replace(circle.with_columns(psi=course, u=speed, v=0.0 * speed), ancestors=ALL)
+    assert "course_heading" in codes(check([trial])[0])
+
+
+def test_a_wind_that_turns_a_ship_with_her_rudder_amidships_moves_no_antenna() -> None:
+    t = np.arange(0.0, 200.0, 0.5)
+    turned = np.radians(40.0) * (t / t[-1]) ** 2
+    columns = {"t": t, "psi": turned, "u": 1.0 + 0.0 * t, "v": 0.1 * t / t[-1], "r": np.gradient(turned, t)}
+    columns |= {"n": 5.0 + 0.0 * t, "delta": 0.01 * np.sin(t)}
+    assert "lever_arm" not in codes(check([Trial("drifts", columns, ancestors=TRACK)])[0])
+
+
+def test_a_heading_frozen_over_the_record_is_refuted_by_the_track(circle: Trial) -> None:
+    frozen = np.full(len(circle), 0.3)
+    ground = (circle["u"] + 1j * circle["v"]) * np.exp(1j * (circle["psi"] - frozen))
+    trial = replace(circle.with_columns(psi=frozen, r=0.0 * frozen, u=ground.real, v=ground.imag), ancestors=ALL)
+    assert "frozen_channel" in codes(check([trial])[0], "contradictory")
+
+
+@pytest.mark.parametrize(("angle", "code"), [(np.pi, "u_sign"), (1.5, "heading_offset"), (0.2, "")])
+def test_pods_ahead_do_not_push_a_ship_astern_or_aside(angle: float, code: str) -> None:
+    t = np.arange(0.0, 100.0, 0.5)
+    speed = 3.0 * np.exp(1j * angle) * (1 + 0.05 * np.sin(0.3 * t))
+    columns = {"t": t, "psi": 0.1 * np.sin(0.1 * t), "r": 0.01 * np.cos(0.1 * t), "u": speed.real, "v": speed.imag}
+    columns |= {"n_azimuth": 2.0 + 0.0 * t, "azimuth": 0.2 * np.sin(0.1 * t), "n": 0.0 * t, "delta": 0.0 * t}
+    found = codes(check([Trial("pods", columns)])[0])
+    assert {"u_sign", "heading_offset"} & found == ({code} if code else set())

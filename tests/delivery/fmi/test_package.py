@@ -15,10 +15,9 @@ import pytest
 
 from delivery.export import export
 from delivery.fmi.binaries import PLATFORMS, build_here, platforms_of, this_platform
-from delivery.fmi.description import osp_groups
 from delivery.fmi.ship import CoSimulatedShip
 from delivery.fmi.variables import exponents, plain_unit, variable_table
-from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, write_fmu
+from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, osp_groups, write_fmu
 from delivery.product import NOT_CONVERGED, Product
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, TargetExists, UnknownName

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from delivery.view.page import write_view
-from delivery.view.sources import gather
+from delivery.view.page import gather, write_view
 from tests.support.browser import Browser, browser, chromium
 from tests.support.view_runs import campaign, with_diagnosis
 

@@ -14,8 +14,19 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trials
-from delivery.view.page import LENGTHS, NETWORK, forces_along, rows_per_run, shown_rows, view_page, write_view
-from delivery.view.sources import Campaign, ViewModel, ViewTrial, gather
+from delivery.view.page import (
+    LENGTHS,
+    NETWORK,
+    Campaign,
+    ViewModel,
+    ViewTrial,
+    forces_along,
+    gather,
+    rows_per_run,
+    shown_rows,
+    view_page,
+    write_view,
+)
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import predict
 from fitting.result import read_fit

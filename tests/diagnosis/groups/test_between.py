@@ -13,9 +13,9 @@ from cases.evidence.kinematics import consistency
 from cases.io.groups import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.findings import Between, GroupDifference
 from diagnosis.groups import between
 from diagnosis.groups.between import compare_groups, nature, physical, too_scattered
-from diagnosis.groups.findings import Between, GroupDifference
 from mmg.errors import UserError
 from mmg.messages import has_code
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.groups.by_run import RunSlopes, candidate_test, imitated, run_slopes, with_scatter
+from diagnosis.groups.between import RunSlopes, candidate_test, imitated, run_slopes, with_scatter
 from diagnosis.hypotheses.score_test import slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm

@@ -10,10 +10,9 @@ import pytest
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.forward_selection import search
-from diagnosis.hypotheses.found_again import other_trials, same_trials
+from diagnosis.hypotheses.found_again import NOTHING, other_trials, same_trials
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import NOTHING
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
 from tests.support.quick import first_quick
 

@@ -27,9 +27,9 @@ from diagnosis.hypotheses.forward_selection import (
     Selection,
     select_effects,
 )
+from diagnosis.hypotheses.found_again import CERTAIN
 from diagnosis.hypotheses.refit import BLOCK, SPARE, clusters, refit, robust_p, wald_p
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.second_sample import CERTAIN
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import full_steps, problem_of, pushed_by, pushed_trials, short_data
 

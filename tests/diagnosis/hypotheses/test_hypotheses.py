@@ -21,7 +21,7 @@ from diagnosis.hypotheses.forward_selection import (
 )
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
-from diagnosis.judgement.verdict import (
+from diagnosis.judgement.judged_search import (
     decide,
 )
 from tests.support.diagnosis_answers import LIMIT, a_fit, made_up, tried

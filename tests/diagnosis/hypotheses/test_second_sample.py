@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import kstest, norm
 
 from diagnosis.hypotheses.forward_selection import RefittedEffect
-from diagnosis.hypotheses.second_sample import NOTHING, FoundAgain, both_by_weight
+from diagnosis.hypotheses.found_again import NOTHING, FoundAgain, both_by_weight
 from tests.support.diagnosis_cases import candidate
 
 

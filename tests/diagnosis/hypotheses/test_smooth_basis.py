@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.hypotheses.smooth_basis import Forms, SmoothBasis, spread_of
+from diagnosis.hypotheses.force_forms import Forms, SmoothBasis, spread_of
 
 EVERY = np.ones((40, 5), dtype=bool)
 

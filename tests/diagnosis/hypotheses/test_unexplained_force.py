@@ -9,7 +9,7 @@ from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from diagnosis.report.where_words import unexplained_hint, unexplained_words
+from diagnosis.report.words import unexplained_hint, unexplained_words
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_by, pushed_trials
 
 SIZE = 0.6

@@ -20,9 +20,8 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
-from diagnosis.hypotheses.force_forms import by_variables
+from diagnosis.hypotheses.force_forms import Forms, by_variables
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.smooth_basis import Forms
 from diagnosis.hypotheses.unnamed import (
     LEVEL,
     MULTIPLES,

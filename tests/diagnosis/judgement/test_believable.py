@@ -13,8 +13,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
-from diagnosis.judgement.believable import believed, beyond_reported, deviations
-from diagnosis.judgement.judged_search import JudgedSearch
+from diagnosis.judgement.judged_search import JudgedSearch, believed, beyond_reported, deviations
 from mmg.errors import Missing, TooFewData
 from tests.diagnosis.judgement.test_verdict import RUNS, ready
 from tests.support.diagnosis_cases import FEW, candidate, pushed_trials

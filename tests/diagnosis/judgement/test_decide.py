@@ -11,8 +11,8 @@ from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.forward_selection import AGREE, Search, Selection
-from diagnosis.hypotheses.second_sample import CERTAIN, NOTHING, FoundAgain
-from diagnosis.judgement.verdict import (
+from diagnosis.hypotheses.found_again import CERTAIN, NOTHING, FoundAgain
+from diagnosis.judgement.judged_search import (
     CONFIRMING_REDUCTION,
     LARGE_GROWTH,
     NOTED_GROWTH,

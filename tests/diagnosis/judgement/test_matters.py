@@ -12,9 +12,8 @@ import pytest
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.judgement import left_over
-from diagnosis.judgement.judged_search import JudgedSearch
-from diagnosis.judgement.matters import LEAST_SHARE, matters, remainder_matters, sensor_error
-from diagnosis.judgement.verdict import limits
+from diagnosis.judgement.judged_search import JudgedSearch, limits
+from diagnosis.judgement.left_over import LEAST_SHARE, matters, remainder_matters, sensor_error
 from diagnosis.validation.held_out import WINDOW, errors
 from mmg.messages import Message
 from tests.diagnosis.judgement.test_verdict import ready

@@ -14,8 +14,7 @@ from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.judgement import judged_search
-from diagnosis.judgement.believable import believed
-from diagnosis.judgement.possible_size import impossible_size
+from diagnosis.judgement.judged_search import believed, impossible_size
 from mmg.effects import EFFECTS
 from tests.diagnosis.judgement.test_believable import judged, off
 from tests.diagnosis.judgement.test_verdict import ready

@@ -13,7 +13,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.verdict import limits
+from diagnosis.judgement.judged_search import limits
 from diagnosis.prepare import InputReading, Prepared
 from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
 

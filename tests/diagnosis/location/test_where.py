@@ -13,8 +13,7 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.location.situations import PHASES, phases, variables_of
-from diagnosis.location.where import where
+from diagnosis.location.where import PHASES, phases, variables_of, where
 
 INPUTS = ("n", "delta", "wind_north", "wind_east")
 SHIP = load_ship("esso_osaka_3m")

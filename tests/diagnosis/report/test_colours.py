@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.report.figures import FELT, figures_for, to_port, track_figure
+from diagnosis.report.page import FELT, figures_for, to_port, track_figure
 from tests.diagnosis.report.test_report import case
 from tests.support.colours import told_by_colour_alone
 

@@ -16,22 +16,28 @@ from diagnosis.findings import (
     NamedEffect,
     RandomSizes,
     RankedCandidate,
+    UnexplainedChannel,
+    UnexplainedForce,
+    UnexplainedTime,
     Unnamed,
 )
 from diagnosis.hypotheses.force_forms import by_variables
-from diagnosis.hypotheses.left_findings import UnexplainedChannel, UnexplainedForce, UnexplainedTime
 from diagnosis.location.where import where
 from diagnosis.report.page import build_report, held_rows, write_report
-from diagnosis.report.where_words import VARIABLES, first_channel, kind_words, likeness, where_words
 from diagnosis.report.words import (
     BADGE,
+    VARIABLES,
+    first_channel,
     held_words,
+    kind_words,
+    likeness,
     next_words,
     probability,
     quantity,
     ranking,
     readable,
     visible,
+    where_words,
 )
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving

@@ -13,8 +13,7 @@ from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from fitting.design.area import Area, corners
 from fitting.design.next_trial import library, repetitions
-from fitting.design.plan import RUN_UP, PlanTask, SequenceSearch, Wish
-from fitting.design.sequences import Evolution, Sequences, table_of
+from fitting.design.plan import RUN_UP, Evolution, PlanTask, Sequences, SequenceSearch, Wish, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import Prior

@@ -18,8 +18,16 @@ from cases.simulation.sensors import wrap
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.prediction.score import Score, ScorePair, pooled_sigma, score
-from fitting.prediction.units import UnitErrors, errors_in_units, ship_time, window_for
+from fitting.prediction.score import (
+    Score,
+    ScorePair,
+    UnitErrors,
+    errors_in_units,
+    pooled_sigma,
+    score,
+    ship_time,
+    window_for,
+)
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import app

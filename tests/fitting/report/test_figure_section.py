@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-import fitting.report.delivered as module
+import fitting.report.imo_form as module
 from cases.criteria.imo import imo_figures
 from fitting.prediction.bands import correlation_in
-from fitting.report.delivered import Delivered, delivery_sections, drawn_maneuvers, standard_figures
+from fitting.report.delivered import Delivered, delivery_sections
+from fitting.report.imo_form import drawn_maneuvers, standard_figures
 from tests.support.calibrated import small_result
 
 

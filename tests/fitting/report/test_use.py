@@ -18,8 +18,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
-from fitting.report import delivered as delivered_module
-from fitting.report.delivered import Delivered, drawn_maneuvers, imo_form, standard_figures
+from fitting.report import imo_form as imo_form_module
+from fitting.report.delivered import Delivered
+from fitting.report.imo_form import drawn_maneuvers, imo_form, standard_figures
 from fitting.report.page import build_page, needs_weasyprint, write_pdf
 from fitting.report.use import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
@@ -88,8 +89,8 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
 def known() -> Delivered:
     """The form of a ship whose trials are her own standard manoeuvres."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(delivered_module, "DRAWS", 40)
-        patched.setattr(delivered_module, "imo_figures", turns_of)
+        patched.setattr(imo_form_module, "DRAWS", 40)
+        patched.setattr(imo_form_module, "imo_figures", turns_of)
         fit = small_result()
         trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
         model = standard_figures(fit.to_dict(), fit.ship)
@@ -129,8 +130,8 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
                for some in (found.rows, found.runs)]  # fmt: skip
         return replace(found, rows=own[0], runs=own[1])
 
-    monkeypatch.setattr(delivered_module, "DRAWS", 20)
-    monkeypatch.setattr(delivered_module, "imo_figures", stops_of)
+    monkeypatch.setattr(imo_form_module, "DRAWS", 20)
+    monkeypatch.setattr(imo_form_module, "imo_figures", stops_of)
     fit = small_result()
     ship = replace(fit.ship, particulars={**fit.ship.particulars, "scale": 108.33})
     result = fit.to_dict() | {"envelope": fit.envelope | {"n": [0.0, 30.0]}}
@@ -244,7 +245,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
 
 
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(delivered_module, "DRAWS", 30)
+    monkeypatch.setattr(imo_form_module, "DRAWS", 30)
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
     assert "appendix 6" in text and "[90" in text and "starboard" in text

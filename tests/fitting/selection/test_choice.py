@@ -44,7 +44,7 @@ def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     assert content["chosen"] == "sm1-order1"
     best = min(rows, key=lambda row: row["validation"])
     assert len(chosen.monomials) == len(candidate(ESSO, "sm1-order1").ship.monomials) - best["terms_left_out"]
-    assert not (tmp_path / "run.unfinished").exists()
+    assert sorted(path.stem for path in (out / "learned").glob("sm1*.json")) == ["sm1-order1_seed0", "sm1-order1_seed1"]
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,9 @@ from cases.shipfiles.effects import freeing_effects
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
-from fitting.calibration import Calibration
+from fitting.calibration import Calibration, answers, with_second
 from fitting.identifiability.verdicts import verdict
 from fitting.result import FitResult
-from fitting.selection.two_estimates import answers, with_second
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship

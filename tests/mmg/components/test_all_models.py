@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import library, load_ship
-from mmg.components.catalogue import FORCES, MODELS, coefficient_table
+from mmg.components.catalogue import FORCES, MODELS, coefficient_table, module
 from mmg.components.coefficients import names
 from mmg.model import assemble
 from mmg.motion.flow import INPUTS, Flow
@@ -44,8 +44,8 @@ def symbolic(
     x = ca.SX.sym("x", len(keys))
     flow = Flow(**{key: x[i] for i, key in enumerate(keys)})
     if role in NEEDED_BY:
-        flow = flow.with_(slipstream=MODELS["propeller"][NEEDED_BY[role]].force(flow, p, c, s).slipstream)
-    force = MODELS[role][name].force(flow, p, c, s)
+        flow = flow.with_(slipstream=module("propeller", NEEDED_BY[role]).force(flow, p, c, s).slipstream)
+    force = module(role, name).force(flow, p, c, s)
     y = ca.vertcat(force.X, force.Y, force.N)
     jacobian = ca.jacobian(y, x)
     hessian = ca.jacobian(ca.densify(ca.vec(jacobian)), x)

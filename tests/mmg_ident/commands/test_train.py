@@ -26,8 +26,7 @@ from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from residual.pipeline import train
-from residual.report import headline, page_of
-from residual.result import read_training
+from residual.result import headline, page_of, read_training
 from residual.settings import TrainSettings
 from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
@@ -318,7 +317,7 @@ def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tm
 def test_the_report_of_a_hybrid_has_the_form_for_imo(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fitting.report.delivered.DRAWS", 20)
+    monkeypatch.setattr("fitting.report.imo_form.DRAWS", 20)
     assert main(["report", str(folder / "run"), "--out", str(tmp_path / "page.html")]) == 0
     text = (tmp_path / "page.html").read_text()
     assert "appendix 6" in text and "starboard" in text

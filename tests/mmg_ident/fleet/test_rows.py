@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnosis.groups.findings import Between, GroupDifference, GroupParameter, GroupValue
+from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue
 from mmg_ident.fleet.rows import one_of_several
 
 

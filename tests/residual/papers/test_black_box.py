@@ -19,15 +19,20 @@ from fitting.prediction.score import pooled_sigma, score
 from fitting.prediction.stretches import Stretch
 from mmg.errors import BadValue, Conflict, TooFewData, Unreadable, UserError
 from residual.hybrid import Hybrid, Residual
-from residual.papers.black_box import BlackBox, box_scales, build_box, gridded, load_box, save_box
-from residual.papers.networks import (
+from residual.papers.black_box import (
+    BlackBox,
     Feedforward,
     InitialState,
     Standard,
     Windowed,
     advance_columns,
+    box_scales,
+    build_box,
     features,
+    gridded,
     kinematics,
+    load_box,
+    save_box,
 )
 from residual.physics import Physics
 from residual.pipeline import train

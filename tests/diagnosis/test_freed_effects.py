@@ -12,9 +12,9 @@ import pytest
 import mmg_ident
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.calibration import freed_effects
-from diagnosis.calibration.freed_effects import effect_tests, with_effect_tests
+from diagnosis import for_calibration
 from diagnosis.estimation.candidates import find
+from diagnosis.for_calibration import effect_tests, with_effect_tests
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import prepare
 from fitting.calibrate import FitOptions
@@ -110,7 +110,7 @@ def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPat
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
     result, given = replace(fitted(0.0, "rudder_offset"), effects=None), freeing_effects(FEW, ["rudder_offset"])
-    monkeypatch.setattr(freed_effects, "effect_tests", broken)
+    monkeypatch.setattr(for_calibration, "effect_tests", broken)
     kept = with_effect_tests(result, given)
     assert kept.effects is None and kept.coefficients == result.coefficients
     assert kept.messages[-1].code == "effect_not_tested"
@@ -126,7 +126,7 @@ def test_what_cannot_be_tested_is_said(changed: dict[str, object], words: str) -
 
 
 def test_a_fit_that_freed_nothing_has_no_tests(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(freed_effects, "effect_tests", None)
+    monkeypatch.setattr(for_calibration, "effect_tests", None)
     result = fitted(0.0, "rudder_offset")
     assert with_effect_tests(replace(result, effects=None), FEW).effects is None
     held = FEW.with_effect("rudder_offset", {"delta": 0.01}).fixing([SYMBOL])

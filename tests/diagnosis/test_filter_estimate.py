@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import diagnosis.calibration.filter_estimate as module
+import diagnosis.for_calibration as module
 from cases.trial import Trial
-from diagnosis.calibration.filter_estimate import filter_estimate
+from diagnosis.for_calibration import filter_estimate
 from fitting.calibrate import FitOptions
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings

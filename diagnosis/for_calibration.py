@@ -1,32 +1,100 @@
-"""Effects that a fit freed, tested as a diagnosis does: by a likelihood with a random force beside the sensors' noise.
+"""What a diagnosis tells a calibration: tests of the effects freed in it, and a second estimate by its filter.
 
 A fit knows errors of what is measured only, however long they last. Whether an effect is there is a question to the
-likelihood ratio with and without it, in which a force that wanders along each run may explain the same.
+likelihood ratio with and without it, in which a random force that wanders along each run may explain the same. The
+second estimate is the fit without effects with which a diagnosis begins.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, parameters
-from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.gridded_trials import possible_readings
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.refit import gained, refit
-from diagnosis.prepare import fit_as_read, priors_before
+from diagnosis.inputs import diagnosable_trials
+from diagnosis.prepare import fit_as_read, fit_of_more, prepare, priors_before, with_sensor_faults
 from fitting.nlp.grid import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
-from mmg.errors import NotCalibrated, Unsupported
+from mmg.errors import NotCalibrated, Unsupported, UserError
 from mmg.ship import Ship
+
+MOST = 40_000
+"""Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB)."""
+FEW = 3_000
+"""Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
+samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven."""
+FINE = 0.25
+"""Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
+one reading is fitted then, not both."""
+
+
+def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
+    """Values of the free coefficients of ``ship`` by symbol, from ``trials``, or why there are none.
+
+    The most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of the next
+    sample tell; free faults of instruments are found anew by the kinematics of the trials. Priors are the values
+    and standard deviations of the ship, as in a calibration.
+    """
+    rows = {
+        s: c.with_(prior_value=None, prior_std=None) for s, c in ship.coefficients.items() if c.prior_std is not None
+    }
+    ship = ship.without_network().with_coefficients(rows)
+    for name in {s.partition(".")[0] for s in ship.free if "." in s}:
+        ship = ship.without_effect(name)
+    try:
+        kept, _ = diagnosable_trials(trials)
+        ship, _ = with_sensor_faults(ship, consistency(kept, ship))
+        step = default_step(kept, ship.particulars["L"])
+        steps = _duration(kept) / step
+        if steps > MOST:
+            return f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})"
+        few = _some(kept, max(1, int(steps // FEW)))
+        found, null = _fitted(ship, kept, few if default_step(few, ship.particulars["L"]) == step else kept)
+    except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
+        return f"a filter could not be fitted ({error})"
+    values = dict(zip(found.symbols, null.theta.tolist(), strict=True))
+    return {s: values[s] for s in null.free.symbols if "." not in s}
+
+
+def _duration(trials: Sequence[Trial]) -> float:
+    """Of all ``trials`` together [s]."""
+    return sum(trial.duration for trial in trials)
+
+
+def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
+    """One in ``every`` of the ``trials``, beginning where they last nearest to that share of all."""
+    share = _duration(trials) / every
+    each = [trials[first::every] for first in range(min(every, len(trials)))]
+    return min(each, key=lambda some: abs(_duration(some) - share))
+
+
+def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Ship, Estimate]:
+    """The fit without effects to all ``trials``, begun at that to a ``few`` of them; and the ship whose coefficients it
+    has."""
+    is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
+    straight = possible_readings(trials)[-1] if is_fine else None
+    try:
+        ready = prepare(ship, few, straight=straight, tests_follow=False)
+    except UserError:
+        if len(few) == len(trials):
+            raise
+        return _fitted(ship, trials, trials)
+    return ready.full.ship, ready.null if len(few) == len(trials) else fit_of_more(ready, ship, trials)
+
 
 LEVEL = 0.05
 """Probability below which an effect is more than chance."""

@@ -1,0 +1,270 @@
+"""The manoeuvring data of a calibrated ship in the form that IMO asks for.
+
+The form is that of MSC/Circ.1053, appendix 6, with 90 % intervals. Tested: the
+standard manoeuvres among the trials. Model: the calibrated ship in calm air and deep water. Corrected to full load:
+R = T F / B (3.4.1, option 1), with T tested, and F and B the model at full load and as tested. The intervals are those
+of ``fitting.prediction.figure_intervals``, as ``mmg imo`` gives them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cases.criteria.imo import FAIL, OPEN, PASS, Row, imo_figures, imo_figures_of_trials
+from cases.criteria.standard_runs import Run
+from cases.trial import Trial
+from fitting.prediction.bands import correlation_in
+from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
+from fitting.report.plot_maneuvers import maneuver_figure
+from fitting.report.plot_style import figure_entry, png_of
+from mmg.errors import Conflict, OutOfRange, UserError
+from mmg.messages import Message, has_code
+from mmg.ship import Ship
+
+
+def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
+    """The standard manoeuvres of a ship with the draws of which a page shows intervals, the same as ``mmg imo``.
+
+    result: content of result.json; ship: the calibrated or hybrid ship of which it speaks. Where no covariance is known
+    or none can be drawn there are no draws, and a notice says why. Raises UserError when no manoeuvre reaches its
+    event.
+    """
+    found = imo_figures(ship)
+    why = "no covariance of the coefficients is known"
+    if correlation_in(result) is not None:
+        try:
+            return with_intervals(found, ship, result, DRAWS)
+        except UserError as error:
+            why = str(error)
+    return JudgedFigures(replace(found, notices=(*found.notices, Message(f"no intervals: {why}", "no_covariance"))), {})
+
+
+def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
+    """The figure of the standard manoeuvres with single trials drawn behind them, as the macro ``figure`` takes it;
+    None where ``judged``, as of ``standard_figures``, has no draws."""
+    if not judged.scatter:
+        return None
+    found = judged.assessment
+    clouds = {name: one.shown for name, one in judged.scatter.items()}
+    return figure_entry(
+        png_of(partial(maneuver_figure, found.runs, found.heading, clouds)), "maneuvers",
+        "Standard manoeuvres with drawn trials",
+        "Lines: the ship as calibrated. Thin and grey: single trials of ships that the trials allow.",
+    )  # fmt: skip
+
+
+FORM = (
+    ("Turning circle, 35° rudder", "turning:35", (("advance", "Advance"), ("tactical_diameter", "Tactical diameter"))),
+    ("Zig-zag 10°/10°", "zigzag:10/10",
+     (("overshoot_1", "1st overshoot angle"), ("overshoot_2", "2nd overshoot angle"))),
+    ("Zig-zag 20°/20°", "zigzag:20/20", (("overshoot_1", "1st overshoot angle"),)),
+    ("Initial turning", "zigzag:10/10", (("initial_turning_track", "Distance to turn 10° with 10° rudder"),)),
+    ("Stopping", "crash-stop", (("track_reach", "Track reach"),)),
+)  # fmt: skip
+"""Groups of the form: title, manoeuvre to starboard, figures with their words."""
+
+
+@dataclass(frozen=True)
+class FormValue:
+    """A figure in the unit of the form, the median of its draws where there are any. interval: 90 %, its upper end
+    infinite where more than 5 % of the draws never reach the figure, None where no covariance is known; count: of runs
+    behind it."""
+
+    value: float
+    interval: tuple[float, float] | None = None
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class FormSide:
+    """A figure on one side: tested, of the model, corrected to full load; each None where it is not known. verdict: of
+    the corrected value, else the tested, else the model's."""
+
+    tested: FormValue | None
+    model: FormValue | None
+    corrected: FormValue | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class FormRow:
+    """One line of the form, in ship lengths ("L") or "deg"; sides: port and starboard, or one for a stop."""
+
+    group: str
+    name: str
+    unit: str
+    limit: float | None
+    sides: tuple[FormSide, ...]
+
+
+@dataclass(frozen=True)
+class ImoForm:
+    """The form. heading: of the model's runs; rows; remarks: what is to be known of it; intervals: whether the model's
+    figures have any."""
+
+    heading: str
+    rows: tuple[FormRow, ...]
+    remarks: tuple[str, ...]
+    intervals: bool = False
+
+    @property
+    def tested(self) -> bool:
+        """Whether any figure was tested."""
+        return any(side.tested for row in self.rows for side in row.sides)
+
+    @property
+    def corrected(self) -> bool:
+        """Whether any figure was corrected to full load."""
+        return any(side.corrected for row in self.rows for side in row.sides)
+
+
+def imo_form(
+    ship: Ship,
+    trials: Sequence[Trial],
+    model: JudgedFigures,
+    result: Mapping[str, Any] | None = None,
+    full_load: float | None = None,
+) -> ImoForm:
+    """The form of a calibrated ``ship``.
+
+    trials: measured, of which the standard manoeuvres are the tested figures; model: her standard manoeuvres with the
+    draws behind their intervals, none where no covariance is known; result: content of her result.json, of which the
+    loaded ship is drawn too; full_load: draught of the fully loaded ship [m]. Raises UserError for a draught that the
+    model cannot be carried to, and when no manoeuvre of the model reaches its event.
+    """
+    remarks: list[str] = []
+    found = model.assessment
+    loaded = _loaded(ship, full_load) if full_load is not None else None
+    tested = _tested(ship, trials, remarks)
+    factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
+    if model.scatter:
+        words = f"intervals: 90 % of {DRAWS} ships that the trials allow"
+        remarks.append(f"{words}, as mmg imo draws them; a test's own scatter comes on top")
+    remarks.append(_of_correction(full_load, bool(tested)))
+    by_name = {(row.run, row.figure): row for row in found.rows}
+    rows = []
+    for group, text, figures in FORM:
+        sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
+        for figure, words in figures:
+            known = [by_name.get((side, figure)) for side in sides]
+            first = next((row for row in known if row is not None), None)
+            cells = tuple(
+                _side(row, tested.get((side, figure)), factors.get((side, figure)))
+                for side, row in zip(sides, known, strict=True)
+            )
+            unit, limit = (first.unit, first.limit) if first else ("L", None)
+            rows.append(FormRow(group, words, unit, limit, cells))
+    remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
+    remarks += [str(note) for note in found.notices if not has_code([note], "not_checked")]
+    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter))
+
+
+def _of_correction(full_load: float | None, tested: bool) -> str:
+    if full_load is None:
+        return "no correction to full load: that draught is not known; give it with --full-load-draught"
+    if not tested:
+        return "no correction to full load: R = T F / B needs tested figures T, and no trial is a standard test"
+    return (
+        "corrected: R = T F / B (MSC/Circ.1053, 3.4.1), F and B by the model at full load and as tested; draught and "
+        "mass grow, the primed coefficients stay: how they change with draught is not known and not in the interval"
+    )
+
+
+def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
+    """One side from the model's ``row``, the tested value, and F / B of the ship and of the draws."""
+    model = corrected = None
+    if row is not None and row.value is not None:
+        model = FormValue(row.value, row.interval_90)
+    if tested is not None and factor is not None:
+        draws = tested.value * factor[1:][np.isfinite(factor[1:])]
+        corrected = FormValue(tested.value * float(factor[0]), None, tested.count)
+        if len(draws) >= max(20, (len(factor) - 1) // 2):
+            low, middle, high = map(float, np.quantile(draws, (0.05, 0.5, 0.95)))
+            corrected = FormValue(middle, (low, high), tested.count)
+    if row is None:
+        return FormSide(tested, model, corrected, OPEN)
+    judged, verdict, limit = corrected or tested or model, row.verdict, row.limit
+    # a figure of the model that no trial supports is not judged, but a tested one is
+    if judged is None or limit is None or not (verdict in (PASS, FAIL) or row.probability is not None):
+        return FormSide(tested, model, corrected, verdict)
+    if judged is not model:
+        verdict = PASS if judged.value <= limit else FAIL
+    if verdict in (PASS, FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
+        verdict += ", within the interval"
+    return FormSide(tested, model, corrected, verdict)
+
+
+def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:
+    """Mean of each tested figure over the runs, by manoeuvre and figure."""
+    try:
+        found = imo_figures_of_trials(trials, ship) if trials else None
+    except UserError:
+        found = None
+    if found is None:
+        remarks.append("tested: none of the trials at hand is a standard manoeuvre")
+        return {}
+    kinds = {run.name: _standard_run(run) for run in found.runs}
+    values: dict[tuple[str, str], list[float]] = {}
+    for row in found.rows:
+        if (kind := kinds.get(row.run)) and row.value is not None:
+            values.setdefault((kind, row.figure), []).append(row.value)
+    if not values:
+        remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
+    else:
+        remarks.append("tested: means over the trials, in the air and water of the trials; no uncertainty is known")
+    return {key: FormValue(float(np.mean(some)), None, len(some)) for key, some in values.items()}
+
+
+def _standard_run(run: Run) -> str | None:
+    """The manoeuvre of the form that a measured ``run`` is, None for none."""
+    rudder, heading, side = math.degrees(run.rudder), math.degrees(run.heading), "-" if run.rudder < 0 else ""
+    if run.kind == "turning" and abs(rudder) >= 33:
+        return f"turning:{side}35"
+    for angle in (10, 20):
+        if run.kind == "zigzag" and abs(abs(rudder) - angle) <= 2 and abs(heading - angle) <= 2:
+            return f"zigzag:{side}{angle}/{angle}"
+    return "crash-stop" if run.kind == "crash-stop" else None
+
+
+def _loaded(ship: Ship, full_load: float) -> Ship:
+    """The ``ship`` at another draught [m]: draught and mass by their ratio, primed coefficients as they are."""
+    own = ship.particulars["d"]
+    share = full_load / own - 1
+    if not (math.isfinite(share) and -0.6 <= share <= 1.5):
+        raise OutOfRange(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {own:g} m")
+    if "draft" in ship.effects:
+        raise Conflict("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
+    return ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
+
+
+def _factors(
+    loaded: Ship, model: JudgedFigures, result: Mapping[str, Any], remarks: list[str]
+) -> dict[tuple[str, str], np.ndarray]:
+    """F / B of each figure of the ships as they are, then over the draws, the same ones for both.
+
+    loaded: at full load; model: figures B of the ship as tested; result: content of result.json; remarks: to add to.
+    """
+    full = JudgedFigures(imo_figures(loaded), {})
+    if model.scatter:
+        try:
+            full = with_intervals(full.assessment, loaded, result, DRAWS)
+        except UserError as error:
+            remarks.append(f"no intervals of what is corrected to full load: {error}")
+    own = {(row.run, row.figure): row.value for row in model.assessment.rows}
+    found: dict[tuple[str, str], np.ndarray] = {}
+    for row in full.assessment.rows:
+        B, draws = own.get((row.run, row.figure)), np.empty(0)
+        if not B or row.value is None:
+            continue
+        if row.run in full.scatter and row.run in model.scatter:
+            ships = [some.scatter[row.run].ship for some in (full, model)]
+            if all(row.figure in ship for ship in ships):
+                draws = ships[0][row.figure] / ships[1][row.figure]
+        found[row.run, row.figure] = np.concatenate([[row.value / B], draws])
+    return found
