@@ -118,12 +118,8 @@ def by_length(found: FitResult, fold: Fold) -> dict[str, np.ndarray]:
 
 def mean_bands(words: str, name: str, rows: Mapping[str, np.ndarray]) -> dict[str, Figure]:
     """Figures of the shares of ``by_length``."""
-    return {
-        f"bands_{name}_{length}": Figure(
-            f"rows inside the 90 % band, mean of the states: {words}, {length} s", inside / count, "%"
-        )
-        for length, (inside, count) in rows.items()
-    }
+    what = f"rows inside the 90 % band, mean of the states: {words}"
+    return {f"bands_{name}_{s}": Figure(f"{what}, {s} s", inside / of, "%") for s, (inside, of) in rows.items()}
 
 
 def folds() -> dict[str, Figure]:

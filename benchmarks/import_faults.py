@@ -40,7 +40,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.quantities import wraps
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.new_ship import new_ship
-from cases.shipfiles.ship_file import load_ship, parse_ship
+from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
@@ -55,20 +55,12 @@ TOLERANCE = 0.05
 ROWS = 800
 """Most rows of a log."""
 EPOCH = datetime.datetime(1970, 1, 1)
-PODS = """[ship]
-name = "ferry"
-L = 60.0\nB = 14.0\nd = 3.0\nm = 1.5e6\nx_G = 0.0\nrho = 1025.0
-D_az = 1.2\nx_az = -24.0\ny_az = 4.0\nx_az_2 = -24.0\ny_az_2 = -4.0
-[model]
-hull = "unified"
-azimuth = "azimuth"
-"""
 SHIPS: dict[str, tuple[Callable[[], Ship], float]] = {
     "3 m tanker": (lambda: load_ship("esso_osaka_3m"), 0.1),
     "3 m, two rudders": (lambda: load_ship("vectwin_3m"), 0.1),
     "7 m tanker": (lambda: load_ship("kvlcc2_l7"), 0.2),
     "28 m, twin screw": (lambda: new_ship("launch", dict(L=28.0, B=6.5, d=2.0, C_b=0.5, y_P=1.4, U_0=5.0)), 0.25),
-    "60 m, pods": (lambda: parse_ship(PODS), 0.5),
+    "60 m, pods": (lambda: load_ship(Path(__file__).with_name("import_pods.toml")), 0.5),
     "90 m coaster": (lambda: new_ship("coaster", dict(L=90.0, B=14.0, d=5.0, C_b=0.72, U_0=6.0)), 0.5),
     "230 m, twin screw": (lambda: new_ship("box", dict(L=230.0, B=32.2, d=10.8, C_b=0.65, U_0=11.0, y_P=7.0)), 1.0),
     "320 m tanker": (lambda: load_ship("kvlcc2_full"), 1.0),
@@ -103,8 +95,7 @@ class Fault(NamedTuple):
 FORMS = {"any": ("comma", "semicolon", "tab", "excel", "parquet", "nmea"), "text": ("comma", "semicolon", "tab")}
 FORMS["table"] = FORMS["any"][:-1]
 FAULTS = {title: Fault(*row) for title, row in tables(Path(__file__).with_suffix(".toml")).items()}
-"""Title -> what is known of each fault; SPOILERS, ``spoil_motion``, ``spoil_inputs``, ``said`` and ``written`` make
-them."""
+"""Title -> what is known of each fault; SPOILERS, ``spoil``, ``said`` and ``written`` make them."""
 
 
 def base(quantity: str) -> str:
@@ -266,9 +257,8 @@ def workbook(log: Log, folder: Path, rows: Rows) -> None:
     def value(cell: str) -> Any:
         if re.fullmatch(r"-?\d+(\.\d+)?", cell):
             return float(cell)
-        return (
-            datetime.datetime.fromisoformat(cell[:-1]) if re.fullmatch(r"\d{4}-\d\d-\d\dT\S+Z", cell) else cell or None
-        )
+        is_time = re.fullmatch(r"\d{4}-\d\d-\d\dT\S+Z", cell)
+        return datetime.datetime.fromisoformat(cell[:-1]) if is_time else cell or None
 
     cells = [list(map(value, row)) for row in rows]
     if log.form == "parquet":
@@ -334,13 +324,13 @@ Spoiler = Callable[[Log], object]
 def stuck(share: float, *names: str) -> Spoiler:
     """The columns ``names`` keep a value over a ``share`` of the log."""
 
-    def spoil(log: Log) -> None:
+    def held(log: Log) -> None:
         rows = np.arange(N := len(log.clock))
         first = 0 if share == 1 else N // 3
-        held = np.where((rows >= first) & (rows < first + share * N), first, rows)
-        log.q |= {q: log.q[q][held] for q in names}
+        kept = np.where((rows >= first) & (rows < first + share * N), first, rows)
+        log.q |= {q: log.q[q][kept] for q in names}
 
-    return spoil
+    return held
 
 
 def changed(change: Callable[[np.ndarray], np.ndarray], *names: str) -> Spoiler:
@@ -386,9 +376,10 @@ def apparent(c: Columns) -> Columns:
     return {"apparent_wind_speed": np.abs(c["air"]), "apparent_wind_direction": np.angle(c["air"])}
 
 
-def spoil_motion(log: Log) -> None:
-    """The faults of positions, headings, speeds and velocities that are more than one of SPOILERS."""
+def spoil(log: Log) -> None:
+    """The faults that are none of SPOILERS, but for those of writing."""
     c, q, length = log.truth, log.q, float(log.truth["length"])
+    late = np.arange(len(log.clock)) > 0.5 * len(log.clock)
     match log.title:
         case "positions of low resolution":
             changed(lambda v: np.round(v / (step := length / 90e3)) * step, *POSITION)(log)
@@ -413,12 +404,6 @@ def spoil_motion(log: Log) -> None:
             log.q |= {"u": c["ground"].real, "v": c["ground"].imag}
         case "odometry east, north, up":
             log.q |= {"x": q["y"], "y": q["x"], "psi": np.pi / 2 - q["psi"], "v": -q["v"], "r": -q["r"]}
-
-
-def spoil_inputs(log: Log) -> None:
-    """The faults of actuators, wind and clock that are more than one of SPOILERS."""
-    c, q, late = log.truth, log.q, np.arange(len(log.clock)) > 0.5 * len(log.clock)
-    match log.title:
         case "only the rudder's order":
             log.names |= dict.fromkeys(log.of("delta"), "Rudder order")
         case "two rudders with toe-in":
@@ -464,11 +449,11 @@ def written(log: Log, rows: Rows) -> Rows:
             "missing values as text": (("psi", "sog", "u", "n"), texts)}  # fmt: skip
     if log.title in lost:
         names, words = lost[log.title]
+        body = [list(row) for row in body]
         for i in (1 + list(log.q).index(name) for name in log.of(*names)):
             word = str(log.rng.choice(words))
-            body = [
-                [word if j == i and bad else c for j, c in enumerate(r)] for bad, r in zip(log.bad, body, strict=True)
-            ]
+            for k in np.flatnonzero(log.bad):
+                body[k][i] = word
     match log.title:
         case "hemispheres in columns of their own":
             return [[*head, "N/S", "E/W"], *([*row, "S", "W"] for row in body)]
@@ -518,17 +503,15 @@ def written(log: Log, rows: Rows) -> Rows:
 def drawn(title: str, how: Fault, truth: Columns, rng: np.random.Generator) -> Log:
     """The log of a run whose fault is called ``title``."""
     frame = how.frame or str(rng.choice(["globe", "local"]))
-    forms = [
-        f for f in FORMS.get(how.form, (how.form,)) if f != "nmea" or ("azimuth" not in truth and frame == "globe")
-    ]
+    forms = list(FORMS.get(how.form, (how.form,)))
+    if "nmea" in forms and ("azimuth" in truth or frame != "globe"):
+        forms.remove("nmea")
     place = AT.get(title, PLACES[int(rng.integers(len(PLACES)))])
     clock = round(1.67e9 + rng.uniform(0, 1e8)) + truth["t"] - truth["t"][0]
     stamp = str(rng.choice(["iso", "dotted", "epoch", "elapsed"]))
     log = Log(title, dict(truth), rng, str(rng.choice(forms)), place, clock, stamp)
     log.measure(frame)
-    SPOILERS.get(title, lambda _: None)(log)
-    spoil_motion(log)
-    spoil_inputs(log)
+    SPOILERS.get(title, spoil)(log)
     return log
 
 

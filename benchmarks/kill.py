@@ -26,29 +26,14 @@ from typing import Any
 from safetensors import safe_open
 
 from benchmarks.record import Figure, parser_of, report, table
+from benchmarks.toml import tables
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 TIMES = {"created", "command", "timings_s", "timings", "seconds", "rollout_s", "took_s", "path", "calibration", "wall"}
 """Keys of JSON files that may differ: times, and where things lie."""
-FEW = "--name one --only X_0F,Y_v,N_r,k_0,gamma_P,Y_A1 --no-next-trial --measurement none --window 5"
-SMALL = "--seeds 2 --epochs 1 --width 4"
-COMPARE = "--models captive,fnn --epochs 1 --fractions 1 --seeds 2 --no-random --step 1"
-VERBS = {
-    "fit": f"fit esso_osaka_3m trials {FEW} --out OUT",
-    "bootstrap": f"fit esso_osaka_3m trials {FEW} --bootstrap 6 --profile N_r --out OUT",
-    "train": f"train esso_osaka_3m trials {SMALL} --out OUT",
-    "train-workers": f"train esso_osaka_3m trials {SMALL} --workers 2 --out OUT",
-    "compare": f"compare --train trials --test others {COMPARE} --out OUT",
-    "compare-workers": f"compare --train trials --test others {COMPARE} --workers 2 --out OUT",
-    "diagnose": "diagnose small.toml others --no-learn --step 1 --out OUT",
-    "diagnose-workers": "diagnose small.toml others --no-learn --step 1 --workers 2 --out OUT",
-    "select": "select small.toml trials --validate others --only mmg,sm1-order1 --out OUT",
-    "predict": "predict esso_osaka_3m trials --window 30 --out OUT",
-    "simulate": "simulate esso_osaka_3m --maneuver zigzag:10/10 --out OUT.csv",
-    "export": "export esso_osaka_3m --format c --force --out OUT",
-}
+VERBS: dict[str, str] = tables(Path(__file__).with_suffix(".toml"))
 """Commands in the folder of the trials."""
 AGAIN = {"predict": "--force", "simulate": "--force", "export": "--force"}
 """What goes on with a command; else it is --resume."""

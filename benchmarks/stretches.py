@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from benchmarks.blind.generator.world import NARROW, WORLDS, World
 from benchmarks.blind.generator.write import generate
@@ -59,7 +60,7 @@ def _touched(c: Columns, rows: slice, scale: float, rng: np.random.Generator) ->
     t = c["t"][rows]
     swing = rng.uniform(0.08, 0.12) / scale**0.5 * np.sin(2 * np.pi * (t - t[0]) / (t[-1] - t[0]))
     c["r"][rows] += swing
-    c["psi"][rows] += _integral(t, swing)
+    c["psi"][rows] += cumulative_trapezoid(swing, t, initial=0)
     _rest(c, rows)
 
 
@@ -100,11 +101,11 @@ def _caught(c: Columns, rows: slice, scale: float, rng: np.random.Generator) -> 
     swing = rng.uniform(0.03, 0.06) / scale**0.5 * np.sin(phase) * _sign(rng)
     c["r"][rows] += swing
     turned = np.zeros(len(c["t"]))
-    turned[rows] = _integral(t, swing)
+    turned[rows] = cumulative_trapezoid(swing, t, initial=0)
     turned[rows.stop :] = turned[rows.stop - 1]
     w, t = c["u"] + 1j * c["v"], c["t"]
     other = w * np.exp(1j * c["psi"]) * (np.exp(1j * turned) - 1.0)
-    moved = _integral(t, other)
+    moved = cumulative_trapezoid(other, t, initial=0)
     c["psi"] += turned
     c["x"] += moved.real
     c["y"] += moved.imag
@@ -125,10 +126,6 @@ def _spikes(c: Columns, rows: slice, scale: float, rng: np.random.Generator) -> 
     while row < rows.stop:
         c[name][row] += rng.uniform(0.3, 0.8) * size * _sign(rng)
         row += max(2, round(rng.uniform(1, 2) * scale**0.5 / dt))
-
-
-def _integral(t: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
 
 
 def _rest(c: Columns, rows: slice) -> None:

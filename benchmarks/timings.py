@@ -1,8 +1,8 @@
 """What the work of the tool takes on this machine, by the clock and in processor seconds of all its processes.
 
 Run from the repository root, with the records in place: python -m benchmarks.timings [ROW ...] [--repeats 3] [--record]
-Rows (default all): see ROWS. The median of so many repetitions is taken, all code being compiled before but for "cold".
-Times of machines and hours differ up to three-fold: compare in one run.
+Rows (default all): see timings.toml. The median of so many repetitions is taken, all code being compiled before but for
+"fit_cold". Times of machines and hours differ up to three-fold: compare in one run.
 """
 
 from __future__ import annotations
@@ -13,89 +13,48 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 from benchmarks.record import Figure, parser_of, report
+from benchmarks.toml import tables
 from cases.io import published_splits as splits
 
 ROOT = Path(__file__).parents[1]
-SHIP = "esso_osaka_3m"
+ROWS: dict[str, dict[str, Any]] = tables(Path(__file__).with_suffix(".toml"))
+"""Row -> what it is in words, command, and perhaps environment."""
+RECORDS = {"TRAIN": splits.TRAIN_TZRB, "PLUS": splits.TRAIN_TZRB_PLUS, "HELD": splits.DEVELOPMENT_HOLDOUT,
+           "ONE": splits.DEVELOPMENT_HOLDOUT[:1]}  # fmt: skip
+NUMBERS = count()
+"""Of the paths in the scratch folder."""
 
 
-@dataclass
-class Bench:
-    """Where the work is done. folder: scratch, with the cache of compiled code; run: the last run folder of a fit."""
-
-    folder: Path
-    run: Path = field(default_factory=Path)
-    count: int = 0
-
-    def new(self, name: str) -> Path:
-        """A path in the scratch folder that does not exist."""
-        self.count += 1
-        return self.folder / f"{name}-{self.count}"
-
-    def mmg(self, *arguments: str, **environment: str) -> tuple[float, float]:
-        """Seconds by the clock and of the processors of the command with these ``arguments``. Raises RuntimeError where
-        it fails."""
-        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        given = {**os.environ, "MMG_CACHE": str(self.folder / "cache"), **environment}
-        given.pop("PYTHONDONTWRITEBYTECODE", None)  # who uses the tool has the bytecode of its modules
-        done = subprocess.run(
-            [sys.executable, "-m", "mmg_ident", *arguments], env=given, cwd=ROOT, capture_output=True, text=True
-        )
-        wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-        if done.returncode:
-            raise RuntimeError(f"{' '.join(arguments[:5])} ... ended with {done.returncode}: {done.stderr[-2000:]}")
-        return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-    def fit(self, names: Sequence[str], *options: str, **environment: str) -> tuple[float, float]:
-        """`mmg fit` of the records ``names``."""
-        self.run = self.new("fit")
-        return self.mmg("fit", SHIP, *_files(names), "--out", str(self.run), *options, **environment)
-
-    def fitted(self) -> str:
-        """A run folder of Train-TZRB."""
-        if not (self.run / "result.json").exists():
-            self.fit(splits.TRAIN_TZRB)
-        return str(self.run)
+def words(folder: Path, text: str) -> Iterator[str]:
+    """The words of a ``text`` of timings.toml; folder: scratch."""
+    for word in text.split():
+        if word in RECORDS:
+            yield from map(str, splits.find(RECORDS[word]))
+        elif word.startswith("NEW"):
+            yield str(folder / word.replace("NEW", f"new-{next(NUMBERS)}"))
+        else:
+            yield str(folder / "fit") if word == "FIT" else word
 
 
-def _files(names: Sequence[str]) -> list[str]:
-    return [str(path) for path in splits.find(names)]
-
-
-def diagnose(bench: Bench) -> tuple[float, float]:
-    """`mmg diagnose` of the records of Train-TZRB with the hold-outs as test."""
-    test = _files(splits.DEVELOPMENT_HOLDOUT)
-    words = ["diagnose", bench.fitted(), *_files(splits.TRAIN_TZRB), "--test", *test]
-    return bench.mmg(*words, "--out", str(bench.new("diagnosis")))
-
-
-def predict(bench: Bench) -> tuple[float, float]:
-    """`mmg predict` of one record by a run folder."""
-    out, (file,) = bench.new("predicted").with_suffix(".csv"), _files(splits.DEVELOPMENT_HOLDOUT[:1])
-    return bench.mmg("predict", bench.fitted(), file, "--window", "30", "--out", str(out))
-
-
-ROWS: dict[str, tuple[str, Callable[[Bench], tuple[float, float]]]] = {
-    "fit": ("`mmg fit` of 8 records, 2,530 s", lambda bench: bench.fit(splits.TRAIN_TZRB)),
-    "fit_plus": ("`mmg fit` of 35 records, 13,460 s", lambda bench: bench.fit(splits.TRAIN_TZRB_PLUS)),
-    "fit_cold": ("`mmg fit` of 8 records, all code compiled anew",
-                 lambda bench: bench.fit(splits.TRAIN_TZRB, MMG_CACHE=str(bench.new("cache")))),
-    "fit_portable": ("`mmg fit` of 8 records without a C compiler",
-                     lambda bench: bench.fit(splits.TRAIN_TZRB, MMG_CC="none")),
-    "diagnose": ("`mmg diagnose` of 8 records with test trials", diagnose),
-    "predict": ("`mmg predict` of one record by a run folder", predict),
-    "check": ("`mmg check` of 8 records", lambda bench: bench.mmg("check", *_files(splits.TRAIN_TZRB))),
-    "demo": ("`mmg demo`", lambda bench: bench.mmg("demo", "--out", str(bench.new("demo")))),
-    "help": ("`mmg --help`", lambda bench: bench.mmg("--help")),
-    "bootstrap": ("`mmg fit` of 8 records with 100 refits of a bootstrap, two processes",
-                  lambda bench: bench.fit(splits.TRAIN_TZRB, "--bootstrap", "100", "--workers", "2")),
-}  # fmt: skip
-"""Row -> words, and what measures it: seconds by the clock and of the processors."""
+def seconds(folder: Path, command: str, environment: Mapping[str, str]) -> tuple[float, float]:
+    """By the clock and of the processors of a ``command`` of timings.toml. Raises RuntimeError where it fails."""
+    arguments = list(words(folder, command))
+    more = {name: next(words(folder, value)) for name, value in environment.items()}
+    given = {**os.environ, "MMG_CACHE": str(folder / "cache"), **more}
+    given.pop("PYTHONDONTWRITEBYTECODE", None)  # who uses the tool has the bytecode of its modules
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    line = [sys.executable, "-m", "mmg_ident", *arguments]
+    done = subprocess.run(line, env=given, cwd=ROOT, capture_output=True, text=True)
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(arguments[:5])} ... ended with {done.returncode}: {done.stderr[-2000:]}")
+    return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def main() -> None:
@@ -107,16 +66,14 @@ def main() -> None:
     if unknown := set(given.rows) - set(ROWS):
         parser.error(f"no such row: {', '.join(sorted(unknown))}")
     with tempfile.TemporaryDirectory() as scratch:
-        bench = Bench(Path(scratch))
-        bench.fit(splits.TRAIN_TZRB)  # compiles what most rows need
+        folder = Path(scratch)
+        seconds(folder, "fit esso_osaka_3m TRAIN --out FIT", {})  # compiles what most rows need
         for name in given.rows or ROWS:
-            words, work = ROWS[name]
-            runs = sorted(work(bench) for _ in range(given.repeats))
+            what, command = ROWS[name]["what"], ROWS[name]["command"]
+            runs = sorted(seconds(folder, command, ROWS[name].get("environment", {})) for _ in range(given.repeats))
             wall, processor = runs[(len(runs) - 1) // 2]
-            made = {
-                f"{name}_wall": Figure(words, wall, "s"),
-                f"{name}_processor": Figure(f"{words}, processor", processor, "s"),
-            }
+            made = {f"{name}_wall": Figure(what, wall, "s"),
+                    f"{name}_processor": Figure(f"{what}, processor", processor, "s")}  # fmt: skip
             report(made, f"timings {name}", given.record)
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import tempfile
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from benchmarks.ablation import diagnoses, fits
 from benchmarks.ablation.table import write_table
-from benchmarks.measured import Record
+from benchmarks.measured import Record, Task
 
 WORK = Path(tempfile.gettempdir()) / "mmg_ablation"
 grounds = cache(fits.grounds)
@@ -29,26 +28,6 @@ def diagnosis_task(work: Path, number: int) -> dict[str, Any]:
     return diagnoses.answers(cases(work)[number], diagnoses.RULES + rare)
 
 
-def measure_fits(record: Record, work: Path, names: Sequence[str], workers: int) -> None:
-    """Measures the switches ``names``, all where none is named, on all folds."""
-    tasks = [
-        ({"row": switch.name, "ground": fold.ground, "fold": fold.name}, (work, switch.name, number))
-        for switch in fits.SWITCHES
-        for number, fold in enumerate(grounds(work))
-        if fits.is_for(switch, fold) and (not names or switch.name in names)
-    ]
-    record.measure(fit_task, tasks, workers)
-
-
-def measure_diagnoses(record: Record, work: Path, most: int | None, workers: int) -> None:
-    """Answers the first ``most`` cases, all for None."""
-    tasks = [
-        ({"world": case.world, "kind": case.kind, "case": case.folder.name}, (work, number))
-        for number, case in enumerate(cases(work)[:most])
-    ]
-    record.measure(diagnosis_task, tasks, workers)
-
-
 def main() -> None:
     """Measure what is asked for, and write the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.ablation", description=__doc__)
@@ -61,9 +40,17 @@ def main() -> None:
     given.work.mkdir(parents=True, exist_ok=True)
     records = Record(given.work / "fits.jsonl"), Record(given.work / "diagnoses.jsonl")
     if "fits" in given.what:
-        measure_fits(records[0], given.work, given.rows, given.workers)
+        tasks: list[Task] = [
+            ({"row": switch.name, "ground": fold.ground, "fold": fold.name}, (given.work, switch.name, number))
+            for switch in fits.SWITCHES
+            for number, fold in enumerate(grounds(given.work))
+            if fits.is_for(switch, fold) and (not given.rows or switch.name in given.rows)
+        ]
+        records[0].measure(fit_task, tasks, given.workers)
     if "diagnoses" in given.what:
-        measure_diagnoses(records[1], given.work, given.cases, given.workers)
+        chosen = enumerate(cases(given.work)[: given.cases])
+        places = [({"world": c.world, "kind": c.kind, "case": c.folder.name}, (given.work, k)) for k, c in chosen]
+        records[1].measure(diagnosis_task, places, given.workers)
     if "table" in given.what:
         write_table(*records)
 

@@ -73,12 +73,9 @@ def replaced(changes: Mapping[str, Any]) -> Iterator[None]:
     with ExitStack() as stack:
         for target, value in changes.items():
             owner, name, present = place_of(target)
-            owners = (
-                [owner] if not isinstance(owner, ModuleType) else [m for m in modules() if m is not owner] + [owner]
-            )
-            for one in owners:
-                if one is owner or vars(one).get(name, MISSING) is present:
-                    stack.enter_context(mock.patch.object(one, name, value))
+            owners = modules() if isinstance(owner, ModuleType) else ()
+            for one in (owner, *(m for m in owners if m is not owner and vars(m).get(name, MISSING) is present)):
+                stack.enter_context(mock.patch.object(one, name, value))
         yield
 
 

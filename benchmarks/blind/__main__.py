@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.blind.cases import answered, dealt, folders, opened
 from benchmarks.blind.generator.deal import KINDS
-from benchmarks.blind.generator.strangers import STRANGERS
+from benchmarks.blind.generator.foreign import STRANGERS
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.score import Pair, figures, scored
 from benchmarks.measured import Record, code_version

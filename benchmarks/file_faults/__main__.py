@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.file_faults import simulated
 from benchmarks.file_faults.faults import FAULTS, Fault
-from benchmarks.file_faults.fleet import SETS, drawn
+from benchmarks.file_faults.plant import SETS, drawn
 from benchmarks.record import Figure, parser_of, report
 from cases.checks import CheckReport, check
 from cases.io.read import read_trials
@@ -34,7 +34,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 
 ADVICE = re.compile(r'trials\.toml, (\[default\]|\[files\."[^"]+"\]): (.+?)(?:\.$|\. |$)', re.MULTILINE)
-SCALES = {"x": "x", "y": "y", "psi": "psi", "u": "u", "v": "v", "r": "r", "delta": "delta", "n": "n", "t": "t"}
+COLUMNS = ("x", "y", "psi", "u", "v", "r", "delta", "n", "t")
 SEALED = (1701, 1702, 1703)
 """Seeds of the measure that counts, written down before they were run for the first time; the checks were made with the
 seeds 1 to 4."""
@@ -72,22 +72,14 @@ def far(trials: list[Trial], truth: Files) -> float:
     """Greatest difference of a column of ``trials`` from the ``truth``, over the size of that column."""
     worst = 0.0
     for trial, columns in zip(trials, truth, strict=True):
-        for name in SCALES:
-            want, got = columns[name], trial[name]
+        for name in COLUMNS:
+            want, got = columns[name], trial.psi_unwrapped if name == "psi" else trial[name]
             if name == "t":
                 worst = max(worst, abs(float(np.ptp(got) / np.ptp(want)) - 1))
                 continue
-            if name == "psi":
-                got = trial.psi_unwrapped
-                if len(got) != len(want):
-                    got = np.interp(columns["t"], trial.t, got, np.nan, np.nan)
-                off = np.angle(np.exp(1j * (got - want)))
-            else:
-                off = (
-                    np.interp(columns["t"], trial.t, got, np.nan, np.nan) - want
-                    if len(got) != len(want)
-                    else got - want
-                )
+            if len(got) != len(want):
+                got = np.interp(columns["t"], trial.t, got, np.nan, np.nan)
+            off = np.angle(np.exp(1j * (got - want))) if name == "psi" else got - want
             size = 0.3 if name == "psi" else float(np.std(want)) if name in "xy" else float(np.sqrt(np.mean(want**2)))
             known = np.isfinite(off)
             worst = max(worst, float(np.sqrt(np.mean(off[known] ** 2))) / size)
@@ -140,12 +132,10 @@ def harmful(folder: Path, truth: Files, advice: list[tuple[str, str]]) -> str:
 
 def broken(truth: Files, fault: Fault, name: str, seed: int, title: str) -> Files:
     """The files of the set ``name`` with the ``fault``."""
-    hull = SETS[name].hull
-    out = []
-    for number, columns in enumerate(truth):
-        rng = np.random.default_rng([seed, zlib.crc32(title.encode()), 0 if not fault.one else number])
-        hit = not fault.one or number == 0
-        out.append({**columns, **fault.change(columns, hull.length, hull.speed, rng)} if hit else columns)
+    hull, out = SETS[name].hull, list(truth)
+    for number, columns in enumerate(truth[:1] if fault.one else truth):
+        rng = np.random.default_rng([seed, zlib.crc32(title.encode()), 0])
+        out[number] = {**columns, **fault.change(columns, hull.length, hull.speed, rng)}
     return out
 
 
@@ -162,9 +152,8 @@ def tally(titles: Iterable[str], sets: Mapping[str, T], judge: Callable[[T, str,
     for title in titles:
         found = {name: said for name, some in sets.items() if (said := judge(some, title, name))}
         good = "named" if title else "quiet"
-        notes = [
-            f"     {kind}: {name}: {words or 'nothing said'}" for name, (kind, words) in found.items() if kind != good
-        ]
+        bad = {name: answer for name, answer in found.items() if answer[0] != good}
+        notes = [f"     {kind}: {name}: {words or 'nothing said'}" for name, (kind, words) in bad.items()]
         row = Counter(kind for kind, _ in found.values())
         print(f"{title or 'as they should be':38s} {good} {row[good]} of {len(found)}", *notes, sep="\n", flush=True)
         total += row
@@ -190,9 +179,7 @@ def _one_filtered(seed: int) -> str:
 def main() -> None:
     """Prints a row per fault: in how many sets it is named, missed, taken for something else; and what harms."""
     parser = parser_of("file_faults", __doc__)
-    parser.add_argument(
-        "--plant", choices=("foreign", "own", "filtered"), default="foreign", help="where the trials come from"
-    )
+    parser.add_argument("--plant", choices=("foreign", "own", "filtered"), default="foreign", help="of the trials")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEALED))
     parser.add_argument("--faults", default="", help="only those whose name holds these words")
     parser.add_argument("--sets", default="", help="only those whose name holds these words")

@@ -8,13 +8,19 @@ at the speed of approach. Wind by constant coefficients of the areas, gusts as a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.integrate import RK45
+from scipy.signal import lfilter
+
+from benchmarks.toml import tables
 
 RHO, AIR = 1025.0, 1.225
+"""Densities of water and air [kg/m^3]."""
+DEG = math.pi / 180
 
 
 @dataclass(frozen=True)
@@ -56,10 +62,8 @@ class Plant:
         mass = RHO * cb * L * B * T
         q1, q2 = 0.5 * RHO * L**2, 0.5 * RHO * L**3
         self.mass, self.inertia = mass, mass * (0.25 * L) ** 2
-        self.y_dv, self.y_dr = (
-            -s * (1 + 0.16 * cb * bt - 5.1 * bl**2) * q2,
-            -s * (0.67 * bl - 0.0033 * bt**2) * q2 * L,
-        )
+        self.y_dv = -s * (1 + 0.16 * cb * bt - 5.1 * bl**2) * q2
+        self.y_dr = -s * (0.67 * bl - 0.0033 * bt**2) * q2 * L
         self.n_dv = -s * (1.1 * bl - 0.041 * bt) * q2 * L
         self.n_dr = -s * (1 / 12 + 0.017 * cb * bt - 0.33 * bl) * q2 * L**2
         self.y_v, self.y_r = -s * (1 + 0.4 * cb * bt) * q1, -s * (-0.5 + 2.2 * bl - 0.08 * bt) * q1 * L
@@ -163,3 +167,85 @@ def circle(angle: float, heading: float, begin: float) -> Order:
     """A turn with ``angle`` [deg] from ``begin`` [s]; before that the ``heading`` [rad] is kept."""
     keep = zigzag(1.0, heading, 1e9)
     return lambda t, s: math.radians(angle) if t >= begin else keep(t, s)
+
+
+# Eight ships from 3 m to 320 m with their manoeuvres (fleet.toml), and the instruments that log them
+
+
+@dataclass(frozen=True)
+class Set:
+    """A hull, its manoeuvres (zigzag 20, turn 35), sampling interval [s], mean wind [m/s], steps of what is logged:
+    positions [m], velocities [m/s], heading [rad], turn rate [rad/s]; standard deviation of positions [m]."""
+
+    hull: Hull
+    maneuvers: tuple[str, ...]
+    dt: float
+    wind: float
+    grain: Sequence[float]
+    wander: float
+    current: float = 0.0
+
+
+def _sets() -> Iterator[tuple[str, Set]]:
+    for name, row in tables(Path(__file__).with_name("fleet.toml")).items():
+        yield name, Set(**{**row, "hull": Hull(*row["hull"]), "maneuvers": tuple(row["maneuvers"])})
+
+
+SETS = dict(_sets())
+
+
+def drawn(name: str, seed: int) -> list[dict[str, np.ndarray]]:
+    """What the instruments of the set ``name`` log, file by file; headings, weather and noise by ``seed``."""
+    some = SETS[name]
+    rng = np.random.default_rng([seed, sorted(SETS).index(name)])
+    side = rng.choice([-1.0, 1.0])
+    return [_logged(some, _maneuver(some, words, side, rng), rng) for words in some.maneuvers]
+
+
+def _maneuver(some: Set, words: str, side: float, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    kind, angle = words.split()
+    hull, unit = some.hull, some.hull.length / some.hull.speed
+    heading = float(rng.uniform(-math.pi, math.pi))
+    towards = rng.uniform(-math.pi, math.pi)
+    current = (some.current * math.cos(towards), some.current * math.sin(towards))
+    weather = Weather(some.wind, float(rng.uniform(-math.pi, math.pi)), 0.2, current)
+    plant = Plant(hull, weather, rng)
+    begin, seconds = 4 * unit, (34 if kind == "zigzag" else 26) * unit
+    order = (zigzag if kind == "zigzag" else circle)(side * float(angle), heading, begin)
+    out = run(plant, order, seconds, some.dt, heading)
+    share = np.where(out["t"] < 2 * unit, 1.0, 1.0 + 0.01 * np.sin(out["t"] / unit))
+    out["n"] = hull.revolutions * share
+    if some.wind:
+        out["wind_speed"] = np.array([plant.wind_at(t) for t in out["t"]])
+        out["wind_direction"] = np.full(len(out["t"]), weather.direction % (2 * math.pi))
+    return out
+
+
+def _coloured(count: int, dt: float, seconds: float, rng: np.random.Generator) -> np.ndarray:
+    """Noise (count,) of standard deviation one that forgets itself within so many seconds."""
+    keep, white = math.exp(-dt / seconds), rng.standard_normal(count)
+    late = lfilter([math.sqrt(1 - keep**2)], [1.0, -keep], white[1:], zi=[keep * white[0]])[0]
+    return np.concatenate([white[:1], late])
+
+
+def _logged(some: Set, true: dict[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """The ``true`` columns with coloured and white noise, a compass slightly off, a gyro scale, and steps."""
+    place, speed, heading, rate = some.grain
+    count, dt, size = len(true["t"]), some.dt, some.hull.speed
+    out = dict(true)
+    for name in ("x", "y"):
+        slow = some.wander * _coloured(count, dt, 60.0, rng)
+        out[name] = true[name] + slow + 0.2 * some.wander * rng.standard_normal(count) * min(1.0, dt)
+    for name in ("u", "v"):
+        out[name] = true[name] + 0.005 * size * _coloured(count, dt, 3.0, rng)
+    out["u"] = out["u"] * rng.uniform(0.985, 1.015)
+    out["psi"] = true["psi"] + rng.uniform(-1.0, 1.0) * DEG + 0.1 * DEG * _coloured(count, dt, 2.0, rng)
+    turn = float(np.sqrt(np.mean(true["r"] ** 2)))
+    out["r"] = true["r"] * rng.uniform(0.99, 1.01) + 0.04 * turn * _coloured(count, dt, 0.5, rng)
+    out["n"] = out["n"] * (1 + 0.002 * rng.standard_normal(count))
+    steps = {"x": place, "y": place, "u": speed, "v": speed, "psi": heading, "r": rate, "delta": 0.1 * DEG, "n": 0.001}
+    return {name: _stepped(out[name], steps.get(name, 1e-4)) for name in out}
+
+
+def _stepped(values: np.ndarray, step: float) -> np.ndarray:
+    return np.round(values / step) * step

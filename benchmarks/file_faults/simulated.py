@@ -10,27 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.file_faults.faults import FAULTS as OF_FILES
 from benchmarks.file_faults.faults import KNOT, Change, both, earth, scaled, swapped
+from benchmarks.toml import tables
 from cases.checks import check
 from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 
-SETS = {
-    "3 m, hard, 10 Hz": ("esso_osaka_3m", ("zigzag:20/20", "turning:35"), None, 0.1, 0.0),
-    "3 m, mild, wind, 20 Hz": ("esso_osaka_3m", ("zigzag:10/10", "zigzag:-5/5"), "1.0:60:gusty", 0.05, 0.0),
-    "7 m, hard, 10 Hz": ("kvlcc2_l7", ("zigzag:-20/20", "turning:-35"), None, 0.1, 0.0),
-    "7 m, mild, 2 Hz": ("kvlcc2_l7", ("zigzag:5/5", "zigzag:10/10"), None, 0.5, 0.01),
-    "161 m, hard, 1 Hz": ("mariner", ("zigzag:20/20", "turning:35"), None, 1.0, 0.1),
-    "161 m, mild, wind, 2 Hz": ("mariner", ("zigzag:10/10",), "8:60:gusty", 0.5, 0.1),
-    "320 m, mild, rounded, 1 Hz": ("kvlcc2_full", ("zigzag:10/10", "zigzag:-10/10"), None, 1.0, 1.0),
-    "320 m, hard, wind, 1 Hz": ("kvlcc2_full", ("zigzag:20/20", "turning:-35"), "10:120:gusty", 1.0, 1.0),
-}
+SETS = tables(Path(__file__).with_suffix(".toml"))
 """Ship, manoeuvres, wind, interval [s], step to which positions are rounded [m]."""
 
 Fault = Callable[[Trial], Trial]
@@ -76,7 +69,7 @@ def sets(seed: int) -> dict[str, list[Trial]]:
     for number, (name, (ship, maneuvers, wind, dt, grain)) in enumerate(SETS.items()):
         model = load_ship(ship)
         trials = [
-            simulated_trial(model, maneuver, None, wind, True, seed + 10 * number + k, dt)
+            simulated_trial(model, maneuver, None, wind or None, True, seed + 10 * number + k, dt)
             for k, maneuver in enumerate(maneuvers)
         ]
         if grain:
@@ -87,17 +80,7 @@ def sets(seed: int) -> dict[str, list[Trial]]:
 
 SHIPS = {"esso_osaka_3m": 0.1, "vectwin_3m": 0.1, "kvlcc2_l7": 0.2, "mariner": 0.5, "kvlcc2_full": 1.0}
 """Ships of the filtered sets, and their sampling interval [s]."""
-
-RUNS = (
-    "zigzag:10/10",
-    "zigzag:-5/5",
-    "zigzag:2/2",
-    "zigzag:20/20",
-    "turning:15",
-    "turning:-35",
-    "turning:5",
-    "straight",
-)
+RUNS = ("zigzag:10/10", "zigzag:-5/5", "zigzag:2/2", "zigzag:20/20", "turning:15", "turning:-35")
 HARD = ("random", "crash-stop", "berthing")
 
 
@@ -107,7 +90,7 @@ def filtered(seed: int) -> list[Trial]:
     rng = np.random.default_rng([7, seed])
     name, dt = list(SHIPS.items())[seed % len(SHIPS)]
     ship = load_ship(name)
-    runs = [str(run) for run in rng.choice(RUNS[:6] if seed % 3 else RUNS, 7)]
+    runs = [str(run) for run in rng.choice(RUNS if seed % 3 else (*RUNS, "turning:5", "straight"), 7)]
     if name != "mariner" and seed % 4 == 1:
         runs[:2] = [str(run) for run in rng.choice(HARD, 2)]
     speed = 0.07 * math.sqrt(9.81 * ship.particulars["L"])

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
 
-from benchmarks.fuzz.reproducers import REPRODUCERS
-from benchmarks.fuzz.samples import GOOD, GROUPS, TEXTS, short_trial, write_runs, write_tables
+from benchmarks.fuzz.damage import REPRODUCERS
+from benchmarks.fuzz.samples import GOOD, TEXTS, short_trial, write_runs, write_tables
 from cases.checks import check
 from cases.importing.import_logs import SUFFIXES, import_logs
 from cases.importing.import_map import ImportMap, read_map
@@ -71,15 +71,14 @@ def readers(folder: Path) -> dict[str, Reader]:
     }
     found = {name: _of_file(name, path, read) for name, (path, read) in files.items()}
     found |= log_readers(folder / "raw")
-    texts = {
+    texts: dict[str, Callable[[str], object]] = {
         "effect": lambda text: _effect(text, ship),
         "maneuver": lambda text: parse_maneuver(text, ship, n=9.0, speed=0.4),
+        "wind": parse_wind,
+        "groups": _groups(),
     }
-    more: dict[str, Callable[[str], object]] = {**texts, "wind": parse_wind, "groups": _groups()}
-    for name, parse in more.items():
-        good = (GROUPS,) if name == "groups" else TEXTS[name]
-        found[name] = _of_text(parse, (*(text.encode() for text in good), *_small(name)))
-    return found
+    seeds = {name: (*(text.encode() for text in TEXTS[name]), *_small(name)) for name in texts}
+    return found | {name: _of_text(parse, seeds[name]) for name, parse in texts.items()}
 
 
 def log_readers(folder: Path) -> dict[str, Reader]:

@@ -14,15 +14,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
-from diagnosis.findings import (
-    DiagnosisInputs,
-    EstimatedParameter,
-    HeldOut,
-    NamedEffect,
-    RandomSizes,
-    RankedCandidate,
-    Unnamed,
-)
+from diagnosis import findings
 from diagnosis.result import CONTENT, Diagnosis
 from fitting.calibrate import FitOptions, calibrate
 from fitting.report.run_folder import RESULT, SHIP, START, write_json
@@ -44,6 +36,7 @@ TEXTS = {
     ),
     "maneuver": ("zigzag:-10/10", "turning:35", "crash-stop:0.6", "spiral:15/5", "pull-out:20", "random:7", "berthing"),
     "wind": ("1.5:60:gusty", "3:-90", "0:0"),
+    "groups": (GROUPS,),
 }
 """Texts of the command line, by reader."""
 ROWS = 8
@@ -100,16 +93,17 @@ def write_runs(folder: Path) -> None:
 def _write_diagnosis(folder: Path) -> None:
     """diagnosis.json and result.json of a diagnosis made by hand."""
     folder.mkdir()
-    current = {"x": EstimatedParameter(0.03, 0.002, "m/s")}
+    current = {"x": findings.EstimatedParameter(0.03, 0.002, "m/s")}
     found = Diagnosis(
         verdict="named", sentence="The gap is a current.", instruments=(), remainder=True, next_test="Stop.",
-        effects=(NamedEffect("current", current, 1e-12, 280.0, 0.3),),
+        effects=(findings.NamedEffect("current", current, 1e-12, 280.0, 0.3),),
         equivalence_class=("wave_drift",), warnings=("beware of the tide.",), not_screened={"bank": "no line is known"},
-        candidates=(RankedCandidate("current", 300.0, 1e-12, 280.0, True, 0.3, current),),
-        where={"channels": {"surge": {"share": 0.5}}}, noise=RandomSizes((1.0, 2.0, 3.0), 4.0, (0.1,) * 6, (0.2,) * 6),
-        held_out=HeldOut(0.4, 0.2, 0.5, (0.3, 0.6), 12, {"test": (0.5, 0.2)}, horizons={"30 s": (0.4, 0.2)}),
-        unnamed=Unnamed({"all": 20.0, "sway force": 15.0}, {"all": 4.0}), kinematics=("late by 0.7 s",),
-        timings={"total": 1.0}, inputs=DiagnosisInputs(({"name": "run"},)), ship=load_ship("esso_osaka_3m"),
+        candidates=(findings.RankedCandidate("current", 300.0, 1e-12, 280.0, True, 0.3, current),),
+        where={"channels": {"surge": {"share": 0.5}}},
+        noise=findings.RandomSizes((1.0, 2.0, 3.0), 4.0, (0.1,) * 6, (0.2,) * 6),
+        held_out=findings.HeldOut(0.4, 0.2, 0.5, (0.3, 0.6), 12, {"test": (0.5, 0.2)}, horizons={"30 s": (0.4, 0.2)}),
+        unnamed=findings.Unnamed({"all": 20.0, "sway force": 15.0}, {"all": 4.0}), kinematics=("late by 0.7 s",),
+        timings={"total": 1.0}, inputs=findings.DiagnosisInputs(({"name": "run"},)), ship=load_ship("esso_osaka_3m"),
     )  # fmt: skip
     write_json(folder / CONTENT, found.to_dict())
     write_json(folder / RESULT, {"schema_version": 1, "kind": "diagnosis", **vars(found.inputs), "figures": []})

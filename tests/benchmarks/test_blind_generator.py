@@ -14,16 +14,25 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
-from benchmarks.blind.generator.coefficients import DRAWN, scaled_ship, ship_numbers, true_coefficients
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
 from benchmarks.blind.generator.effect import LEVELS, Effect
-from benchmarks.blind.generator.foreign import FOREIGN
-from benchmarks.blind.generator.machinery import follow
+from benchmarks.blind.generator.foreign import FOREIGN, NEW, STRANGERS
+from benchmarks.blind.generator.library import follow
 from benchmarks.blind.generator.plant import plant_of, rates
-from benchmarks.blind.generator.strangers import NEW, STRANGERS
-from benchmarks.blind.generator.wide import RANGES, STEP, TOTAL, own_runs, own_world
-from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
+from benchmarks.blind.generator.world import (
+    RANGES,
+    STEP,
+    TOTAL,
+    WORLDS,
+    World,
+    own_runs,
+    own_world,
+    scaled_ship,
+    sensor_errors,
+    ship_numbers,
+    true_coefficients,
+)
 from benchmarks.blind.generator.write import generate
 from cases.inputs import model_inputs
 from cases.io.read import read_trials
@@ -85,14 +94,14 @@ def test_it_imports_nothing_of_what_it_tests() -> None:
 def test_the_accelerations_are_those_of_the_package() -> None:
     rng, count = np.random.default_rng(2), 300
     particulars, nominal = ship_numbers()
-    true = true_coefficients(nominal, rng)
+    true = true_coefficients(nominal, rng, WORLDS["pond"].drawn)
     u, v, r = rng.uniform(-0.2, 0.5, count), rng.uniform(-0.15, 0.15, count), rng.uniform(-0.08, 0.08, count)
     state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
     n, delta = rng.uniform(-12, 12, count), np.radians(rng.uniform(-35, 35, count))
     wind = rng.normal(0, 1.5, (2, count))
     plant = plant_of(particulars, [true], [[]], count)
     ours = rates(plant, state, (n, delta, *wind), np.zeros((3, count)), np.zeros(count))
-    ship = load_ship("esso_osaka_3m").with_values({name: true[name] for name in DRAWN})
+    ship = load_ship("esso_osaka_3m").with_values({name: true[name] for name in WORLDS["pond"].drawn})
     package = assemble(ship, (), exact=True).rates.map(count)
     theirs = np.array(package(state, np.stack([n, delta, *wind]), np.zeros((0, count))))
     size = np.median(np.abs(theirs), axis=1)[:, None]
@@ -197,8 +206,8 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> 
 
 @pytest.mark.slow
 def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.blind.generator.wide.TOTAL", 160.0)
-    monkeypatch.setattr("benchmarks.blind.generator.wide.RANGES", RANGES | {"runs": (2.0, 3.0)})
+    monkeypatch.setattr("benchmarks.blind.generator.world.TOTAL", 160.0)
+    monkeypatch.setattr("benchmarks.blind.generator.world.RANGES", RANGES | {"runs": (2.0, 3.0)})
     generate(tmp_path / "out", 3, 8, "null", world=WORLDS["kvlcc2_wide"])
     entries = json.loads((tmp_path / "out" / "key.json").read_text())["cases"]
     assert len({entry["conditions"]["sample"] for entry in entries}) == 3
@@ -337,7 +346,7 @@ def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Pat
             path = folder / "sealed" / f"{entry['case']}.json" if name == "sealed" else folder / entry["case"] / name
             assert hashlib.sha256(path.read_bytes()).hexdigest() == expected
         truth = json.loads((folder / "sealed" / f"{entry['case']}.json").read_text())
-        assert truth["floor"] > 0 and set(DRAWN) <= set(truth["nominal_true_coefficients"])
+        assert truth["floor"] > 0 and set(WORLDS["pond"].drawn) <= set(truth["nominal_true_coefficients"])
 
 
 @pytest.mark.slow

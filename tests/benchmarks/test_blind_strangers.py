@@ -7,13 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.blind.generator.coefficients import scaled_ship
 from benchmarks.blind.generator.deal import deal
 from benchmarks.blind.generator.effect import Drawn, Effect
-from benchmarks.blind.generator.foreign import FOREIGN
+from benchmarks.blind.generator.foreign import FOREIGN, NEW, SPELLED, STRANGERS
 from benchmarks.blind.generator.plant import parts_of, plant_of
-from benchmarks.blind.generator.strangers import NEW, SPELLED, STRANGERS
-from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.generator.world import WORLDS, scaled_ship
 from mmg.effects import EFFECTS as PACKAGE_EFFECTS
 from tests.benchmarks.test_blind_generator import EFFECTS, SHORTER, alone, with_each_effect
 

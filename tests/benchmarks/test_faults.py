@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import ast
 
-from benchmarks.faults import faults
-from benchmarks.mutants import ROOT, drawn, equivalent, physics, room_tests
+from benchmarks.mutants import ROOT, drawn, equivalent, faults, physics, room_tests
 
 TEXT = '''"""Not 1 + 1."""
 ROW = ("Y_v", -0.3, 0.1, -1.0, 0.0, "mmg", "a starting value")

@@ -7,8 +7,7 @@ import pytest
 
 from benchmarks.file_faults.__main__ import broken, judged
 from benchmarks.file_faults.faults import FAULTS
-from benchmarks.file_faults.fleet import SETS, drawn
-from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run
+from benchmarks.file_faults.plant import SETS, Hull, Plant, Weather, circle, drawn, run
 
 NAME = "7 m tanker, mild, 2 Hz"
 

@@ -9,9 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.fuzz.__main__ import outcome, piece, strict_warnings, table
-from benchmarks.fuzz.damage import numbered
+from benchmarks.fuzz.damage import REPRODUCERS, numbered, reproducers
 from benchmarks.fuzz.readers import Reader, readers
-from benchmarks.fuzz.reproducers import REPRODUCERS, reproducers
 from benchmarks.fuzz.samples import GOOD
 from cases.importing.import_logs import SUFFIXES
 from mmg.errors import LONGEST, UserError

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.file_faults.fleet import SETS
-from benchmarks.file_faults.plant import Order, Plant, Weather, circle, run, zigzag
+from benchmarks.file_faults.plant import SETS, Order, Plant, Weather, circle, run, zigzag
 from cases.trial import Trial
 
 

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator import weather
-from benchmarks.blind.generator.coefficients import scaled_ship, true_coefficients
+from benchmarks.blind.generator import world as worlds
 from benchmarks.blind.generator.controls import SETS, Helm, Orders, begin, orders
-from benchmarks.blind.generator.deal import Hand, draw, site_of
+from benchmarks.blind.generator.deal import Hand, site_of
 from benchmarks.blind.generator.effect import Drawn, Effect, History
+from benchmarks.blind.generator.library import DRAUGHT
 from benchmarks.blind.generator.plant import Array, Plant, Signals, plant_of, rollout, step
-from benchmarks.blind.generator.surroundings import DRAUGHT
-from benchmarks.blind.generator.wide import own_runs, own_world
-from benchmarks.blind.generator.world import WORLDS, World, sensor_errors
+from benchmarks.blind.generator.world import WORLDS, World
 
 SCALES = np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01])
 """What errors of the six columns are divided by in J."""
@@ -27,7 +25,7 @@ WINDOW = 30.0
 class Case:
     """One case before it is run: what it holds and all that is random about it.
 
-    world: its own, where the conditions were ``drawn`` for it (names of ``wide.RANGES``).
+    world: its own, where the conditions were ``drawn`` for it (names of ``world.RANGES``).
     """
 
     hand: Hand
@@ -51,33 +49,31 @@ class Case:
     def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
         """A case of a manoeuvre set in a ``world``, from its own seed."""
         rng = np.random.default_rng(seed)
-        train: tuple[str, ...]
-        test: tuple[str, ...]
-        train, test = SETS[world.sets.get(chosen, chosen)]
+        train, test = map(tuple, SETS[world.sets.get(chosen, chosen)])
         conditions: dict[str, float] = {}
         if world.wide:
-            world, conditions = own_world(world, rng)
-            train, test = own_runs((train, test), conditions, rng)
+            world, conditions = worlds.own_world(world, rng)
+            train, test = worlds.own_runs((train, test), conditions, rng)
         rows, dt = world.rows, world.step
         kinds, runs = (*train, *test), len(train) + len(test)
-        drawn = draw(hand, runs, rng)
+        drawn = [(effect, effect.draw(strength, rng, runs)) for effect, strength in hand.effects]
         for effect, one in drawn:
             if effect.name in world.sizes:
                 one.key["size"] *= world.sizes[effect.name]
                 one.inside["size"] *= world.sizes[effect.name]
-        nominal = scaled_ship(world)[1]
-        coefficients, site = true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
+        nominal = worlds.scaled_ship(world)[1]
+        coefficients, site = worlds.true_coefficients(nominal, rng, world.drawn, world.spread), site_of(drawn, rng)
         if "water" in site:
             site["water"]["depth"] *= world.draught / DRAUGHT
         bank = next((one.bank for _, one in drawn if one.bank is not None), None)
         sides = rng.choice((-1.0, 1.0), runs)
         given = orders(kinds, rows, dt, sides, rng)
-        start, _ = begin(kinds, bank, sides, given.n[0], rng)
-        force, process = weather.random_force(rows, dt, runs, rng, world.force, world.memory)
-        wind = weather.wind(rows, dt, runs, rng)
-        noise = sensor_errors(world, (rows - 1) // world.every + 1, runs, rng)
+        start = begin(kinds, bank, sides, given.n[0], rng)
+        force, process = worlds.random_force(world, runs, rng)
+        wind = worlds.gusty_wind(world, runs, rng)
+        noise = worlds.sensor_errors(world, (rows - 1) // world.every + 1, runs, rng)
         gyro = world.gyro * float(rng.uniform(-1, 1)) if world.gyro else 0.0
-        gusts = weather.unlogged_gusts(rows, dt, runs, world.gust, rng) if world.gust else np.ones((rows, runs))
+        gusts = worlds.unlogged_gusts(world, runs, rng)
         random = (start, wind, force, process, noise, gyro, gusts)
         return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world, conditions)
 
@@ -159,12 +155,13 @@ class Gear:
 def run(cases: list[Case]) -> Runs:
     """Runs a batch of cases of the same world side by side."""
     world = cases[0].world
-    particulars, _ = scaled_ship(world)
+    particulars, _ = worlds.scaled_ship(world)
     runs = len(cases[0].kinds)
     plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], runs, world)
     start = np.concatenate([c.start for c in cases], axis=1)
     speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
-    north, east = weather.air_over_ground(speed * np.concatenate([c.gusts for c in cases], axis=1), direction)
+    air = speed * np.concatenate([c.gusts for c in cases], axis=1)
+    north, east = -air * np.cos(direction), -air * np.sin(direction)
     force = np.concatenate([c.force for c in cases], axis=2)
     n, delta, port, bow = np.zeros((4, world.rows, plant.runs))
     signals = Signals(n, delta, north, east, force, port, bow)

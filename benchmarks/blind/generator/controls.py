@@ -4,31 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-Array = np.ndarray
+from benchmarks.toml import tables
+
+Array, Rng = np.ndarray, np.random.Generator
 
 DURATION = 150.0
 RUDDER_RATE, SHAFT_RATE, BOW_RATE = np.radians(20.0), 10.0, 30.0
 """Rate limits of the steering gear [rad/s], of the shaft and of the bow thruster [1/s^2]."""
 
-TWIN = "twin"
-"""The mixed set of a ship with two rudders; no other can run it."""
-SETS = {
-    "mixed": (
-        ("zigzag", "zigzag", "turn", "turn", "random", "random", "berthing"),
-        ("zigzag", "turn", "random", "random", "berthing"),
-    ),
-    "ahead": (
-        ("zigzag", "zigzag", "turn", "turn", "random", "random", "random"),
-        ("zigzag", "turn", "random", "random", "random"),
-    ),
-    TWIN: (
-        ("zigzag", "zigzag", "steaming", "steaming", "harbour", "harbour", "harbour"),
-        ("zigzag", "steaming", "harbour", "harbour", "harbour"),
-    ),
-    **{kind: ((kind,) * 7, (kind,) * 5) for kind in ("zigzag", "turn", "random", "berthing")},
+SETS = tables(Path(__file__).with_suffix(".toml")) | {
+    kind: ((kind,) * 7, (kind,) * 5) for kind in ("zigzag", "turn", "random", "berthing")
 }
 """Runs for training and runs held out, by manoeuvre set."""
 
@@ -59,28 +48,28 @@ def _held(count: int, dt: float, values: Sequence[float] | Array, seconds: Seque
     return np.asarray(values)[np.minimum(np.searchsorted(ends, dt * np.arange(count), "right"), len(values) - 1)]
 
 
-def _zigzag(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, Array, tuple]:
+def _zigzag(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, Array, tuple]:
     angle = np.radians(rng.choice((20.0, 25.0, 30.0, 35.0)))
     switch = angle if rng.uniform() < 0.7 else 0.5 * angle
     n = _held(count, dt, rng.uniform(7.0, 12.0, 2), (rng.uniform(60.0, 110.0), DURATION))
     return n, np.zeros(count), (side * angle, switch, rng.uniform(3.0, 10.0))
 
 
-def _turn(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, Array, tuple]:
+def _turn(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, Array, tuple]:
     angle = side * np.radians(rng.choice((20.0, 25.0, 30.0, 35.0)))
     n = _held(count, dt, [rng.uniform(7.0, 11.0)], [DURATION])
     seconds = (rng.uniform(5.0, 20.0), rng.uniform(80.0, 150.0), DURATION)
     return n, _held(count, dt, (0.0, angle, angle * rng.choice((0.0, 0.5, -1.0))), seconds), (0.0, 0.0, 0.0)
 
 
-def _random(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, Array, tuple]:
+def _random(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, Array, tuple]:
     delta = np.radians(rng.uniform(-35.0, 35.0, 40)) * (rng.uniform(size=40) > 0.15)
     n = rng.uniform(4.0, 11.0, 20)
     orders = _held(count, dt, delta, rng.uniform(4.0, 16.0, 40))
     return _held(count, dt, n, rng.uniform(12.0, 40.0, 20)), orders, (0.0, 0.0, 0.0)
 
 
-def _berthing(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, Array, tuple]:
+def _berthing(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, Array, tuple]:
     values: list[float] = [rng.uniform(6.0, 10.0)]
     seconds: list[float] = [rng.uniform(15.0, 30.0)]
     while sum(seconds) < DURATION:
@@ -90,7 +79,7 @@ def _berthing(count: int, dt: float, side: float, rng: np.random.Generator) -> t
     return _held(count, dt, values, seconds), _held(count, dt, delta, rng.uniform(6.0, 18.0, 30)), (0.0, 0.0, 0.0)
 
 
-def _steaming(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, ...]:
+def _steaming(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, ...]:
     """Two rudders steered together, up to 8 degrees apart, at the same revolutions throughout."""
     both = np.radians(rng.uniform(-27.0, 27.0, 40)) * (rng.uniform(size=40) > 0.15)
     apart, seconds = np.radians(rng.uniform(0.0, 8.0, 40)), rng.uniform(4.0, 16.0, 40)
@@ -98,7 +87,7 @@ def _steaming(count: int, dt: float, side: float, rng: np.random.Generator) -> t
     return np.full(count, rng.uniform(7.0, 11.0)), pair[0], np.zeros(3), pair[1], np.zeros(count)
 
 
-def _harbour(count: int, dt: float, side: float, rng: np.random.Generator) -> tuple[Array, ...]:
+def _harbour(count: int, dt: float, side: float, rng: Rng) -> tuple[Array, ...]:
     """Two rudders by which a ship stops, hovers and turns while the propeller turns on, and a bow thruster."""
     moves = 40
     which, inwards = rng.integers(0, 4, moves), np.radians(rng.uniform(0.0, 35.0, moves))
@@ -119,7 +108,7 @@ _MAKERS: dict[str, Callable[[int, float, float, np.random.Generator], tuple]] = 
 }  # fmt: skip
 
 
-def orders(kinds: Sequence[str], count: int, dt: float, sides: Array, rng: np.random.Generator) -> Orders:
+def orders(kinds: Sequence[str], count: int, dt: float, sides: Array, rng: Rng) -> Orders:
     """Orders of the runs of one case; sides (B,): +1 or -1, the side of the first turn. Where a run does not tell two
     rudders apart the port one goes with the other."""
     made = [_MAKERS[kind](count, dt, float(side), rng) for kind, side in zip(kinds, sides, strict=True)]
@@ -131,10 +120,8 @@ def orders(kinds: Sequence[str], count: int, dt: float, sides: Array, rng: np.ra
     return Orders(n, delta, rudder, switch, start, port, bow)
 
 
-def begin(
-    kinds: Sequence[str], bank: tuple[float, float] | None, sides: Array, n: Array, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Initial states (6, B) and the sides of the first turns (B,).
+def begin(kinds: Sequence[str], bank: tuple[float, float] | None, sides: Array, n: Array, rng: Rng) -> Array:
+    """Initial states (6, B). sides (B,): of the first turns.
 
     Runs go straight ahead at first, at about the speed of their revolutions n (B,) [1/s]. They begin around the origin
     on any heading, or beside a bank (bearing [rad], distance [m] from the origin): along it, and turning away from it.
@@ -152,7 +139,7 @@ def begin(
         y = (distance - off) * np.sin(bearing) + along * np.cos(bearing)
         psi = bearing + sides * np.pi / 2 + rng.normal(0.0, 0.12, B)
     u = 0.036 * n * rng.uniform(0.6, 1.05, B)
-    return np.stack([x, y, psi, u, np.zeros(B), np.zeros(B)]), sides
+    return np.stack([x, y, psi, u, np.zeros(B), np.zeros(B)])
 
 
 @dataclass

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator import instruments, machinery, surroundings
 from benchmarks.blind.generator.effect import LEVELS, Drawn, Effect
-from benchmarks.blind.generator.foreign import FOREIGN
-from benchmarks.blind.generator.strangers import STRANGERS
+from benchmarks.blind.generator.foreign import FOREIGN, STRANGERS
+from benchmarks.blind.generator.library import LIBRARY, SIDES
 
-LIBRARY: tuple[Effect, ...] = (*surroundings.EFFECTS, *machinery.EFFECTS, *instruments.EFFECTS)
+Effects = Sequence[Effect]
 KINDS = ("library", "null", "foreign", "strangers", "pair", "mix")
 NULL_SHARE, FOREIGN_SHARE, DECOYS = 0.10, 0.15, 0.25
 """Shares of null and foreign cases in a mix, and of other cases with a site file that explains nothing."""
@@ -35,25 +34,15 @@ def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
     return out[:count]
 
 
-def _hands_of(
-    kind: str,
-    count: int,
-    rng: np.random.Generator,
-    library: Sequence[Effect] = LIBRARY,
-    strangers: Sequence[Effect] = STRANGERS,
-) -> list[Hand]:
+def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Effects, strangers: Effects) -> list[Hand]:
     if kind == "null":
         return [Hand(kind, ())] * count
     if kind == "library":
         # every block of twenty holds each effect once, and three blocks each of its strengths once
         first = {effect.name: int(rng.integers(3)) for effect in library}
         blocks = [_cycled(list(library), len(library), rng) for _ in range(-(-count // len(library)))]
-        hands = [
-            Hand(kind, ((effect, LEVELS[(first[effect.name] + b) % 3]),))
-            for b, block in enumerate(blocks)
-            for effect in block
-        ]
-        return hands[:count]
+        dealt = [(effect, LEVELS[(first[effect.name] + b) % 3]) for b, block in enumerate(blocks) for effect in block]
+        return [Hand(kind, (one,)) for one in dealt[:count]]
     if kind in ("foreign", "strangers"):
         among = FOREIGN if kind == "foreign" else strangers
         pool = [(effect, level) for effect in among for level in LEVELS[1:]]
@@ -67,29 +56,24 @@ def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str]
 
     without: names of effects that the ship cannot have. The hands of the strangers are of the kind "foreign", too.
     """
-    library, strangers = (tuple(e for e in pool if e.name not in without) for pool in (LIBRARY, STRANGERS))
+    pools = [[e for e in pool if e.name not in without] for pool in (LIBRARY, STRANGERS)]
     if kind != "mix":
-        return _hands_of(kind, count, rng, library, strangers)
+        return _hands_of(kind, count, rng, *pools)
     null, foreign = round(NULL_SHARE * count), round(FOREIGN_SHARE * count)
-    hands = _hands_of("null", null, rng) + _hands_of("foreign", foreign, rng)
-    hands += _hands_of("library", count - null - foreign, rng, library)
+    parts = {"null": null, "foreign": foreign, "library": count - null - foreign}
+    hands = [hand for part, size in parts.items() for hand in _hands_of(part, size, rng, *pools)]
     return [hands[i] for i in rng.permutation(count)]
 
 
 def decoy(rng: np.random.Generator) -> dict[str, dict[str, Any]]:
     """A site file of a place whose bank, shelf or depth plays no part."""
-    axis, way, greater, less = surroundings.SIDES[int(rng.integers(4))]
+    axis, way, greater, less = SIDES[int(rng.integers(4))]
     which = rng.choice(("bank", "shelf", "water"))
     if which == "bank":
         return {"bank": {axis: round(way * rng.uniform(8.0, 15.0), 1), "water_side": less}}
     if which == "shelf":
         return {"shelf": {axis: round(way * rng.uniform(-4.0, 4.0), 1), "shallow_side": greater}}
     return {"water": {"depth": round(float(rng.uniform(2.0, 4.0)), 2)}}
-
-
-def draw(hand: Hand, runs: int, rng: np.random.Generator) -> list[tuple[Effect, Drawn]]:
-    """Draws of the effects of a hand."""
-    return [(effect, effect.draw(strength, rng, runs)) for effect, strength in hand.effects]
 
 
 def site_of(drawn: list[tuple[Effect, Drawn]], rng: np.random.Generator) -> dict[str, dict[str, Any]]:

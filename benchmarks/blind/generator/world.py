@@ -5,7 +5,7 @@ A world is integrated for a ship of 3 m; ``length`` is that of the ship in the f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
@@ -13,19 +13,13 @@ from types import ModuleType
 import numpy as np
 
 from benchmarks.blind.generator import forces, forces_standard, forces_vectwin
-from benchmarks.blind.generator.surroundings import DRAUGHT
+from benchmarks.blind.generator.library import DRAUGHT
 from benchmarks.toml import tables
 
 Array = np.ndarray
 MODEL = 3.0
 """Length of the ship that is integrated [m]."""
 
-ESSO = (
-    "X_0F", "X_0A", "X_vr", "Y_v", "Y_r", "N_v", "N_r", "C_D", "C_rY", "C_rN",
-    "k_0", "t_P", "w_P0", "tau",
-    "t_R", "a_H", "ell_R", "k_x", "epsilon", "gamma_P", "gamma_N",
-)  # fmt: skip
-"""Coefficients whose truth differs from the ship file in the first world."""
 MODELS: dict[str, ModuleType] = {"forces_standard": forces_standard, "forces_vectwin": forces_vectwin}
 
 
@@ -43,14 +37,14 @@ class World:
     angle over which the flow at two rudders changes sides [rad]; sizes: factors on the sizes of causes without a name,
     which cost more or less here than in the pond; runge_kutta: fourth order with inputs in between, else Heun; step:
     of the integration and of all signals [s], a whole part of the sample; duration: of a run [s]; wide: every case
-    draws its own noise, memory, sample, runs and spread (wide.py).
+    draws its own noise, memory, sample, runs and spread (``own_world``).
     """
 
     name: str
     ship: str = "esso_osaka_3m"
     length: float = MODEL
     forces: ModuleType = forces
-    drawn: tuple[str, ...] = ESSO
+    drawn: tuple[str, ...] = ()
     spread: float = 0.05
     force: tuple[float, float, float] = (0.05, 0.15, 0.10)
     memory: tuple[float, float] = (3.0, 8.0)
@@ -122,9 +116,135 @@ def sensor_errors(world: World, rows: int, runs: int, rng: np.random.Generator) 
     """Errors (rows, 6, runs) of the logged columns: white, or those of u, v and r half white and half with memory."""
     out = rng.standard_normal((rows, 6, runs))
     if world.colour[1] > 0:
-        left = np.exp(-world.sample / rng.uniform(*world.colour, 3))[:, None]
-        slow = rng.standard_normal((rows, 3, runs))
-        for k in range(1, rows):
-            slow[k] = left * slow[k - 1] + np.sqrt(1 - left**2) * slow[k]
+        slow = wander(rows, world.sample, rng.uniform(*world.colour, 3)[:, None], (3, runs), rng)
         out[:, 3:] = (out[:, 3:] + slow) / np.sqrt(2.0)
     return np.asarray(world.noise)[:, None] * out
+
+
+# The ship file's numbers and the true coefficients of a case
+
+SHIPS = Path(__file__).parents[3] / "cases" / "ships"
+LENGTHS = {"L": 1, "B": 1, "d": 1, "x_G": 1, "D_P": 1, "x_R": 1, "A_R": 2, "m": 3}
+"""Particulars that the plant uses, and the power of the scale that each goes with."""
+
+
+def scaled_ship(world: World) -> tuple[dict[str, float], dict[str, float]]:
+    """Particulars of the ``world``'s ship at the length that is integrated (SI), and its nominal coefficients."""
+    particulars, coefficients = ship_numbers(world.ship)
+    ratio = MODEL / particulars["L"]
+    if ratio != 1:
+        particulars = {k: v * ratio ** LENGTHS.get(k, 0) for k, v in particulars.items()}
+    return particulars, coefficients
+
+
+def ship_numbers(name: str = "esso_osaka_3m") -> tuple[dict[str, float], dict[str, float]]:
+    """Particulars (SI) and nominal coefficients of a ship file."""
+    data = tables(SHIPS / f"{name}.toml")
+    particulars = {key: float(value) for key, value in data["ship"].items() if not isinstance(value, str)}
+    return particulars, {name: float(entry["value"]) for name, entry in data["coefficients"].items()}
+
+
+def true_coefficients(
+    nominal: dict[str, float], rng: np.random.Generator, drawn: Sequence[str], spread: float = 0.05
+) -> dict[str, float]:
+    """Nominal values, those ``drawn`` times N(1, spread) each (cut at three standard deviations)."""
+    factors = np.clip(1 + spread * rng.standard_normal(len(drawn)), 1 - 3 * spread, 1 + 3 * spread)
+    return {**nominal, **{name: nominal[name] * float(f) for name, f in zip(drawn, factors, strict=True)}}
+
+
+# Wide worlds: every case draws its own noise, memory, sampling, number of runs and spread of the truth, for the claim
+# that false alarms stay rare not only in the conditions by which a limit was chosen
+
+RANGES = {
+    "force": (0.1, 10.0),
+    "sensors": (0.1, 10.0),
+    "memory": (1.0, 20.0),
+    "sample": (0.05, 1.0),
+    "runs": (2.0, 40.0),
+    "spread": (0.02, 0.15),
+}
+"""What a case draws, each log-uniform: factors of the random force and of the sensors' noise, memory of the random
+force and time between rows [s, of the ship in the files], runs (training and held out), spread of the truth."""
+APART = 2.0
+"""Each sensor's own factor lies within this of the case's, and within the range."""
+TOTAL, LONGEST = 2000.0, 150.0
+"""Most seconds of all runs together, and of one run; of the ship in the files and of the one that is integrated."""
+STEP = 0.05
+"""Longest step of the integration [s]; a whole number of them lies between two rows."""
+TRAINING = 7 / 12
+"""Share of the runs that are for training; one run at least is, and one is held out."""
+SENSORS = ((0, 1), (2,), (3, 4), (5,))
+"""Columns of x, y; psi; u, v; r: each sensor has its own factor."""
+
+
+def own_world(world: World, rng: np.random.Generator) -> tuple[World, dict[str, float]]:
+    """The world of one case of a wide ``world``, and what was drawn for it (names of ``RANGES``)."""
+    drawn = {name: float(np.exp(rng.uniform(*np.log(limits)))) for name, limits in RANGES.items()}
+    drawn["runs"] = float(round(drawn["runs"]))
+    apart = np.exp(rng.uniform(-np.log(APART), np.log(APART), len(SENSORS)))
+    factors = np.clip(drawn["sensors"] * apart, *RANGES["sensors"])
+    noise = np.array(world.noise)
+    for columns, factor in zip(SENSORS, factors, strict=True):
+        noise[list(columns)] *= factor
+    clock = np.sqrt(world.scale)
+    sample, memory = drawn["sample"] / clock, drawn["memory"] / clock
+    step = sample / np.ceil(sample / STEP)
+    duration = sample * np.floor(min(LONGEST, TOTAL / clock / drawn["runs"]) / sample)
+    times = {"sample": float(sample), "step": float(step), "duration": float(duration), "memory": (memory, memory)}
+    force = tuple(drawn["force"] * np.array(world.force))
+    return replace(world, spread=drawn["spread"], force=force, noise=tuple(noise), **times), drawn
+
+
+def own_runs(
+    kinds: tuple[Sequence[str], Sequence[str]], drawn: Mapping[str, float], rng: np.random.Generator
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Kinds of the runs for training and held out: as many as were drawn, of the given ones in random order."""
+    count = int(drawn["runs"])
+    training = min(max(round(TRAINING * count), 1), count - 1)
+    dealt = []
+    for pool, wanted in zip(kinds, (training, count - training), strict=True):
+        order = [k for _ in range(-(-wanted // len(pool))) for k in rng.permutation(pool)]
+        dealt.append(tuple(str(k) for k in order[:wanted]))
+    return dealt[0], dealt[1]
+
+
+# Gusty wind and the slow random force that no model explains
+
+
+def wander(count: int, dt: float, tau: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Ornstein-Uhlenbeck processes of unit variance, (count, *shape); tau [s] broadcasts to ``shape``."""
+    left = np.broadcast_to(np.exp(-dt / tau), shape)
+    push = np.sqrt(1 - left**2)
+    noise = rng.standard_normal((count, *shape))
+    out = np.empty_like(noise)
+    out[0] = noise[0]
+    for k in range(1, count):
+        out[k] = left * out[k - 1] + push * noise[k]
+    return out
+
+
+def gusty_wind(world: World, runs: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """True wind speed [m/s] and direction it comes from [rad], (rows, runs): one day, each run with its own mean.
+
+    Mean 0.8 to 2.2 m/s; gusts of 10 to 22 % with 12 s; direction within some 30 degrees of the day's, wandering by 8.
+    """
+    mean = rng.uniform(0.8, 2.2, runs)
+    gusts = rng.uniform(0.10, 0.22, runs) * wander(world.rows, world.step, np.array(12.0), (runs,), rng)
+    speed = mean * np.maximum(1 + gusts, 0.1)
+    base = rng.uniform(-np.pi, np.pi) + np.radians(30) * rng.standard_normal(runs)
+    return speed, base + np.radians(8) * wander(world.rows, world.step, np.array(25.0), (runs,), rng)
+
+
+def unlogged_gusts(world: World, runs: int, rng: np.random.Generator) -> Array:
+    """Factors (rows, runs) of the logged wind speed by gusts of 0.5 to 2 s that the log does not show."""
+    if not world.gust:
+        return np.ones((world.rows, runs))
+    gusts = wander(world.rows, world.step, rng.uniform(0.5, 2.0, runs), (runs,), rng)
+    return np.maximum(1 + world.gust * gusts, 0.1)
+
+
+def random_force(world: World, runs: int, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
+    """Unmodelled force (rows, 3, runs) [N, N, N m] and what it was drawn with (sizes and tau of the case)."""
+    sizes, tau = np.array(world.force) * rng.uniform(0.7, 1.4, 3), float(rng.uniform(*world.memory))
+    force = sizes[:, None] * wander(world.rows, world.step, np.array(tau), (3, runs), rng)
+    return force, {**{axis: float(s) for axis, s in zip("XYN", sizes, strict=True)}, "tau": tau}

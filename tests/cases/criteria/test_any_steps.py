@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.file_faults.fleet import SETS
-from benchmarks.file_faults.plant import Plant, Weather, run
+from benchmarks.file_faults.plant import SETS, Plant, Weather, run
 from cases.criteria.imo import imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers
 from cases.criteria.standard_runs import measured_runs

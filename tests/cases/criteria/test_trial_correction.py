@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.file_faults.fleet import SETS
-from benchmarks.file_faults.plant import Plant, Weather, circle, run, zigzag
+from benchmarks.file_faults.plant import SETS, Plant, Weather, circle, run, zigzag
 from cases.criteria.imo import imo_figures_of_trials
 from cases.criteria.standard_runs import measured_runs, simulated_trial
 from cases.criteria.trial_correction import current_of
