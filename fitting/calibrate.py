@@ -78,7 +78,7 @@ class FitOptions:
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
     per_campaign: tuple[str, ...] = ()
-    instruments: tuple[str, ...] = ("velocity_filter",)
+    instruments: tuple[str, ...] = ("shown",)
     captive: Captive | None = None
     start: Mapping[str, float] = field(default_factory=dict)
     hold: bool = False

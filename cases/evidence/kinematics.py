@@ -384,6 +384,11 @@ class Kinematics:
                 named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
         return named
 
+    def rules_out(self, effect: str) -> bool:
+        """Whether what the ``effect`` would do to the columns was looked for, and is smaller than matters."""
+        faults = {fault.symbol for fault in (*TRACK, *TURN) if fault.effect == effect}
+        return all(r.verdict == "none" for r in self.pooled.readings if r.symbol in faults)
+
     def form_of(self, effect: str) -> str:
         """The ``effect`` as text for freeing it, "NAME" or "NAME:key=value": a velocity filter acts in these axes."""
         in_body_axes = effect == "velocity_filter" and self.pooled.frame == "body"

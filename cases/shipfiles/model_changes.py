@@ -70,17 +70,23 @@ def reduced_ship(
 
 
 def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] = ()) -> Ship:
-    """The ship with the effects ``names`` of its instruments freed, or just "none"; those that it has already stay.
+    """The ship with the effects ``names`` of its instruments freed; those that it has already stay.
 
-    A satellite delay stands for the velocity filter, which is then not added. trials: whose logs say in which axes
-    velocities are filtered. Raises UserError for an effect that is none of an instrument.
+    names: or just "none", or just "shown": a velocity filter, but where the trials say that velocities are not late:
+    fitted along without need it made predictions of other kinds of manoeuvres worse ("no velocity filter" in
+    ``benchmarks/ablation.md``). A satellite delay stands for the velocity filter, which is then not added. trials:
+    whose logs say whether velocities are late, and in which axes. Raises UserError for an effect that is none of an
+    instrument.
     """
-    names = [] if list(names) == ["none"] else [present_name(name) for name in names]
+    shown = list(names) == ["shown"]
+    names = [] if list(names) == ["none"] else ["velocity_filter"] if shown else [present_name(name) for name in names]
     for name in names:
         if name not in EFFECTS or not EFFECTS[name].measures:
             known = [e for e, effect in EFFECTS.items() if effect.measures]
-            raise UnknownName(f"--measurement {name}: no effect of an instrument; known: {', '.join(known)}, or none")
+            words = f"{', '.join(known)}, shown or none"
+            raise UnknownName(f"--measurement {name}: no effect of an instrument; known: {words}")
     present = {"velocity_filter"} if "gnss_delay" in ship.effects else set()
     new = [name for name in names if name not in {*ship.effects, *present}]
     seen = kinematics_of(trials, ship) if trials and "velocity_filter" in new else None
+    new = [name for name in new if not (shown and seen and seen.rules_out(name))]
     return freeing_effects(ship, [seen.form_of(name) if seen else name for name in new])

@@ -53,7 +53,7 @@ START = "as given"
 """Row of the ship as given, which is not fitted."""
 NO_LOSS = 1.02
 """Factor on the best validation error up to which a model with fewer unknowns is preferred. Set by hand."""
-INSTRUMENTS = ("velocity_filter",)
+INSTRUMENTS = ("shown",)
 THINNED = "-thinned"
 """Ending of the names of candidates."""
 SEQUENCES, SECONDS = 1000, 400.0

@@ -32,7 +32,7 @@ def compare(
     ] = None,
     out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
     ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
-    measurement: Annotated[str, Option(help="Instruments to fit along, or none.")] = "velocity_filter",
+    measurement: Annotated[str, Option(help="Instruments to fit, or none.")] = "shown",
     models: Annotated[str, Option(help="Which, by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
     fractions: Annotated[str, Option(help="Shares of training data, such as 0.1,0.3,1.")] = "1",
     no_random: Annotated[bool, Option("--no-random", help="Again without runs of random manoeuvres.")] = False,
@@ -89,9 +89,8 @@ def compare(
         raise Missing("--train: nothing is left to train on besides the test trials")
     train_set, test_set = ready(trained_on, tests, unchecked=unchecked)
     captive = load_ship(ship).without_network()
-    instruments = tuple(
-        e for e in with_instruments(captive, cli.names_of([measurement])).effects if e not in captive.effects
-    )
+    instruments = tuple(cli.names_of([measurement]))
+    with_instruments(captive, instruments)  # freed later; what is wrong with them is said now
     study = Study(captive, train_set.trials, test_set.trials, names, subsets, instruments=instruments, **settings)
     about = {
         "--seeds": [study.seeds, study.seed],

@@ -35,7 +35,7 @@ class FleetTable(Section):
     diagnosis_step: float | None = number("s", None, gt=0.0, lt=60.0)
     effects: list[str] = Field(default=[])
     without: list[str] = Field(default=[])
-    measurement: list[str] = Field(default=["velocity_filter"])
+    measurement: list[str] = Field(default=["shown"])
     time_limit: float | None = number("s", None, gt=0.0)
     compiled: bool = True
     unchecked: bool = False

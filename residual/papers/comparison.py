@@ -77,7 +77,7 @@ class Study:
     epochs: int | None = None
     step: float | None = None
     time_limit: float | None = None
-    instruments: tuple[str, ...] = ("velocity_filter",)
+    instruments: tuple[str, ...] = ("shown",)
 
 
 @dataclass(frozen=True)

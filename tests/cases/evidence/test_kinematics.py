@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from benchmarks.coverage import plant_trials
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
@@ -266,3 +267,24 @@ def test_the_same_logs_are_compared_once_and_others_anew():
     assert consistency(trials, SHIP) is first
     other = consistency(changed(trials, lambda c: {"r": 1.05 * c["r"]}), SHIP)
     assert other != first and symbols(other) != symbols(first)
+
+
+def freed(ship, trials):
+    return {s for s in with_instruments(ship, ["shown"], trials).free if s.startswith("velocity_filter")}
+
+
+def test_a_filter_is_fitted_along_where_trials_show_it_or_cannot_tell_and_not_where_they_rule_it_out():
+    late = with_defect(clean(), "velocity_filter", tau=1.0)
+    blind = [replace(t, columns={k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in clean()]
+    assert freed(SHIP, late) and freed(SHIP, blind) and not freed(SHIP, clean())
+
+
+def test_another_plant_with_other_noise_and_sampling_has_no_filter():
+    for seed in (51, 52):
+        ship, zigzags, _ = plant_trials(seed)
+        assert not freed(ship, zigzags)
+        assert freed(ship, [shifted_velocities(t, 2) for t in zigzags])
+
+
+def shifted_velocities(trial, rows):
+    return trial.with_columns(**{c: np.concatenate([np.full(rows, trial[c][0]), trial[c][:-rows]]) for c in "uv"})
