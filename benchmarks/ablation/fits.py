@@ -64,6 +64,8 @@ SWITCHES = (
     Switch("windows of 50 s", "windows of 50 s", settings={"window": 50.0}),
     Switch("windows alone", "no second estimate (multiple shooting alone)", options={"estimator": "windows"}),
     Switch("filter alone", "the second estimate alone", replaced={"fitting.calibration:SHARE": 1.0}),
+    Switch("velocity filter always", "the lag of the velocity filter is always fitted along",
+           options={"instruments": ("velocity_filter",)}),
     Switch("no velocity filter", "no lag of the velocity filter", options={"instruments": ()}),
     Switch("weight 0.3", "each run counts with 30 % of its information", settings={"weight": 0.3}),
     Switch("weight 0.1", "each run counts with 10 % of its information", settings={"weight": 0.1}),
