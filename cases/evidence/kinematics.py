@@ -384,10 +384,11 @@ class Kinematics:
                 named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
         return named
 
-    def rules_out(self, effect: str) -> bool:
-        """Whether what the ``effect`` would do to the columns was looked for, and is smaller than matters."""
+    def rules_out(self, effect: str, least: float) -> bool:
+        """Whether what the ``effect`` would do to the columns was looked for, and is by two standard errors smaller
+        than ``least`` [its unit]."""
         faults = {fault.symbol for fault in (*TRACK, *TURN) if fault.effect == effect}
-        return all(r.verdict == "none" for r in self.pooled.readings if r.symbol in faults)
+        return all(abs(r.value) + 2 * r.std < least for r in self.pooled.readings if r.symbol in faults)
 
     def form_of(self, effect: str) -> str:
         """The ``effect`` as text for freeing it, "NAME" or "NAME:key=value": a velocity filter acts in these axes."""
