@@ -73,11 +73,16 @@ class Process(subprocess.Popen[str]):
     """A command of its own session in a ``folder``, whose errors go to a file. words: of the command."""
 
     def __init__(self, folder: Path, words: Sequence[str]) -> None:
-        self.stderr_file = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
+        self.stderr_log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
         command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
         super().__init__(
-            command, cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=self.stderr_file, start_new_session=True
+            command,
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=self.stderr_log,
+            start_new_session=True,
         )
 
     def ended_with(self, seconds: float) -> int | None:
@@ -88,9 +93,9 @@ class Process(subprocess.Popen[str]):
 
     def said(self) -> str:
         """What it wrote to stderr."""
-        with self.stderr_file:
-            self.stderr_file.seek(0)
-            return self.stderr_file.read()
+        with self.stderr_log:
+            self.stderr_log.seek(0)
+            return self.stderr_log.read()
 
 
 def started(folder: Path, verb: str, out: str, *more: str) -> Process:

@@ -73,8 +73,9 @@ def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] =
     """The ship with the effects ``names`` of its instruments freed; those that it has already stay.
 
     names: or just "none", or just "shown": a velocity filter, but where the trials say that velocities are late by less
-    than half a sample: fitted along without need it made circles of another plant a fifth worse. A satellite delay stands for the velocity filter, which is then not added. trials:
-    whose logs say whether velocities are late, and in which axes. Raises UserError for an effect that is none of an
+    than half a sample: fitted along without need it made circles of another plant a fifth worse. A satellite delay
+    stands for the velocity filter, which is then not added. trials: whose logs say whether velocities are late, and in
+    which axes. Raises UserError for an effect that is none of an
     instrument.
     """
     shown = list(names) == ["shown"]

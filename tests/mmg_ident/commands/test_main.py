@@ -111,7 +111,7 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
     for name in ("ship.toml", "start.toml", "result.json", "iterate.safetensors", "report.html"):
         assert (run / name).stat().st_size > 0
     assert content["converged"] and content["status"] == "Solve_Succeeded"
-    assert len(content["coefficients"]) == 61 and content["versions"]["casadi"]
+    assert len(content["coefficients"]) == 62 and content["versions"]["casadi"]
     assert all(len(row["sha256"]) == 64 for row in content["data"])
     assert content["scores"]["validation"]["after"]["window"] < content["scores"]["validation"]["before"]["window"]
     assert content["figures"] and all((run / "figures" / f["file"]).exists() or (run / f["file"]).exists()
