@@ -63,8 +63,8 @@ class FitOptions:
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
     constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
-    the usual ones, ("none",) for none; instruments: as of ``with_instruments``; captive: points
-    of captive tests that are fitted too; start: values from which the solver begins, by symbol; hold: these stay, and
+    the usual ones, ("none",) for none; instruments: as of ``with_instruments``; captive: points of captive tests that
+    are fitted too; start: values from which the solver begins, by symbol; hold: these stay, and
     only what else is free and the noise is estimated; resume: an interrupted run of the same data and ship, from whose
     iterate to go on; command: what is stored as the command that made the result; name: of the ship and her
     calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain

@@ -168,12 +168,8 @@ class FitResult(FitRecord):
         from fitting.report.page import build_page, write_page
         from fitting.report.plots import write_figures
 
-        began, done, written, objects = (
-            time.perf_counter(),
-            self,
-            FigureFolder(folder / run_folder.FIGURES),
-            self.objects,
-        )
+        began, done, objects = time.perf_counter(), self, self.objects
+        written = FigureFolder(folder / run_folder.FIGURES)
         if objects:
             models = objects.before, objects.after
             draw = partial(write_figures, written, self, models, objects.trials, objects.validation)

@@ -255,9 +255,8 @@ def _contradicted(
         if psi_may and code == "r_sign":
             text += ", or psi counts counter-clockwise, and u and v were derived from it"
         said.append((DOUBTFUL if turned or unsure else CONTRADICTORY, code, text))
-        advised = found.agreed and not found.rival and not unsure and found.reading.rudder == found.folder.rudder
-        advised = advised and not psi_may
-        keys = found.reading.keys() if advised else {}
+        advised = found.agreed and not (found.rival or unsure or psi_may)
+        keys = found.reading.keys() if advised and found.reading.rudder == found.folder.rudder else {}
     if found.rival and not still:
         both = [line(wanted) for each in (found.reading, found.rival) if (wanted := settings(trial, each.keys()))]
         other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"

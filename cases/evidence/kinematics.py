@@ -384,11 +384,10 @@ class Kinematics:
                 named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
         return named
 
-    def rules_out(self, effect: str, least: float) -> bool:
-        """Whether what the ``effect`` would do to the columns was looked for, and is by two standard errors smaller
-        than ``least`` [its unit]."""
-        faults = {fault.symbol for fault in (*TRACK, *TURN) if fault.effect == effect}
-        return all(abs(r.value) + 2 * r.std < least for r in self.pooled.readings if r.symbol in faults)
+    def lag_below(self, least: float) -> bool:
+        """Whether velocities are late by less than ``least`` [s], by two standard errors; no where not checked."""
+        lag = self.pooled["lag"]
+        return abs(lag.value) + 2 * lag.std < least
 
     def form_of(self, effect: str) -> str:
         """The ``effect`` as text for freeing it, "NAME" or "NAME:key=value": a velocity filter acts in these axes."""

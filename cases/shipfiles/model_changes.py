@@ -72,11 +72,11 @@ def reduced_ship(
 def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] = ()) -> Ship:
     """The ship with the effects ``names`` of its instruments freed; those that it has already stay.
 
-    names: or just "none", or just "shown": a velocity filter, but where the trials say that velocities are late by less
-    than half a sample: fitted along without need it made circles of another plant a fifth worse. A satellite delay
-    stands for the velocity filter, which is then not added. trials: whose logs say whether velocities are late, and in
-    which axes. Raises UserError for an effect that is none of an
-    instrument.
+    names: or just "none", or just "shown": a velocity filter, unless the trials say that velocities are late by less
+    than half a sample, within which neither instrument nor logger is sure of its instant. Fitted along without need it
+    made circles of another plant a fifth worse. A satellite delay stands for the velocity filter, which is then not
+    added. trials: whose logs say whether velocities are late, and in which axes. Raises UserError for an effect that is
+    none of an instrument.
     """
     shown = list(names) == ["shown"]
     names = [] if list(names) == ["none"] else ["velocity_filter"] if shown else [present_name(name) for name in names]
@@ -88,6 +88,6 @@ def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] =
     present = {"velocity_filter"} if "gnss_delay" in ship.effects else set()
     new = [name for name in names if name not in {*ship.effects, *present}]
     seen = kinematics_of(trials, ship) if trials and "velocity_filter" in new else None
-    if shown and seen and seen.rules_out("velocity_filter", 0.5 * min(trial.dt for trial in trials)):
+    if shown and seen and seen.lag_below(0.5 * min(trial.dt for trial in trials)):
         new = []
     return freeing_effects(ship, [seen.form_of(name) if seen else name for name in new])

@@ -56,8 +56,7 @@ def compare(
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-    from fitting.report.run_folder import RESULT, check_target, reserved, write_json, write_whole
-    from fitting.solvers.interrupts import left_out_message
+    from fitting.report.run_folder import PENDING, RESULT, check_target, reserved, write_json, write_whole
     from mmg.messages import message_rows
 
     names = tuple(dict.fromkeys(cli.names_of([models])))
@@ -120,8 +119,8 @@ def compare(
         def fill(folder: Path) -> None:
             shutil.copytree(store.folder, folder / store.folder.name)
             (folder / "tables.md").write_text(tables_text(found), encoding="utf-8")
-            pending = {"level": "warning", **message_rows([left_out_message(["figures"])])[0]}  # if it ends here
-            write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], pending]})
+            missing = {"level": "warning", **message_rows([PENDING])[0]}  # if it ends here
+            write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], missing]})
 
         write_whole(out, fill, replace=True)
         written = FigureFolder(out)

@@ -152,3 +152,11 @@ def test_values_that_no_sizes_smooth_are_refused_in_a_line(values: dict[int, flo
     wild[list(values)] = list(values.values())
     with pytest.raises(TooFewData):
         smoothed(0.1, wild)
+
+
+@pytest.mark.parametrize(("step", "said"), [(2.0, True), (0.01, False)])
+def test_positions_that_are_coarse_against_their_track_are_said(step: float, said: bool) -> None:
+    t = np.arange(0.0, 100.0)
+    columns = {"x": step * np.round(0.5 * t / step), "y": 0.0 * t, "psi": 0.0 * t}
+    found = derived_velocities(t, columns, {}, {"x": step, "y": step})
+    assert ("coarse_positions" in {m.code for m in found.said}) is said

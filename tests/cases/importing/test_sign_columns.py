@@ -144,3 +144,16 @@ def test_pitch_beside_roll_is_that_of_the_hull(tmp_path: Path) -> None:
     said = validated(ImportMap, {"columns": {"pitch": "pitch"}}, "map")
     found = import_logs([table(tmp_path / "a.csv", {**log, **motions})], said)
     assert found.runs[0].columns["pitch"] == pytest.approx(np.radians(2.0))
+
+
+@pytest.mark.parametrize(("turned", "asked"), [(0.0, True), (180.0, False)])
+def test_pods_that_stop_a_ship_without_a_sign_or_a_turn_are_asked_for(
+    tmp_path: Path, turned: float, asked: bool
+) -> None:
+    t = np.arange(0.0, 100.0, 0.5)
+    u = np.maximum(5.0 - 0.08 * t, -1.0)
+    columns = {"time [s]": t, "x [m]": np.cumsum(u) * 0.5, "y [m]": 0.0 * t, "u [m/s]": u, "v [m/s]": 0.01 * np.sin(t)}
+    columns |= {"heading [deg]": 10.0 + 0.1 * np.sin(t), "rot [deg/s]": 0.1 * np.cos(t), "azimuth rpm": 90.0 + 0.0 * t}
+    columns |= {"azimuth angle [deg]": np.where(t > 20, turned, 0.0) + np.sin(t)}
+    found = import_logs([table(tmp_path / "a.csv", columns)])
+    assert bool(found.problems) is asked and (not asked or "azimuth rpm" in found.problems[0])

@@ -168,6 +168,19 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 
 
+def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("residual.papers.comparison_figures.write_figures", ended)
+    sets = ["--train", str(folder / "train"), "--test", str(folder / "test.csv")]
+    assert main(["compare", *sets, "--models", "captive", "--out", str(tmp_path / "cmp")]) == 130
+    content = json.loads((tmp_path / "cmp" / "result.json").read_text())
+    assert "parts_left_out" in {row["code"] for row in content["messages"]}
+
+
 def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() -> None:
     trials = tuple(hybrids.trials(hybrids.lacking(), 5, 150))
     tests = tuple(hybrids.trials(hybrids.lacking(), 1, 120, seed=5))
