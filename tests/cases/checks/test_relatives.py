@@ -131,7 +131,8 @@ def test_a_wind_that_turns_a_ship_less_than_a_quarter_moves_no_antenna() -> None
     for turn, codes_expected in ((0.6, set()), (2.0, {"lever_arm"})):
         psi, r = turn * np.sin(0.05 * t), 0.05 * turn * np.cos(0.05 * t)
         columns = {"t": t, "psi": psi, "u": 1.0 + 0.0 * t, "v": 2.0 * r + 0.01 * rng.standard_normal(len(t)), "r": r}
-        columns |= {"n": 5.0 + 0.0 * t, "delta": 0.01 * np.sin(t)}
+        columns |= {"n": 5.0 + 0.0 * t, "delta": 0.01 * np.sin(t), "x": 0.5 * np.cumsum(np.cos(psi))}
+        columns |= {"y": 0.5 * np.cumsum(np.sin(psi))}
         found = codes(check([Trial("drifts", columns, ancestors=TRACK)])[0])
         assert found & {"lever_arm"} == codes_expected
 
