@@ -39,6 +39,7 @@ class Case:
     process: dict[str, float]
     noise: Array  # (R, 6, B)
     gyro: float
+    low_pass: float  # time constant of the filter of u and v [s], 0: none
     gusts: Array  # (K, B), factors of the logged wind speed
     kinds: tuple[str, ...]
     training: int
@@ -74,7 +75,8 @@ class Case:
         noise = worlds.sensor_errors(world, (rows - 1) // world.every + 1, runs, rng)
         gyro = world.gyro * float(rng.uniform(-1, 1)) if world.gyro else 0.0
         gusts = worlds.unlogged_gusts(world, runs, rng)
-        random = (start, wind, force, process, noise, gyro, gusts)
+        low_pass = float(rng.uniform(*world.low_pass)) if world.low_pass[1] else 0.0
+        random = (start, wind, force, process, noise, gyro, low_pass, gusts)
         return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world, conditions)
 
 
@@ -100,7 +102,12 @@ class Runs:
 
 def measured(plant: Plant, states: Array, rows: Array) -> Array:
     """Columns (R, 6, B) as the instruments give them, without noise."""
-    history = History(states[:, :6], plant.dt)
+    logged = states[:, :6]
+    if plant.low_pass is not None:
+        logged, share = logged.copy(), -np.expm1(-plant.dt / plant.low_pass)
+        for k in range(1, len(logged)):
+            logged[k, 3:5] = logged[k - 1, 3:5] + share * (states[k, 3:5] - logged[k - 1, 3:5])
+    history = History(logged, plant.dt)
     y = history.states[rows]
     for effect, e in plant.effects:
         y = effect.columns(y, history, rows, e)
@@ -157,7 +164,8 @@ def run(cases: list[Case]) -> Runs:
     world = cases[0].world
     particulars, _ = worlds.scaled_ship(world)
     runs = len(cases[0].kinds)
-    plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], runs, world)
+    low_pass = np.repeat([c.low_pass for c in cases], runs) if world.low_pass[1] else None
+    plant = plant_of(particulars, [c.coefficients for c in cases], [c.drawn for c in cases], runs, world, low_pass)
     start = np.concatenate([c.start for c in cases], axis=1)
     speed, direction = (np.concatenate([c.wind[i] for c in cases], axis=1) for i in range(2))
     air = speed * np.concatenate([c.gusts for c in cases], axis=1)

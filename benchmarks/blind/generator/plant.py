@@ -51,7 +51,8 @@ class Signals:
 @dataclass
 class Plant:
     """Truth of a batch of B runs: particulars, coefficients (numbers or (B,)), wind series, effects with numbers, the
-    step of the integration and of all signals [s]."""
+    step of the integration and of all signals [s]; low_pass: time constant of the filter of the logged u and v (B,)
+    [s], None: they are logged as they are."""
 
     p: dict[str, Any]
     c: dict[str, Any]
@@ -61,6 +62,7 @@ class Plant:
     own: ModuleType = own
     runge_kutta: bool = False
     dt: float = 0.05
+    low_pass: Array | None = None
 
     @property
     def twin(self) -> bool:
@@ -77,7 +79,8 @@ class Plant:
         c = {name: value[columns] for name, value in self.c.items()}
         kept = self.effects if with_effects else []
         effects = [(f, SimpleNamespace(**{k: v[columns] for k, v in vars(e).items()})) for f, e in kept]
-        return replace(self, c=c, effects=effects, runs=len(columns))
+        low_pass = None if self.low_pass is None else self.low_pass[columns]
+        return replace(self, c=c, effects=effects, runs=len(columns), low_pass=low_pass)
 
 
 def plant_of(
@@ -86,8 +89,10 @@ def plant_of(
     drawn: Sequence[list[tuple[Effect, Drawn]]],
     runs: int,
     world: World = WORLDS["pond"],
+    low_pass: Array | None = None,
 ) -> Plant:
-    """The plant of several cases of ``runs`` runs each, side by side; an effect is neutral where it was not drawn."""
+    """The plant of several cases of ``runs`` runs each, side by side; an effect is neutral where it was not drawn;
+    low_pass: as of ``Plant``."""
     c = {name: np.repeat([one[name] for one in coefficients], runs) for name in coefficients[0]}
     total = runs * len(coefficients)
     found: dict[str, Active] = {}
@@ -100,7 +105,8 @@ def plant_of(
                 getattr(found[effect.name][1], key)[case * runs : (case + 1) * runs] = value
     active = [found[name] for name in sorted(found)]
     numbers = {**p, "resistance": world.resistance, "soft": world.soft}
-    return Plant(numbers, c, world.forces.wind_series(p), active, total, world.forces, world.runge_kutta, world.step)
+    series = world.forces.wind_series(p)
+    return Plant(numbers, c, series, active, total, world.forces, world.runge_kutta, world.step, low_pass)
 
 
 def parts_of(plant: Plant, state: Array, inputs: Sequence[Array], t: Array) -> tuple[Parts, Moment, dict, Array, tuple]:

@@ -31,8 +31,9 @@ class World:
     differs from the ship file, with a standard deviation of ``spread`` of each; force: standard deviations of the
     random force X, Y [N], N [N m] before a factor of 0.7 to 1.4; memory: range of its correlation time [s]; noise:
     standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
-    errors of u, v and r [s], (0, 0): white; gyro: largest scale error of r; gust: wind that the log does not show, as
-    share of the mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
+    errors of u, v and r [s], (0, 0): white; low_pass: range of the time constant of a first-order filter of the logged
+    u and v [s], (0, 0): none; gyro: largest scale error of r; gust: wind that the log does not show, as share of the
+    mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
     fouling adds a share of; draught: by which the depth in a site file is told [m]; soft:
     angle over which the flow at two rudders changes sides [rad]; sizes: factors on the sizes of causes without a name,
     which cost more or less here than in the pond; runge_kutta: fourth order with inputs in between, else Heun; step:
@@ -50,6 +51,7 @@ class World:
     memory: tuple[float, float] = (3.0, 8.0)
     noise: tuple[float, ...] = (0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006)
     colour: tuple[float, float] = (0.0, 0.0)
+    low_pass: tuple[float, float] = (0.0, 0.0)
     gyro: float = 0.0
     gust: float = 0.0
     sample: float = 0.5
@@ -96,10 +98,10 @@ def _narrow() -> dict[str, World]:
     return found
 
 
-NARROW = _narrow()
+NARROW = {name: world for name, world in _narrow().items() if not world.low_pass[1]}
 """pond, basin, kvlcc2, vectwin, sea."""
-WORLDS = {**NARROW, **{wide.name: wide for wide in map(World.widened, NARROW.values())}}
-"""The same and, as NAME_wide, each with conditions that every case draws anew."""
+WORLDS = {**NARROW, **{wide.name: wide for wide in map(World.widened, NARROW.values())}} | _narrow()
+"""The same and, as NAME_wide, each with conditions that every case draws anew; then those with filtered velocities."""
 
 POWERS = {
     "current.x": 0.5, "current.y": 0.5, "wind_sensor_bias.x": 0.5, "wind_sensor_bias.y": 0.5, "wave_drift.x": 3.0,
