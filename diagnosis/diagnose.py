@@ -32,17 +32,17 @@ from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     Between,
     DiagnosisInputs,
+    HeldOut,
     InstrumentFault,
     RandomSizes,
     UnexplainedForce,
     Unnamed,
 )
 from diagnosis.groups.between import compare_groups
-from diagnosis.hypotheses.forward_selection import LEVEL, Selection
+from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
-from diagnosis.hypotheses.unnamed import UnnamedForms
+from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.inputs import (
     CalibrationTrials,
     DiagnosisOptions,
@@ -53,12 +53,13 @@ from diagnosis.inputs import (
     parted,
     told_of_predictions,
 )
-from diagnosis.judgement.judged_search import believed, beyond_reported, judged_search, limits
-from diagnosis.judgement.left_over import left_over
+from diagnosis.judgement.budget import budget_of
+from diagnosis.judgement.verdict import beyond_reported, judged_search, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
+from diagnosis.validation.held_out import compare, prediction_errors
 from diagnosis.validation.learned_rest import with_learned
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
@@ -134,23 +135,26 @@ def _diagnosed(
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
     timings = {"fit": time.perf_counter() - began}
     gridded = _like_training(tests, ready)
-    result = judged_search(ready, gridded, options, progress)
-    if faults := [sensors.form_of(c.effect) for c in result.found.effects if c.effect in FITTED_ALONG]:  # no cause
+    p = replace(ready.problem, tests=gridded)
+    result = judged_search(ready, p, options.seed, options.workers, progress)
+    found = result.found
+    if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
-    p, found, before, after = ready.problem, result.found, result.before, result.after
-    verdict, reasons, doubt = believed(result, ready)
+    is_named, late, final = result.verdict == "named", ready.reading.time_error, result.fit
+    named, same = (found.effects, summary.equivalence_class(found)) if is_named else ((), ())
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    is_named, late = verdict == "named", ready.reading.time_error
-    final, same = (found.final, summary.equivalence_class(found)) if is_named else (found.null, ())
+    fits = found.fits if is_named else (found.null,)
+    left = result.after if is_named else result.before
+    missing = estimated_force(left) if result.is_left or result.verdict == "unknown" else None
+    budget = budget_of(p.steps, p.data, gridded, fits, [c.effect for c in named], missing, options.seed)
+    held = _held_out(p, found.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
-    remainder, left = left_over(ready, result, final, gridded, is_named)
-    if left and verdict == "none":
-        verdict, doubt = "unknown", f"Something is missing in the model: {left[0]}."
-    reasons += [*left, *limits(ready, found, trials, tests, result.held, final if is_named else None)]
-    named = found.effects if is_named else ()
+    remainder = result.is_left and (budget is None or budget.matters)
+    reasons = [*result.reasons] if remainder or not is_named else []
+    reasons += limits(ready, found, trials, tests, budget, final if is_named else None)
     effects = tuple(summary.named_effect(ready.full, found, c, late) for c in named)
     reasons += (doubts := beyond_reported(effects, ship))
     remainder = remainder or bool(doubts)
@@ -158,17 +162,18 @@ def _diagnosed(
     place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
     advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
     after_all = summary.fitted_ship(ship, ready.full, final, named, late) if is_named else ship_before
-    describe = partial(_unexplained, p, final, after if is_named else before, after_all)
-    is_left = verdict == "unknown" or remainder
-    unexplained = _unless_impossible(describe, "the unexplained force", None, reasons) if is_left else None
+    is_left, unexplained = result.verdict == "unknown" or remainder, None
+    if is_left and missing is not None:
+        describe = partial(_unexplained, p, final, left.evidence, missing, after_all)
+        unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
     between = _between(ready, sensors, groups, trials, reasons)
-    unnamed = Unnamed(*({"all": u.log_bayes, "single": u.single, **u.by_kind} for u in (before, after)))
-    sentence = doubt or sentence_of(
-        verdict, effects, same, remainder, result.held, found, unexplained, p.expected_unnamed_null > 0
-    )
-    sentence += likeness(unnamed.after if is_named else unnamed.before) if is_left and not doubt else ""
+    unnamed = Unnamed(*({"all": u.mixture, "single": u.single, **u.by_kind} for u in (result.before, left)))
+    nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
+    is_usual = p.expected_unnamed_null > 0
+    sentence = sentence_of(result.verdict, effects, same, remainder, budget, nearest, unexplained, is_usual)
+    sentence += likeness(unnamed.after) if is_left else ""
     return Diagnosis(
-        verdict=verdict,
+        verdict=result.verdict,
         sentence=sentence,
         effects=effects,
         instruments=instruments,
@@ -176,7 +181,7 @@ def _diagnosed(
         remainder=remainder,
         candidates=summary.ranking(ready.full, found.searches[0]),
         where=place,
-        held_out=result.held,
+        held_out=held,
         next_test=advice,
         warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
@@ -184,7 +189,7 @@ def _diagnosed(
         unnamed=unnamed,
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
-        chance=result.chance,
+        budget=budget,
         timings={**timings, "total": time.perf_counter() - began},
         inputs=DiagnosisInputs(),
         ship=after_all,
@@ -194,6 +199,14 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
+
+
+def _held_out(p: SearchProblem, before: Estimate, after: Estimate, seed: int) -> HeldOut | None:
+    """How well two fits predict the problem's tests, None without any."""
+    if p.tests is None:
+        return None
+    without, with_it = (prediction_errors(p.steps, p.tests, fit) for fit in (before, after))
+    return compare(p.tests, without, with_it, seed)
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
@@ -233,10 +246,11 @@ def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | N
     return data.thinned(ready.gap) if data is not None else None
 
 
-def _unexplained(p: SearchProblem, fit: Estimate, left: UnnamedForms, ship: Ship) -> UnexplainedForce:
+def _unexplained(
+    p: SearchProblem, fit: Estimate, evidence: float, found: ForceEstimate, ship: Ship
+) -> UnexplainedForce:
     """What is left unexplained at a fit, with the manoeuvre that would tell more of it."""
-    found = estimated_force(left)
-    return unexplained_force(p.data, fit, left.p_value, found, ship, telling_test(p, fit, found, ship))
+    return unexplained_force(p.data, fit, evidence, found, ship, telling_test(p, fit, found, ship))
 
 
 def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bool, ship: Ship) -> str:
@@ -245,8 +259,7 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bo
     if is_named:
         rivals = [found.effects[0], *(find(p.candidates, name) for name in same)]
     else:
-        best = found.searches[0].refitted[:2]
-        rivals = [r.candidate for r in best if r.p_value < LEVEL and r.delta_bic > 0]
+        rivals = [r.candidate for r in found.searches[0].refitted[:2] if r.evidence > 0]
     if not rivals:
         return ""
     return next_test(

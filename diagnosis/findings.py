@@ -111,17 +111,41 @@ def group_row(
 
 
 @dataclass(frozen=True)
-class Chance:
-    """Probabilities that chance leaves as much in trials of a ship that lacks nothing: of all unnamed forms
-    (anything_left), and of any candidate (largest_candidate); None without candidates.
+class BudgetShare:
+    """A part of the error that could be avoided: its share with the 90 % interval."""
 
-    by: "law", the law of the tests to first order, or "simulation", a parametric bootstrap; draws: of either.
+    name: str
+    share: Real
+    interval_90: tuple[Real, Real]
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Where the prediction error of trials that took no part comes from.
+
+    metric: what is predicted; by: those trials, "test trials" or "left-out runs"; before, after, floor: mean squared
+    scaled errors as fitted without any effect, with the named ones, and of a complete model; parts: shares of
+    before - floor by named effect; unexplained: the rest, None where before is not surely above the floor; units:
+    "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor.
     """
 
+    metric: str
     by: str
-    draws: int
-    anything_left: Real
-    largest_candidate: float | None
+    before: Real
+    after: Real
+    floor: Real
+    parts: tuple[BudgetShare, ...]
+    unexplained: BudgetShare | None
+    units: Mapping[str, tuple[Real, Real, Real]]
+
+    @property
+    def matters(self) -> bool:
+        """Whether what is unexplained may be more than MATTERS."""
+        return self.unexplained is None or self.unexplained.interval_90[1] > MATTERS
+
+
+MATTERS = 0.05
+"""Share of the avoidable error up to which an unexplained part is not called a remainder."""
 
 
 @dataclass(frozen=True)
@@ -155,12 +179,12 @@ class UnexplainedTime:
 class UnexplainedForce:
     """What is left unexplained, as one force that depends on motion, inputs, wind and place in an unnamed way.
 
-    p_value: probability that chance leaves as much; follows: rows variable, channel, explained (share of the channel's
+    evidence: for it, in log units; follows: rows variable, channel, explained (share of the channel's
     mean square), at, mean, the best first, of the force less its mean; times: where it is largest; advice: the
     manoeuvre that would tell more. force, std: (K, R, 3) [N, N, N m] and standard deviation, None after reading.
     """
 
-    p_value: Real
+    evidence: Real
     channels: Mapping[str, UnexplainedChannel]
     follows: tuple[Mapping[str, Any], ...]
     times: tuple[UnexplainedTime, ...]
@@ -173,7 +197,7 @@ class UnexplainedForce:
         return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
 
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 """Of ``diagnosis.json`` and of its ``result.json``; it grows when a key changes its meaning or goes."""
 
 Pair = Annotated[
@@ -382,7 +406,7 @@ class DiagnosisRecord:
     learned: LearnedResidual | None = None
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
-    chance: Chance | None = None
+    budget: Budget | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

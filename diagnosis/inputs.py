@@ -17,12 +17,9 @@ from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
-from mmg.errors import Missing, OutOfRange, TooFewData, UserError
+from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
-
-LEAST_CAMPAIGNS = 99
-"""Simulated campaigns from which a probability of 1 % can be told."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +40,8 @@ class DiagnosisOptions:
         default=None,
         metadata={"help": "What differs between: day, month, year, folder, group, kind."},
     )
-    bootstrap: int = field(
-        default=0, metadata={"help": "Simulated campaigns behind probabilities; default 0: a law.", "ge": 0}
-    )
     time_limit: float | None = field(default=None, metadata={"help": "Limit of the diagnosis [s].", "gt": 0})
     store: Store | None = field(default=None, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        if self.bootstrap and self.bootstrap < LEAST_CAMPAIGNS:
-            least = f"at least {LEAST_CAMPAIGNS} for a probability of 1 %"
-            raise OutOfRange(f"--bootstrap {self.bootstrap}: must be 0, or {least}")
 
 
 def diagnosis_store(
@@ -70,7 +59,7 @@ def diagnosis_store(
     out: its folder; ship, trials, tests, options: as given to ``diagnose``; origin: words for where the ship is from;
     resume: continue where ``out`` is there.
     """
-    kept = ("step", "seed", "learn", "between", "bootstrap")
+    kept = ("step", "seed", "learn", "between")
     trials, tests, _ = parted(trials, tests, options.between)
     about = {
         "options": {name: getattr(options, name) for name in kept},

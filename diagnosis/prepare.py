@@ -46,6 +46,10 @@ CLEAR = 3.0
 """Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
 
 
+USUAL = 0.03
+"""Probability by chance below which an effect in the trials of the calibration is said to be usual."""
+
+
 @dataclass(frozen=True)
 class InputReading:
     """How samples of the actuators were read.
@@ -171,7 +175,6 @@ def prepare(
     usual, noise, gap, is_order_usual = np.zeros(2), initial_noise(full.ship), 0, False
     if reference:  # late, with all that tests hypotheses: a calibration has no such trials
         from diagnosis.estimation.force_order import force_order
-        from diagnosis.hypotheses.forward_selection import LEVEL
         from diagnosis.hypotheses.reference import fit_reference
         from diagnosis.hypotheses.score_test import score_tests, slopes
 
@@ -182,7 +185,7 @@ def prepare(
         values, noise = known.theta, wider(known.noise, full.ship)
         usual = np.array([known.unnamed, known.unexplained])
         tests = score_tests(slopes(steps, old, null, full.candidates), full.candidates)
-        notices += _of_reference([t for t in tests if t.p_value < LEVEL], known.strong)
+        notices += _of_reference([t for t in tests if t.p_value < USUAL], known.strong)
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
     (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
     notices += reading.notices

@@ -190,7 +190,7 @@ def is_complete(folder: Path) -> bool:
 class _Content(DiagnosisRecord):
     """The keys of ``diagnosis.json`` and what each must be."""
 
-    schema_version: Literal[1]
+    schema_version: Literal[2]
     verdict: Literal["none", "named", "unknown"]
     messages: tuple[MessageRow, ...]
 

@@ -84,7 +84,7 @@ def named_effect(full: FullModel, found: Selection, candidate: Candidate, time_e
     search, refitted = _named_in(found, candidate)
     sizes = parameters_of(full, found.final, candidate, time_error)
     absorbed = search.score(candidate).absorbed
-    return NamedEffect(candidate.effect, sizes, refitted.p_both, refitted.delta_bic, absorbed)
+    return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed)
 
 
 def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:

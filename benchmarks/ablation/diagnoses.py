@@ -17,7 +17,6 @@ import numpy as np
 from benchmarks.ablation.switches import Memo, Switch, constantly, replaced
 from benchmarks.blind.cases import Case, answer, dealt, opened, question
 from benchmarks.blind.generator.world import WORLDS
-from diagnosis.hypotheses.found_again import NOTHING
 from diagnosis.hypotheses.unnamed import FORCES, UnnamedSlopes
 
 KINDS = {"null": 8, "library": 20, "strangers": 12}
@@ -39,20 +38,15 @@ REMEMBERED = (
     "diagnosis.estimation.residual_checks:with_correlation_time",
     "diagnosis.estimation.force_order:force_order",
     "diagnosis.estimation.gusts:trials_in_gusts",
-    "diagnosis.hypotheses.found_again:other_trials",
-    "diagnosis.hypotheses.found_again:same_trials",
-    "diagnosis.hypotheses.found_again:OtherTrials.effect",
     "diagnosis.hypotheses.refit:refit",
-    "diagnosis.hypotheses.refit:robust_p",
     "diagnosis.hypotheses.score_test:score_tests",
     "diagnosis.hypotheses.score_test:slopes",
-    "diagnosis.hypotheses.unnamed:UnnamedSlopes.by_chance",
     "diagnosis.hypotheses.unnamed:unnamed_forms",
     "diagnosis.hypotheses.unnamed:unnamed_slopes",
     FORMS,
-    "diagnosis.judgement.left_over:_mean_error",
-    "diagnosis.judgement.left_over:sensor_error",
+    "diagnosis.judgement.budget:budget_of",
     "diagnosis.validation.held_out:compare",
+    "diagnosis.validation.held_out:one_step_likelihood",
     "diagnosis.validation.held_out:prediction_errors",
 )
 """Functions whose results are remembered: what takes time, and what a decision takes from it."""
@@ -88,27 +82,16 @@ FIRST = ("prepare_with_sensors",)
 
 RULES = (
     Switch("as it is", "nothing"),
-    Switch("names found again", "test trials say nothing of candidates",
-           {f"{SEARCH}:_found_again": constantly(NOTHING)}),
-    Switch("tests contradict", "test trials never contradict names",
-           {f"{JUDGE}.judged_search:contradicts": constantly(False)}),
-    Switch("doubts", "no doubt in a name that test trials do not confirm",
-           {f"{JUDGE}.judged_search:_doubt": constantly("")}),
-    Switch("runs agree", "runs need not agree on a name",
-           {f"{JUDGE}.judged_search:AGREE": 0.0, f"{SEARCH}:AGREE": 0.0}),
+    Switch("test trials", "test trials say nothing of candidates",
+           {f"{SEARCH}:_predicted": constantly(0.0)}),
     Switch("possible sizes", "effects of an impossible size are named",
-           {f"{JUDGE}.judged_search:impossible_size": constantly("")}),
-    Switch("another ship", "coefficients may be those of another ship",
-           {f"{JUDGE}.judged_search:_another_ship": constantly("")}),
-    Switch("not random", "neither test of what is left",
-           {f"{JUDGE}.left_over:not_random": constantly([])}),
-    Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.left_over:LINE_PROBABILITY": 0.0}),
+           {f"{JUDGE}.verdict:impossible_size": constantly("")}),
+    Switch("not random", "neither test of what is left", {f"{JUDGE}.verdict:not_random": constantly([])}),
+    Switch("line", "no test of lines in the spectrum", {f"{JUDGE}.verdict:LINE_PROBABILITY": 0.0}),
     Switch("force order", "no test of forces that follow each other",
            {"diagnosis.estimation.force_order:ForceOrder.is_random": property(constantly(True))}),
     Switch("matters", "a remainder counts whatever its size",
-           {f"{JUDGE}.left_over:remainder_matters": constantly(True)}),
-    Switch("remainder", "unnamed forms leave no remainder",
-           {f"{JUDGE}.judged_search:has_remainder": constantly(False)}),
+           {"diagnosis.findings:Budget.matters": property(constantly(True))}),
     Switch("best force alone", "no test of the best force alone", {FORMS: of_all_kinds}, inside=ONCE),
     *(Switch(f"forms: {name}", words, without_kinds(is_left_out), inside=ONCE) for name, words, is_left_out in (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),
@@ -123,11 +106,6 @@ RULES = (
         ("all but forces", "products of velocities and inputs as forces, and nothing else", lambda k: k not in FORCES),
     )),
     Switch("further effects", "one effect at most is named", {f"{SEARCH}:MOST": 1}),
-    Switch("order by score", "BIC alone says which candidate is the best", {f"{SEARCH}:CLEAR": -1e9}),
-    Switch("pruning", "effects that became superfluous stay",
-           {f"{SEARCH}:pruned": lambda problem, named, now, again: (named, now)}),
-    Switch("further doubts", "no doubt in further effects", {f"{SEARCH}:_doubtful": constantly(False)}),
-    Switch("immaterial faults", "small faults of instruments count", {f"{SEARCH}:IMMATERIAL": 0.0}),
     Switch("memory refitted", "the force's memory stays as without effects",
            {f"{SEARCH}:with_correlation_time": lambda steps, data, found, least=0.0: found}),
 )  # fmt: skip

@@ -96,6 +96,13 @@ class GriddedTrials:
         """Steps from one sample to the next, 1 where a step holds one or more."""
         return max(1, round(self.sample / self.h))
 
+    def windows(self, chosen: np.ndarray) -> GriddedTrials:
+        """Those of the R windows that are ``chosen`` (R,), of trials whose inputs are as they were logged."""
+        at = np.flatnonzero(chosen)
+        by_window = ("t", "y", "measured", "good", "inputs", "changes", "record", "gusts")
+        own = {name: getattr(self, name)[:, at] for name in by_window if getattr(self, name) is not None}
+        return replace(self, **own, steps=self.steps[at], run=self.run[at])
+
     def thinned(self, every: int) -> GriddedTrials:
         """The same with one in ``every`` samples on the grid compared."""
         sample = np.arange(len(self.good)) // self.steps_of_sample

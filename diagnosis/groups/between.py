@@ -29,7 +29,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, active_states, get_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
-from diagnosis.hypotheses.forward_selection import LEVEL, SAME_CLASS
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.report.words import shown_unit
@@ -178,8 +178,10 @@ IMITATES = 0.9
 """Share of a difference that another parameter must imitate to be the same by another name."""
 SCATTERED = 1.5
 """Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
-ALIKE_BY = 0.5 * SAME_CLASS
+ALIKE_BY = ODDS
 """Log Bayes factors within this of each other are alike."""
+LEVEL = 0.03
+"""Largest probability by chance, corrected for the number of tests, of a difference that is named."""
 Z90 = 1.645
 """Half width of a 90 % interval, in standard errors."""
 SHOWN = 12

@@ -94,11 +94,11 @@ def fit_reference(
     theta = found.theta.copy()
     theta[[steps.ship.symbols.index(s) for s in free.symbols]] = value
     shift, scatter = (dict(zip(effects.columns, x.tolist(), strict=True)) for x in (found.p[P:], spread))
-    rest = max(unnamed_forms(steps, data, found).log_bayes, 0.0) / data.samples
+    rest = max(unnamed_forms(steps, data, found).mixture, 0.0) / data.samples
     whole = rest
     if strong:
         whole = max(
-            unnamed_forms(steps, data, _without(steps, data, found, [c for c in moved if c in strong])).log_bayes, 0.0
+            unnamed_forms(steps, data, _without(steps, data, found, [c for c in moved if c in strong])).mixture, 0.0
         )
         whole /= data.samples
     priors = replace(free, mean=value, std=free.std * std)

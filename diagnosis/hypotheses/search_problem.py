@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.transition_model import TransitionModel
 
@@ -30,15 +28,6 @@ class SearchProblem:
     expected_unnamed: float = 0.0
     expected_unnamed_null: float = 0.0
     tests: GriddedTrials | None = None
-
-    def without(self, found: Estimate, kept: Sequence[Candidate]) -> Estimate:
-        """The fit ``found`` as a start of one with the effects ``kept``, the others at neutral values."""
-        theta, remains = found.theta.copy(), {c.effect for c in kept}
-        for c in self.candidates:
-            if c.effect not in remains:
-                for s, value in zip(c.symbols, c.neutral, strict=True):
-                    theta[self.steps.ship.symbols.index(s)] = value
-        return replace(found, theta=theta)
 
     @property
     def cost(self) -> float:

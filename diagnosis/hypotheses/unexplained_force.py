@@ -93,11 +93,11 @@ def _evidence(g: np.ndarray, S: np.ndarray, sizes: np.ndarray) -> float:
 
 
 def unexplained_force(
-    data: GriddedTrials, fit: Point, p_value: float, found: ForceEstimate, ship: Ship, advice: str = ""
+    data: GriddedTrials, fit: Point, evidence: float, found: ForceEstimate, ship: Ship, advice: str = ""
 ) -> UnexplainedForce:
     """The unexplained force ``found`` at a ``fit`` to ``data``, for diagnosis.json and the report.
 
-    p_value: that chance leaves as much; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
+    evidence: for it, in log units; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
     more, in words.
     """
     forms = _net_forms(found, data, fit)
@@ -108,7 +108,7 @@ def unexplained_force(
     stretch = max(1, round(STRETCH * time_scale(float(ship.particulars["L"])) / data.h))
     square = np.einsum("nkrc,np,pkrc->krc", forms, found.covariance, forms, optimize=True)
     return UnexplainedForce(
-        p_value=p_value,
+        evidence=evidence,
         channels=_channels(found, forms[:, data.inside], mass),
         follows=_follows(found, data, fit, force[data.inside]),
         times=_times(data, force, mass, stretch),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -42,9 +42,6 @@ of what may be wrong there. Of anemometers mean speeds within 10 % are required 
 20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s."""
 SEEN = 0.01
 """Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
-DRAWS, LEVEL = 2000, 0.02
-"""Draws of the law by chance, and the probability of a false alarm of both tests together (all kinds; the best force
-alone)."""
 
 
 @dataclass(frozen=True)
@@ -95,23 +92,6 @@ class UnnamedSlopes:
         """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
         return tuple(share / self.wind for share in WIND_SIZES) if kind == UNLOGGED else SIZES
 
-    def by_chance(self, seed: int) -> np.ndarray:
-        """Slopes (DRAWS, C) by the law of the model: normal to first order, sensors off by what is tolerated."""
-        normal, off = _normal(seed, len(self.g))
-        drawn, count = np.zeros_like(normal), len(self.dictionary.kinds)
-        kinds = np.array(self.events)
-        for part in (np.arange(count), *(count + np.flatnonzero(kinds == kind) for kind in dict.fromkeys(self.events))):
-            own = self.S[np.ix_(part, part)]
-            values, vectors = np.linalg.eigh(0.5 * (own + own.T))
-            drawn[:, part] = normal[:, part] * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-        ratio, allowed = np.array([self.dispersion.get(k, 1.0) for k in self.kinds]), self.allowed
-        drawn *= np.sqrt(ratio)
-        every = np.array(self.kinds)
-        for kind in dict.fromkeys(every[allowed > 0]):
-            own = np.flatnonzero(every == kind)
-            drawn[:, own] += (off[:, own] * allowed[own]) @ self.S[np.ix_(own, own)]
-        return drawn
-
     def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
         and of each kind, at slopes ``g`` (..., C). Forces are also taken together by the few variables they depend on
@@ -133,72 +113,25 @@ class UnnamedSlopes:
 
 @dataclass(frozen=True)
 class UnnamedForms:
-    """What the unnamed forms explain: log Bayes factor of each kind, and of their mixture in equal parts.
+    """What the unnamed forms explain, as log Bayes factors: ``mixture`` of all kinds in equal parts, of each kind, and
+    of the best force alone less the log of their number (single); slopes: of the likelihood along all columns."""
 
-    single: log Bayes factor of the best force alone, less the log of their number. chance: (draws, 2) both by chance,
-    from the law of the fitted model on these trials; slopes: of the likelihood along all columns.
-    """
-
-    log_bayes: float
+    mixture: float
     by_kind: dict[str, float]
     single: float
-    chance: np.ndarray
     slopes: UnnamedSlopes
 
-    @cached_property
-    def _limits(self) -> tuple[float, float]:
-        """What both exceed by chance with equal probabilities, either of them with the probability LEVEL."""
-        rarest = np.sort(np.minimum(*(_as_large(x) for x in self.chance.T)))
-        count = rarest[int(LEVEL * len(rarest))] - 1
-        first, second = np.quantile(self.chance, 1 - count / len(rarest), axis=0)
-        return float(first), float(second)
-
     @property
-    def limit(self) -> float:
-        """What ``log_bayes`` exceeds by chance with half the probability LEVEL, or a little more."""
-        return self._limits[0]
-
-    @property
-    def single_limit(self) -> float:
-        """What ``single`` exceeds by chance with the same probability: with LEVEL at least one of them does."""
-        return self._limits[1]
-
-    @property
-    def beyond_chance(self) -> float:
-        """By how much the mixture, or the best force alone, exceeds its limit."""
-        return max(self.log_bayes - self.limit, self.single - self.single_limit)
-
-    @cached_property
-    def p_value(self) -> float:
-        """Probability that chance leaves as much: of the smaller probability of the two tests."""
-        both = np.vstack([self.chance, [self.log_bayes, self.single]])
-        rarest = np.minimum(*(_as_large(x) for x in both.T))
-        return float((rarest <= rarest[-1]).mean())
+    def evidence(self) -> float:
+        """For something without a name, in log units."""
+        return max(self.mixture, self.single)
 
 
-@lru_cache(maxsize=1)
-def _normal(seed: int, count: int) -> np.ndarray:
-    """Standard normal numbers (2, DRAWS, count), the same for each hypothesis."""
-    drawn = np.random.default_rng(seed).standard_normal((2, DRAWS, count))
-    drawn.flags.writeable = False
-    return drawn
-
-
-def _as_large(draws: np.ndarray) -> np.ndarray:
-    """How many of the ``draws`` (n,) are as large as each of them (n,)."""
-    return len(draws) - np.searchsorted(np.sort(draws), draws)
-
-
-def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point, seed: int = 0) -> UnnamedForms:
-    """Test the unnamed forms at a fitted hypothesis.
-
-    steps: the transition model; data: the trials; found: the fit; seed: of the drawn law by chance, which is that of
-    the fitted model with new random forces and sensor errors, to first order. Returns log Bayes factors.
-    """
+def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedForms:
+    """Test the unnamed forms at the fitted hypothesis ``found`` of ``steps`` to ``data``."""
     slopes = unnamed_slopes(steps, data, found)
-    mixture, single, by_kind = slopes.statistics(np.vstack([slopes.g, slopes.by_chance(seed)]))
-    here = {kind: float(logs[0]) for kind, logs in by_kind.items()}
-    return UnnamedForms(float(mixture[0]), here, float(single[0]), np.stack([mixture[1:], single[1:]], axis=1), slopes)
+    mixture, single, by_kind = slopes.statistics(slopes.g)
+    return UnnamedForms(float(mixture), {kind: float(log) for kind, log in by_kind.items()}, float(single), slopes)
 
 
 def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:

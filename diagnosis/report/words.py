@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from diagnosis.findings import (
+    Budget,
+    BudgetShare,
     EstimatedParameter,
     Findings,
     HeldOut,
@@ -20,7 +22,7 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.dictionary import AFTER_RUDDER, BY_PLACE
 from diagnosis.hypotheses.events import AT_TIMES
-from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.forward_selection import ODDS
 from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
@@ -29,8 +31,6 @@ SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
 }  # fmt: skip
 """Words for a positive and a negative force of each channel."""
-MORE_THAN_CHANCE = 0.05
-"""Probability by chance above which the forms of an unexplained force say nothing."""
 FOLLOWED = 0.15
 """Share of a missing force that a variable must explain to be mentioned."""
 TURN_BACK = ("heading", "apparent wind angle")
@@ -161,7 +161,7 @@ def unexplained_words(m: UnexplainedForce) -> list[str]:
 
 def unexplained_hint(m: UnexplainedForce | None) -> str:
     """Where the unexplained force ``m`` lives, in half a sentence for the verdict, or nothing."""
-    if m is None or not m.channels or m.p_value > MORE_THAN_CHANCE:
+    if m is None or not m.channels or m.evidence <= ODDS:
         return ""
     name, first = max(m.channels.items(), key=lambda item: item[1].share)
     own = [v for v in m.follows if v["channel"] == name and v["explained"] > FOLLOWED][:1]
@@ -395,15 +395,29 @@ def unnamed_words(d: Findings) -> str:
     words += f"{signed(before, '.1f')} without any effect"
     if d.verdict == "named" and after is not None:
         words += f" and {signed(after, '.1f')} with what was named"
-    if d.chance is not None:
-        how = f"in {d.chance.draws} simulated campaigns" if d.chance.by == "simulation" else "by the law of the tests"
-        words += f"; chance leaves as much as the former with probability {probability(d.chance.anything_left)} ({how})"
     return words + "."
 
 
 def amount(effect: NamedEffect) -> str:
-    """The parameters of an ``effect`` in words."""
-    return ", ".join(f"{s} = {p.value:.3g} ± {p.std:.2g} {p.unit}".rstrip() for s, p in effect.parameters.items())
+    """The parameters of an ``effect`` in words; of a vector over the ground its size and direction."""
+    p = effect.parameters
+    if set(p) == {"x", "y"} and effect.name in OVER_GROUND:
+        size, towards = math.hypot(p["x"].value, p["y"].value), math.degrees(math.atan2(p["y"].value, p["x"].value))
+        return f"{size:.2g} {p['x'].unit} to {towards % 360:.0f}°"
+    return ", ".join(f"{s} = {plus_minus(x.value, x.std)} {x.unit}".rstrip() for s, x in p.items())
+
+
+def share(part: BudgetShare) -> str:
+    """A ``part`` of the budget in percent with its interval, which is cut where more than all or less than none of the
+    error is meant."""
+    low, high = (min(max(x, 0.0), 1.0) for x in part.interval_90)
+    return f"{percent(min(max(part.share, 0.0), 1.0))} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def avoidable(budget: Budget) -> str:
+    """What the named effects take of the error, in metres after the time of a window."""
+    before, after, _ = budget.units["position_m"]
+    return f"{before:.2g} m of position error after {budget.metric}, {after:.2g} m with it"
 
 
 def sentence_of(
@@ -411,15 +425,15 @@ def sentence_of(
     effects: Sequence[NamedEffect],
     same: Sequence[str],
     remainder: bool,
-    held: HeldOut | None,
-    found: Selection,
+    budget: Budget | None,
+    nearest: str = "",
     missing: UnexplainedForce | None = None,
     usual: bool = False,
 ) -> str:
-    """The diagnosis in one sentence, for the top of the report.
+    """The diagnosis in a sentence or two, for the top of the report.
 
     verdict: "none", "named" or "unknown"; effects: those named; same: effects that the data cannot tell from the first;
-    remainder: whether something is left unexplained; held: the check on test trials; found: the selection;
+    remainder: whether something is left unexplained; budget: of the error; nearest: the effect with most evidence;
     missing: what is left unexplained; usual: whether the trials of the calibration show a misfit of their own, which
     then is no news.
     """
@@ -428,16 +442,33 @@ def sentence_of(
         words = "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance"
         return f"{words}{than}."
     if verdict == "unknown":
-        nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
         hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
         hint += unexplained_hint(missing)
         return f"Something is missing in the model, but none of the known effects explains it.{hint}"
-    named = "; ".join(f"{e.name} ({amount(e)})" for e in effects)
-    words = f"The trials point to {named}"
-    if same:
-        words += f", which these trials cannot tell from {' or '.join(same)}"
-    if held is not None:
-        change, high, low = (f"{-x:+.{places(x)}%}" for x in (held.reduction, *held.interval_90))
-        words += f"; with it the error of 30 s predictions of the test trials changes by {change} "
-        words += f"(90 % interval {low} to {high})"
-    return words + (f". A part of the gap remains unexplained.{unexplained_hint(missing)}" if remainder else ".")
+    parts = {part.name: part for part in budget.parts} if budget is not None else {}
+    each = [_cause(e, parts.get(e.name), same if e is effects[0] else ()) for e in effects]
+    words = "; ".join(each)
+    if budget is not None and parts:
+        words += f" ({avoidable(budget)})"
+    rest = budget.unexplained if budget is not None else None
+    if rest is not None and parts[effects[0].name].interval_90[1] < HALF:
+        words = f"Most of the gap ({share(rest)}) is not explained. {words}"
+    elif remainder:
+        size = f" ({share(rest)})" if rest is not None else ""
+        words += f". A part of the gap{size} remains unexplained"
+    hint = unexplained_hint(missing) if remainder else ""
+    return f"{words}.{hint}" if remainder or not parts else f"{words}. Nothing else matters."
+
+
+def _cause(effect: NamedEffect, part: BudgetShare | None, same: Sequence[str]) -> str:
+    """What an ``effect`` causes by its ``part`` of the budget; same: what cannot be told from it."""
+    alike = f", or {' or '.join(same)}, which these trials cannot tell from it" if same else ""
+    nature = ", an instrument and not the ship" if EFFECTS[effect.name].measures else ""
+    causes = f", causes {share(part)} of the avoidable error" if part is not None else " is there"
+    return f"{effect.name} ({amount(effect)}){nature}{alike}{causes}"
+
+
+OVER_GROUND = ("current", "wind_sensor_bias", "wave_drift")
+"""Effects whose parameters x and y are a vector over the ground."""
+HALF = 0.5
+"""Share of the avoidable error that a name must be able to cause to head the sentence."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -50,18 +51,34 @@ def scales(length: float) -> np.ndarray:
     return np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01]) * state_scale(length)
 
 
+@dataclass(frozen=True)
+class WindowErrors:
+    """Errors of W open-loop windows: their mean squared scaled errors, mean (W,); squared errors at their ends of the
+    position [m^2] and of the heading [rad^2], end (W, 2), 0 where it was not measured; run: (W,) their runs."""
+
+    mean: np.ndarray
+    end: np.ndarray
+    run: np.ndarray
+
+    @staticmethod
+    def joined(parts: Sequence[WindowErrors]) -> WindowErrors:
+        """The windows of all ``parts``."""
+        return WindowErrors(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("mean", "end", "run")))
+
+
 def errors(
     steps: Stepper,
     data: GriddedTrials,
     theta: np.ndarray,
     length: float,
     begin: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean squared scaled errors of open-loop windows of ``length`` seconds (0: whole runs), by window, and their run.
+    force: np.ndarray | None = None,
+) -> WindowErrors:
+    """Errors of open-loop windows of ``length`` seconds (0: whole runs).
 
     steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S) from
-    ``start_states`` if known. Each window begins at its logged row, STRIDE seconds after the one before. A channel that
-    was not measured does not count.
+    ``start_states`` if known; force: (K, R, 3) that pushes the ship as well [N, N, N m]. Each window begins at its
+    logged row, STRIDE seconds after the one before. A channel that was not measured does not count.
     """
     data = acting(steps, data, theta)
     starts: list[tuple[int, int]] = []
@@ -71,19 +88,22 @@ def errors(
         first = range(0, total - span + 1, n * max(1, round(STRIDE / (n * data.h))) if rows else span)
         starts += [(k, r) for k in first if data.measured[k, r, 2:].all()]
     if not starts:
-        return np.zeros(0), np.zeros(0, dtype=int)
+        return WindowErrors(np.zeros(0), np.zeros((0, 2)), np.zeros(0, dtype=int))
     k0, r0 = np.array(starts).T
     count = np.full(len(k0), rows) if rows else data.steps[r0] - k0
     z = (start_states(steps, data, theta) if begin is None else begin)[k0, r0]
     sigma = scales(float(steps.ship.particulars["L"]))
     along = np.arange(int(count.max()))[:, None]
     at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
-    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta)
+    pushed = {} if force is None else {"force": force[at, r0]}
+    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, **pushed)
     # states (K, S, W) -> (K, W, 6)
     error = (columns(steps.model, path[1:].swapaxes(1, 2), theta).swapaxes(1, 2) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
     square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=1e6), 1e6), 0.0)
-    return square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), data.run[r0]
+    last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2
+    end = np.stack([last[:, 0] + last[:, 1], last[:, 2]], axis=1)
+    return WindowErrors(square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), end, data.run[r0])
 
 
 def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
@@ -133,12 +153,11 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
 class PredictionErrors:
     """How well a fit predicts test trials.
 
-    windows: (W,) mean squared scaled errors of windows; run: (W,) their runs; whole, step: those of whole runs and of
-    single steps; nll: (R,) negative log likelihood of single steps by window of the grid.
+    windows: errors of windows; whole, step: mean squared scaled errors of whole runs and of single steps; nll: (R,)
+    negative log likelihood of single steps by window of the grid.
     """
 
-    windows: np.ndarray
-    run: np.ndarray
+    windows: WindowErrors
     whole: float
     step: float
     nll: np.ndarray
@@ -148,13 +167,11 @@ def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate
     """Errors of test trials ``data`` by a ``fit``; None without a whole window. steps: the transition model."""
     acted = acting(steps, data, fit.theta)  # once, for the lengths
     begin = start_states(steps, acted, fit.theta)
-    (windows, run), (whole, _), (step, _) = (
-        errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h)
-    )
-    if not len(windows):
+    windows, whole, step = (errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h))
+    if not len(windows.run):
         return None
     nll = one_step_likelihood(steps, data, fit)
-    return PredictionErrors(windows, run, float(whole.mean()), float(step.mean()), nll)
+    return PredictionErrors(windows, float(whole.mean.mean()), float(step.mean.mean()), nll)
 
 
 def compare(
@@ -166,7 +183,7 @@ def compare(
     """
     if before is None or after is None:
         return None
-    a, b, run = before.windows, after.windows, before.run
+    a, b, run = before.windows.mean, after.windows.mean, before.windows.run
     rng = np.random.default_rng(seed)
     interval = interval_of(a, b, run, rng)
     gain = before.nll - after.nll

@@ -101,7 +101,8 @@ def measure_learned_residual(
     seconds = window_length(ship)
 
     def measured(members: Sequence[Hybrid]) -> tuple[np.ndarray, np.ndarray]:
-        return errors(SteppedHybrid(members, h), data, ship.values[:0], seconds)
+        found = errors(SteppedHybrid(members, h), data, ship.values[:0], seconds)
+        return found.mean, found.run
 
     before, run = measured([cast(Hybrid, tasks[0].system())])
     if not len(before):

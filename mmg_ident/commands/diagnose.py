@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @o.options(
     DiagnosisOptions,
     Model="without site campaign between",
-    Solver="step learn bootstrap seed time_limit workers scheduler",
+    Solver="step learn seed time_limit workers scheduler",
 )
 def diagnose(
     run: o.Run,
@@ -49,7 +49,7 @@ def diagnose(
     With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
     another value in one of them: what has changed since last year?
 
-    Simulated campaigns (--bootstrap) and trainings are kept as they finish: after Ctrl-C the same command with --resume
+    Trainings are kept as they finish: after Ctrl-C the same command with --resume
     goes on from there. So it does after --time-limit, which ends in one line where there is no verdict yet, and else
     leaves out what comes after it.
 

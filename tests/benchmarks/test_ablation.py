@@ -42,13 +42,14 @@ def test_names_of_rows_are_unique() -> None:
 
 def test_a_name_is_replaced_wherever_it_was_imported_and_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Also in modules that took it by its name."""
-    from diagnosis.judgement import judged_search, left_over
+    from diagnosis import diagnose
+    from diagnosis.judgement import verdict
 
-    monkeypatch.setattr(switches, "modules", lambda: (judged_search, left_over))  # to import all takes seconds
-    before = left_over.has_remainder
-    with replaced({"diagnosis.judgement.judged_search:has_remainder": len}):
-        assert left_over.has_remainder is len and judged_search.has_remainder is len
-    assert left_over.has_remainder is before and judged_search.has_remainder is before
+    monkeypatch.setattr(switches, "modules", lambda: (verdict, diagnose))  # to import all takes seconds
+    before = diagnose.limits
+    with replaced({"diagnosis.judgement.verdict:limits": len}):
+        assert diagnose.limits is len and verdict.limits is len
+    assert diagnose.limits is before and verdict.limits is before
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
+from diagnosis.findings import SCHEMA_VERSION, Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
 from diagnosis.report.page import build_report, figures_for
 from diagnosis.result import Diagnosis, read_diagnosis
 from fitting.report.plot_style import png_of
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
-    "learned", "unexplained_force", "chance", "timings", "between",
+    "learned", "unexplained_force", "budget", "timings", "between",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
@@ -63,13 +63,13 @@ def keys_of(rows: Any) -> set[str]:
 def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     content, result = (json.loads((folder / name).read_text()) for name in ("diagnosis.json", "result.json"))
     assert set(content) == KEYS and set(result) == RESULT_KEYS
-    assert content["schema_version"] == result["schema_version"] == 1 and result["kind"] == "diagnosis"
+    assert content["schema_version"] == result["schema_version"] == SCHEMA_VERSION and result["kind"] == "diagnosis"
     assert keys_of(content["effects"]) == {"name", "parameters", "p_value", "delta_bic", "absorbed_share"}
     assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
     assert keys_of(content["candidates"]) == {
         "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from", "usual",
     }  # fmt: skip
-    assert set(content["unexplained_force"]) == {"p_value", "channels", "follows", "times", "advice"}
+    assert set(content["unexplained_force"]) == {"evidence", "channels", "follows", "times", "advice"}
     assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}
     assert set(content["held_out"]) == {
         "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "likelihood_gain",
@@ -122,7 +122,7 @@ def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> N
     ("change", "words"),
     [
         ({"verdict": "perhaps"}, "diagnosis.json"),
-        ({"schema_version": 2}, "diagnosis.json: schema_version: .* 1"),
+        ({"schema_version": 1}, "diagnosis.json: schema_version: .* 2"),
         ({"remainder": "maybe", "next_test": 3}, r"remainder: .*; next_test: "),
         ({"candidates": [{"name": "tow"}]}, "candidates.0.score"),
     ],

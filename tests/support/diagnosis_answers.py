@@ -10,11 +10,9 @@ from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.forward_selection import RefittedEffect, Selection
+from diagnosis.hypotheses.forward_selection import RefittedEffect
 
 NOISE = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
-LIMIT = 1.1
-"""What the unnamed forms hardly exceed by chance."""
 
 
 def held(
@@ -38,9 +36,3 @@ def made_up(label: str) -> Candidate:
 
 def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> RefittedEffect:
     return RefittedEffect(made_up(name), a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
-
-
-def found_with(drop: float, *effects: str, p: float = 1e-4) -> Selection:
-    """A search that ended with these effects, ``drop`` of log likelihood below the start."""
-    named = tuple(made_up(e) for e in effects)
-    return Selection(named, a_fit(100.0), a_fit(100.0 - drop), (), dict.fromkeys(named, p))

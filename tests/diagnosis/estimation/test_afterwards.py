@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis.estimation import residual_checks
 from diagnosis.estimation.residual_checks import residuals, spectral_line
-from diagnosis.judgement.left_over import LINE_PROBABILITY
+from diagnosis.judgement.verdict import LINE_PROBABILITY
 from diagnosis.location.where import where
 from tests.diagnosis.location.test_where import INPUTS, SHIP, fitted, weaving
 from tests.support.diagnosis_cases import problem_of, pushed_trials

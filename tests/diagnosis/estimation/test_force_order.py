@@ -10,7 +10,7 @@ import pytest
 from diagnosis.estimation.force_order import PAIRS, force_order, order_by_law, order_of, turning_scores, with_turning
 from diagnosis.estimation.kalman import LinearSystem, NoiseModel, filtered, linear_system, responses
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.judgement.left_over import not_random
+from diagnosis.judgement.verdict import not_random
 from tests.diagnosis.judgement.test_verdict import ready
 
 K, R, S, H = 250, 3, 3, 0.8
@@ -115,7 +115,7 @@ def test_what_is_found_is_said_unless_the_calibration_shows_it_as_well(monkeypat
     order = force_order(p.steps, p.data, case.null)
     assert order.is_random and not_random(replace(case, line=(1.0, 3.0)), case.null) == []
     monkeypatch.setattr(
-        "diagnosis.judgement.left_over.force_order", lambda *_: replace(order, p_value=1e-5, scores=np.eye(3)[2])
+        "diagnosis.judgement.verdict.force_order", lambda *_: replace(order, p_value=1e-5, scores=np.eye(3)[2])
     )
     (message,) = not_random(replace(case, line=(1.0, 3.0)), case.null)
     assert message.code == "ordered_forces"

@@ -14,11 +14,13 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
+from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import BESIDE_GUSTS, LEAST_FORCE, initial_noise, least_force
 from diagnosis.estimation.residual_checks import with_correlation_time, with_gust_memory
-from diagnosis.hypotheses.simulated_chance import simulated_trials
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.unnamed import unnamed_forms
+from diagnosis.judgement.budget import simulated_trials
 from tests.support.diagnosis_cases import FEW, FREE, SHIP, full_steps, priors_of, quiet
 from tests.support.disturbed_trials import disturbed_trial, drawn_ship, process
 
@@ -126,8 +128,8 @@ def test_they_leave_a_share_of_their_force_to_the_random_force() -> None:
 def test_campaigns_that_are_simulated_have_them_as_well() -> None:
     data, found = fitted(True)
     steps = full_steps(STEP)
-    seen, path = simulated_trials(steps, data, found, np.random.default_rng(1))
-    again = estimate(steps, seen, replace(found, path=path), 8)
+    seen = simulated_trials(steps, data, found, np.random.default_rng(1))
+    again = estimate(steps, seen, replace(found, path=initial_trajectory(steps, seen, found.theta)), 8)
     assert again.noise.gust[0] == pytest.approx(found.noise.gust[0], rel=0.3)
 
 
@@ -136,4 +138,4 @@ def test_what_they_do_is_no_finding() -> None:
     """Without them among the random forces it is one: the likelihood asks for them."""
     steps, (data, found), bare = full_steps(STEP), fitted(True), fitted(False)[1]
     assert found.nll < bare.nll - 20.0
-    assert unnamed_forms(steps, data, found).p_value > 0.02
+    assert unnamed_forms(steps, data, found).evidence < ODDS

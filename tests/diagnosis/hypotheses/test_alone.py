@@ -80,7 +80,7 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
     for k, size in FORMS[form].items():
         got = row.parameters[k]
         assert abs(got.value - size) < 3.5 * got.std + 0.06 * abs(size)
-    assert unnamed_forms(problem.steps, problem.data, found.final).log_bayes < 3.0
+    assert unnamed_forms(problem.steps, problem.data, found.final).mixture < 3.0
     after = summary.fitted_ship(problem.steps.ship, full_model(), found.final, found.effects)
     assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 

@@ -25,6 +25,7 @@ from diagnosis.hypotheses.events import (
     event_slopes,
     swing_backgrounds,
 )
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
@@ -79,7 +80,7 @@ def test_chance_shows_no_events(calm: tuple[SearchProblem, Estimate]) -> None:
     found = unnamed_forms(problem.steps, problem.data, null)
     other = [value for kind, value in found.by_kind.items() if kind == AFTER_RUDDER or kind.endswith(" s")]
     assert len(other) == len(TURNS) + 1
-    assert found.beyond_chance < 0 and max(found.by_kind[DELTA], found.by_kind[POSITION], *other) < 2
+    assert found.evidence < ODDS and max(found.by_kind[DELTA], found.by_kind[POSITION], *other) < 2
 
 
 def test_a_stream_that_turns_within_each_run_shows(calm: tuple[SearchProblem, Estimate]) -> None:
@@ -92,7 +93,7 @@ def test_a_stream_that_turns_within_each_run_shows(calm: tuple[SearchProblem, Es
         theta[x], theta[y] = 0.03 * np.sin(phase), 0.02 * np.cos(phase)
 
     found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, turned)))
-    assert found.p_value < 0.01
+    assert found.evidence > ODDS
     assert max(found.by_kind, key=found.by_kind.__getitem__).endswith(" 48 s")  # the nearest of TURNS
 
 
@@ -110,7 +111,7 @@ def test_a_roll_that_swings_after_turns_shows(calm: tuple[SearchProblem, Estimat
         force[2] += 6.0 * heel[0]
 
     found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, rolled)))
-    assert found.p_value < 0.01 and found.by_kind[AFTER_RUDDER] > 3
+    assert found.evidence > ODDS and found.by_kind[AFTER_RUDDER] > 3
 
 
 def test_a_position_that_is_off_for_a_while_shows() -> None:
@@ -120,7 +121,7 @@ def test_a_position_that_is_off_for_a_while_shows() -> None:
         third = (t.t - t.t[0]) * 3 // (t.t[-1] - t.t[0] + 1e-9)
         off.append(t.with_columns(x=t["x"] + 0.15 * (third == 1)))
     found = of(off)
-    assert found.p_value < 0.01 and max(found.by_kind, key=found.by_kind.__getitem__) == POSITION
+    assert found.evidence > ODDS and max(found.by_kind, key=found.by_kind.__getitem__) == POSITION
 
 
 def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
@@ -130,7 +131,7 @@ def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
         way = np.where((t.t + 7 * i) % 20 < 10, 4.0, -4.0)
         late.append(t.with_columns(delta=np.interp(t.t + way, t.t, t["delta"])))
     found = of(late)
-    assert found.p_value < 0.01 and found.by_kind[DELTA] > 5
+    assert found.evidence > ODDS and found.by_kind[DELTA] > 5
 
 
 def swings(level: float, line: float = 1.0) -> dict[str, EventSlopes]:

@@ -1,4 +1,4 @@
-"""Refits begin where coefficients go, to first order, when an effect comes or goes."""
+"""Refits begin where coefficients go, to first order, when an effect comes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.hypotheses.refit import followed_without, refit
+from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
@@ -34,14 +34,3 @@ def test_with_an_effect_more_the_first_point_is_likelier_than_with_coefficients_
     stay, goes = (first_point(problem, null, [effect], values) for values in (start, moved | start))
     end = refit(problem.steps, problem.data, problem.base, null, [effect], start, iterations=12)
     assert end.nll - 0.1 < goes.nll < stay.nll - 0.5 and goes.nll - end.nll < 0.5 * (stay.nll - end.nll)
-
-
-def test_without_an_effect_too(case: tuple) -> None:
-    problem, null = case
-    effect = candidate("draft")
-    with_it = refit(problem.steps, problem.data, problem.base, null, [effect], {}, iterations=12)
-    before = replace(problem, candidates=(effect,)).without(with_it, [])
-    moved = followed_without(with_it, effect)
-    assert set(moved) == set(null.free.columns)
-    stay, goes = (first_point(problem, before, [], values) for values in ({}, moved))
-    assert goes.nll < stay.nll - 1.0 and goes.nll - null.nll < 0.5 * (stay.nll - null.nll)

@@ -1,64 +1,99 @@
-"""Which candidates are refitted, and which of them comes first."""
+"""Which candidates are refitted, which comes first, and when the selection ends."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import diagnosis.hypotheses.forward_selection as hypotheses
-from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import CLEAR, CURVED, SHORT, RefittedEffect, ScoreTest, search
+from diagnosis.hypotheses.forward_selection import (
+    CURVED,
+    MOST,
+    ODDS,
+    SHORT,
+    RefittedEffect,
+    ScoreTest,
+    Search,
+    search,
+    select_effects,
+)
 from diagnosis.hypotheses.score_test import Slopes
+from tests.support.diagnosis_answers import a_fit, made_up, tried
 from tests.support.diagnosis_cases import problem_of, pushed_trials
 
 
-def candidate(name: str) -> Candidate:
-    return Candidate(name, "", (), *4 * [np.zeros(0)])
-
-
 def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> ScoreTest:
-    return ScoreTest(candidate(name), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees))
+    return ScoreTest(made_up(name), T, degrees, p, min(1.0, 20 * p), np.ones(degrees), 0.0, True, np.ones(degrees))
 
 
-def tried(name: str, delta_bic: float, drop: float = 5.0) -> RefittedEffect:
-    return RefittedEffect(candidate(name), None, drop, delta_bic, 0.01)  # type: ignore[arg-type]
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[Search]:
+    """Searches that ``select_effects`` makes, one after the other."""
+    made: list[Search] = []
+    monkeypatch.setattr(hypotheses, "search", lambda problem, before, named, *more: made[len(named)])
+    monkeypatch.setattr(hypotheses, "with_correlation_time", lambda steps, data, found, least: found)
+    return made
 
 
-def names(rows: list[RefittedEffect], scores: list[ScoreTest]) -> list[str]:
-    return [t.candidate.label for t in hypotheses.in_order(rows, {s.candidate: s for s in scores})]
+def found_by(searches: Sequence[Sequence[RefittedEffect]]) -> list[Search]:
+    return [Search((), tuple(rows), a_fit(100.0)) for rows in searches]
 
 
-SCORES = [row("tow", 1e-4, 3), row("draft", 4e-3), row(CURVED[0], 0.9)]
-
-
-def test_where_one_gains_clearly_the_refits_decide() -> None:
-    assert names([tried("tow", 2.0), tried("draft", CLEAR + 1)], SCORES) == ["draft", "tow"]
-
-
-def test_where_none_does_the_probabilities_of_the_score_test_decide() -> None:
-    """An effect with three parameters pays three times in BIC."""
-    assert names([tried("draft", CLEAR - 1), tried("tow", -2.0)], SCORES) == ["tow", "draft"]
-
-
-@pytest.mark.parametrize(("drop", "place"), [(12.0, 0), (0.1, 2)])
-def test_of_a_dead_band_the_refit_says_how_probable_it_is(drop: float, place: int) -> None:
-    rows = [tried("draft", 4.0), tried("tow", -2.0), tried(CURVED[0], 3.0, drop)]
-    assert names(rows, SCORES).index(CURVED[0]) == place
-
-
-def test_nothing_is_put_in_order_of_nothing() -> None:
-    assert names([], SCORES) == []
-
-
-def test_the_most_probable_are_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_most_probable_are_refitted_and_those_with_most_evidence_come_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     problem, null = problem_of(pushed_trials(1))
-    scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]  # three parameters each: none pays by BIC
+    scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]
+    gains = {"e0": 1.0, "e1": 9.0, "e2": 5.0}
     monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), np.zeros(0), np.zeros((0, 0)), np.zeros(0)))
     monkeypatch.setattr(hypotheses, "score_tests", lambda *args: [*scores, row(CURVED[0], 0.9, T=0.1)])
-    monkeypatch.setattr(hypotheses, "refit_task", lambda task: RefittedEffect(task[3].candidate, None, 5.0, 0.0, 0.01))
+    monkeypatch.setattr(
+        hypotheses, "refit_task", lambda task: tried(task[3].candidate.label, gains.get(task[3].candidate.label, 0.0))
+    )
     monkeypatch.setattr(hypotheses, "run_all", lambda f, tasks, *more: [f(t) for t in tasks])
-    asked = {t.candidate.label for t in search(replace(problem, candidates=()), null, []).refitted}
-    assert asked >= {CURVED[0], *(f"e{i}" for i in range(SHORT))}
-    assert not asked & {f"e{i}" for i in range(SHORT, 8)}
+    found = search(replace(problem, candidates=()), null, [], is_possible=lambda fit, c: c.label != "e1")
+    asked = [r.candidate.label for r in found.refitted]
+    assert set(asked) == {CURVED[0], *(f"e{i}" for i in range(SHORT))} and asked[:3] == ["e1", "e2", "e0"]
+    assert found.best is not None and found.best.candidate.label == "e2"  # e1 has a size that cannot be
+
+
+def test_test_trials_count_as_much_as_those_of_the_fit() -> None:
+    one = replace(tried("a", 4.0), predictive=3.0)
+    assert one.evidence == pytest.approx(0.5 * 4.0 + 3.0) and replace(one, predictive=-3.0).evidence < 0
+
+
+def test_selection_goes_on_while_the_evidence_is_enough(searches: list[Search]) -> None:
+    problem, null = problem_of(pushed_trials(1))
+    searches += found_by([[tried("a", 2.2 * ODDS)], [tried("b", 2.1 * ODDS)], [tried("c", 1.9 * ODDS)]])
+    found = select_effects(problem, null)
+    assert [c.label for c in found.effects] == ["a", "b"] and len(found.searches) == 3
+    assert found.evidence == pytest.approx((1.1 * ODDS, 1.05 * ODDS))
+    assert len(found.fits) == 3 and found.fits[0] is searches[0].before
+    one = found.without_last
+    assert [c.label for c in one.effects] == ["a"] and one.fits == found.fits[:2] and one.final is found.fits[1]
+
+
+@pytest.mark.parametrize("rows", [[], [tried("a", 1.9 * ODDS)], [replace(tried("a", 99.0), is_possible=False)]])
+def test_a_search_that_finds_nothing_leaves_the_fit_as_it_is(
+    rows: list[RefittedEffect], searches: list[Search]
+) -> None:
+    problem, null = problem_of(pushed_trials(1))
+    searches += found_by([rows])
+    found = select_effects(problem, null)
+    assert found.effects == () and found.final is null is found.null and found.evidence == ()
+
+
+def test_no_more_effects_are_named_than_can_be_believed(searches: list[Search]) -> None:
+    problem, null = problem_of(pushed_trials(1))
+    searches += found_by([[tried(f"e{i}", 99.0)] for i in range(MOST + 1)])
+    assert len(select_effects(problem, null).effects) == MOST
+
+
+def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
+    rows = (tried("a", 20.0), tried("b", 20.1 - 2 * ODDS), tried("c", 19.9 - 2 * ODDS), tried("d", -3.0))
+    (found,) = found_by([rows])
+    assert found.indistinguishable == (made_up("a"), made_up("b"))
+    assert Search((), (), a_fit(0.0)).indistinguishable == () and Search((), (), a_fit(0.0)).best is None

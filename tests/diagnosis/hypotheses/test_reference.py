@@ -199,7 +199,7 @@ def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
     ready, found = diagnosed(new(), before())
     assert found.effects == () and found.final is ready.null
     assert (
-        unnamed_forms(ready.problem.steps, ready.problem.data, ready.null).log_bayes - ready.problem.expected_unnamed
+        unnamed_forms(ready.problem.steps, ready.problem.data, ready.null).mixture - ready.problem.expected_unnamed
         < LIMIT
     )
 
@@ -225,7 +225,7 @@ def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_nu
     assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > LIMIT
     alone = prepare(calibrated(), wrong(new()), step=H)
     assert alone.problem.expected_unnamed == 0.0
-    left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).log_bayes for r in (many, alone)]
+    left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).mixture for r in (many, alone)]
     assert min(left) > 10 * LIMIT  # it is seen
     # and mostly expected, although the fit to the reference takes it for an error of the heading alone
     assert (

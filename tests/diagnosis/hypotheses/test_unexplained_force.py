@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
@@ -30,10 +31,10 @@ def pushed(runs: SearchProblem) -> tuple:
 
 def test_the_force_is_that_which_acted(pushed: tuple) -> None:
     data, null, unnamed, found = pushed
-    row = unexplained_force(data, null, unnamed.p_value, found, SHIP)
+    row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
     true = SIZE * np.cos(null.path.z[:-1, :, 2])[data.inside]
     mine = row.force[data.inside][:, 1]
-    assert unnamed.p_value < 0.005
+    assert unnamed.evidence > ODDS
     assert np.corrcoef(mine, true)[0, 1] > 0.85
     assert row.channels["sway"].share > 0.9
     low, high = row.channels["sway"].interval_90
@@ -46,7 +47,7 @@ def test_the_force_is_that_which_acted(pushed: tuple) -> None:
 
 def test_it_is_said_in_words(pushed: tuple) -> None:
     data, null, unnamed, found = pushed
-    row = unexplained_force(data, null, unnamed.p_value, found, SHIP)
+    row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
     words = " ".join(unexplained_words(row))
     assert "90" in words
 

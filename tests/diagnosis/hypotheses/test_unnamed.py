@@ -21,13 +21,11 @@ from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.force_forms import Forms, by_variables
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import (
-    LEVEL,
     MULTIPLES,
-    SENSOR,
     SIZES,
-    TOLERANCE,
     UNLOGGED,
     log_bayes,
     unnamed_forms,
@@ -35,7 +33,7 @@ from diagnosis.hypotheses.unnamed import (
 )
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
-from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_by, pushed_trials, quiet
 from tests.support.disturbed_trials import process
 from tests.support.quick import first_quick
 
@@ -174,24 +172,7 @@ def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum(
 def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
     """Also where the random forces are large against the sensors, which showed the missing term most."""
     problem, null = problem_of(pushed_trials(seed, how=quiet(X=0.3, Y=0.6, N=0.4)))
-    assert unnamed_forms(problem.steps, problem.data, null).beyond_chance < 0
-
-
-def test_a_limit_is_exceeded_as_often_as_its_level_says(without_effects: tuple[SearchProblem, Estimate]) -> None:
-    """Slopes drawn from their law, another way than the limit's own draws."""
-    problem, null = without_effects
-    found = unnamed_forms(problem.steps, problem.data, null)
-    slopes = unnamed_slopes(problem.steps, problem.data, null)
-    names, ratio = sorted(set(slopes.kinds)), np.array([slopes.dispersion.get(k, 1.0) for k in slopes.kinds])
-    allowed = np.array([TOLERANCE if k.startswith(SENSOR) else 0.0 for k in slopes.kinds])
-    rng = np.random.default_rng(99)
-    g = rng.multivariate_normal(np.zeros(len(ratio)), slopes.S, 4000, method="svd")
-    same = np.equal.outer(np.array(slopes.kinds), np.array(slopes.kinds))  # what a sensor is off shows in its own kind
-    g += (rng.standard_normal(g.shape) * allowed) @ (slopes.S * same)
-    groups = [np.array([k == name for k in slopes.kinds]) for name in names]
-    logs = [log_bayes(g / np.sqrt(ratio), slopes.S / ratio, own, allowed[own].max()) for own in groups]
-    share = float((np.logaddexp.reduce(logs, axis=0) - np.log(len(names)) > found.limit).mean())
-    assert 0.2 * LEVEL < share < 3 * LEVEL
+    assert unnamed_forms(problem.steps, problem.data, null).evidence < ODDS
 
 
 def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tuple[SearchProblem, Estimate]) -> None:
@@ -205,18 +186,6 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tu
         more, lee = (np.where(own, share / unit / 3, 0.0) * (-1.0) ** np.arange(len(own)) for share in (0.05, 0.9))
         assert found.statistics(found.S @ more)[2][UNLOGGED] < 0.5
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
-        beyond = found.statistics(found.by_chance(0))[2][UNLOGGED]
-        assert (beyond > 3).mean() < 0.03
-
-
-def test_either_of_both_tests_is_beyond_chance_as_often_as_the_level_says(
-    without_effects: tuple[SearchProblem, Estimate],
-) -> None:
-    problem, null = without_effects
-    found = unnamed_forms(problem.steps, problem.data, null)
-    mixture, single = (found.chance[:, i] > limit for i, limit in enumerate((found.limit, found.single_limit)))
-    assert (mixture | single).mean() == pytest.approx(LEVEL, abs=0.002)
-    assert mixture.mean() == pytest.approx(single.mean(), abs=0.002) and mixture.mean() < LEVEL
 
 
 def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[SearchProblem, Estimate]) -> None:
@@ -313,3 +282,21 @@ def test_what_is_kept_of_compared_times_alone_says_the_same(
     g, S = np.ones(3), 0.1 * np.einsum("krca,krcb->ab", columns, columns)  # so that it varies more than S says
     few = dispersion(columns[brief.rows], residual[brief.rows], g, S, 9, brief.rows)
     assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
+
+
+@pytest.fixture(scope="module")
+def runs() -> SearchProblem:
+    return problem_of(pushed_trials(1), 1.0)[0]
+
+
+def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
+    found = np.array([unnamed_forms(*pushed_by(runs, seed, 0, "cos", 0.0)).single for seed in range(3)])
+    assert found.max() < 2.0 and np.median(found) < 0.0
+
+
+@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
+def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
+    found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
+    assert found.single > ODDS
+    largest = max(found.by_kind, key=lambda k: found.by_kind[k])
+    assert largest.startswith(("surge force", "sway force", "yaw force")[axis])

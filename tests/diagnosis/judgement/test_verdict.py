@@ -1,4 +1,4 @@
-"""What a diagnosis says of its own limits: coefficients far off, records without noise, runs that are too short."""
+"""The five lines of the verdict, sizes that an effect cannot have, and what a diagnosis says of its own limits."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
+from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.findings import EstimatedParameter, NamedEffect
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.judged_search import limits
+from diagnosis.judgement.verdict import beyond_reported, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
+from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
 
 RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
@@ -24,6 +29,27 @@ RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 def ready() -> Prepared:
     problem, null = problem_of(pushed_trials(1, runs=RUNS), 1.0)
     return Prepared(problem, full_model(), null, InputReading(False, None, 0.1, 3.0), 1, (), (1.0, float("inf")))
+
+
+@pytest.mark.parametrize(
+    ("named", "left", "is_random", "expected"),
+    [
+        ([], [0.9 * ODDS], True, ("none", 0, False)),
+        ([], [1.1 * ODDS], True, ("unknown", 0, False)),
+        ([], [-1.0], False, ("unknown", 0, False)),
+        ([4.0], [9.0, -0.1], True, ("named", 1, False)),
+        ([40.0], [50.0, 0.1], True, ("named", 1, True)),
+        ([40.0], [50.0, -1.0], False, ("named", 1, True)),
+        ([40.0], [50.0, 41.0], True, ("unknown", 0, False)),  # a free force beside it explains more than it does
+        ([5.0, 40.0], [50.0, 45.0, -1.0], True, ("named", 2, False)),  # the second explains what the first left
+        ([40.0, 5.0], [50.0, 9.0, 6.0], True, ("named", 1, True)),
+        ([5.0, 5.0], [50.0, 9.0, 6.0], True, ("unknown", 0, False)),
+    ],
+)
+def test_the_verdict_follows_from_the_evidence(
+    named: list[float], left: list[float], is_random: bool, expected: tuple[str, int, bool]
+) -> None:
+    assert verdict_of(named, left, is_random) == expected
 
 
 def said(null: Estimate, held: object = True) -> dict[str, str]:
@@ -78,3 +104,64 @@ def test_a_refit_whose_first_values_make_the_ship_explode_begins_nearer_to_neutr
     monkeypatch.setattr(TransitionModel, "linearise", exploding)
     found = refit(p.steps, p.data, p.base, null, [effect], {effect.columns[0]: 0.3, effect.columns[1]: 0.0})
     assert begun[:2] == pytest.approx([0.3, 0.09]) and abs(found.value("current.x")) < 0.05
+
+
+SIZES = [
+    ("rudder_stall", (-0.144,), 0.02, True),
+    ("rudder_stall", (-0.03,), 0.02, False),
+    ("rudder_stall", (0.4,), 0.02, False),
+    ("rudder_stall", (1.1,), 0.02, True),
+    ("shallow_water", (-0.3,), 0.05, True),
+    ("shallow_water", (-0.3,), 0.24, False),
+    ("wind_force", (1.0, -0.5, 1.0), 0.1, True),
+    ("wind_force", (1.0, 1.0, -0.5), 0.1, False),
+    ("antenna_offset", (1.8, 0.0), 0.1, True),
+    ("antenna_offset", (-1.4, 0.2), 0.01, False),
+    ("fouling", (-0.3,), 0.1, True),
+    ("fouling", (-0.15,), 0.1, False),
+    ("draft", (-0.3,), 0.01, False),
+    ("current", (-0.3, 0.2), 0.01, False),
+]
+"""Effect, its parameters, their standard error, and whether no such effect is possible; for a ship of 3 m."""
+
+
+def fit_with(effects: list[Candidate], values: list[float], std: float) -> Estimate:
+    """A fit in which these parameters of the ``effects`` have these values, each with this standard error."""
+    own, null = priors_of_effects(effects, 1.0), ready().null
+    covariance = np.diag([*np.zeros(len(null.p)), *(std / own.std) ** 2])
+    p = np.array([*null.p, *(np.array(values) - own.mean) / own.std])
+    return replace(null, free=null.free + own, p=p, covariance=covariance)
+
+
+@pytest.mark.parametrize(("effect", "values", "std", "expected"), SIZES)
+def test_no_effect_is_surely_outside_what_it_can_be(
+    effect: str, values: tuple[float, ...], std: float, expected: bool
+) -> None:
+    c = candidate(effect)
+    words = impossible_size(full_model(), fit_with([c], list(values), std), c)
+    assert bool(words) is expected and words.startswith(f"{effect} (" if expected else "")
+
+
+@pytest.mark.parametrize(("share", "expected"), [(-0.45, False), (-0.75, True)])
+def test_a_calibrated_ship_may_have_lost_the_fouling_that_she_had(share: float, expected: bool) -> None:
+    ship = full_model().ship
+    symbol = ship.free[0]
+    row = ship.coefficients[symbol].with_(prior_std=1.0, prior_value=0.0)
+    full, c = replace(full_model(), ship=ship.with_coefficients({symbol: row})), candidate("fouling")
+    assert bool(impossible_size(full, fit_with([c], [share], 0.1), c)) is expected
+
+
+def test_every_effect_can_be_absent() -> None:
+    ship = full_model().ship
+    for name, effect in EFFECTS.items():
+        for p in effect.parameters(ship.namespace, dict(ship.components)):
+            assert p.held or max(p.least, p.lower) <= p.neutral <= min(p.most, p.upper), (name, p.symbol)
+
+
+@pytest.mark.parametrize(("share", "std", "said"), [(1.5, 0.2, True), (1.5, 0.3, False), (0.9, 0.01, False)])
+def test_more_fouling_than_any_ship_had_is_not_all_fouling(share: float, std: float, said: bool) -> None:
+    size = EstimatedParameter(share, std, "")
+    other = NamedEffect("current", {"x": EstimatedParameter(9.0, 0.1, "m/s")}, 0.0, 10.0, 0.1)
+    rows = beyond_reported([other, NamedEffect("fouling", {"share": size}, 0.0, 10.0, 0.1)], ready().full.ship)
+    assert [row.code for row in rows] == ["beyond_reported"] * said
+    assert all("1.5" in row and "(1)" in row for row in rows)

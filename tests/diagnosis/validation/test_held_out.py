@@ -71,7 +71,7 @@ def test_the_true_model_predicts_its_own_motion_without_error() -> None:
     steps = full_steps(H)
     data = simulated(steps, others())
     for length in (H, WINDOW, 0.0):
-        found, _ = errors(steps, data, steps.ship.values, length)
+        found = errors(steps, data, steps.ship.values, length).mean
         assert len(found) and found.max() < 1e-18
 
 
@@ -93,7 +93,7 @@ def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_ru
     steps = full_steps(H)
     theta = theta_of(steps, {effect: OFF_NEUTRAL[effect]})
     data = simulated(steps, others(), theta)
-    found, _ = errors(steps, data, theta, WINDOW)
+    found = errors(steps, data, theta, WINDOW).mean
     assert len(found) and found.max() < 1e-12
     middle = data.steps.min() // 2
     settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)  # to the inputs as they were logged
@@ -109,26 +109,25 @@ def test_an_error_counts_in_units_of_its_scale_and_only_where_it_was_measured() 
     later[1:, :, 0] += 2.0 * sigma[0]
     later[1:, :, 5] -= 1.0 * sigma[5]
     off = replace(data, y=later)
-    np.testing.assert_allclose(errors(steps, off, theta, 0.0)[0], (4 + 1) / 6, rtol=1e-9)
+    np.testing.assert_allclose(errors(steps, off, theta, 0.0).mean, (4 + 1) / 6, rtol=1e-9)
     unplaced = data.measured.copy()
     unplaced[..., :2] = False
-    np.testing.assert_allclose(errors(steps, replace(off, measured=unplaced), theta, 0.0)[0], 1 / 4, rtol=1e-9)
+    np.testing.assert_allclose(errors(steps, replace(off, measured=unplaced), theta, 0.0).mean, 1 / 4, rtol=1e-9)
 
 
 def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row() -> None:
     steps, data = full_steps(H), others()
     theta = steps.ship.values
-    found, run = errors(steps, data, theta, WINDOW)
+    run = errors(steps, data, theta, WINDOW).run
     seconds = data.steps * H
     expected = [int((s - WINDOW) // STRIDE) + 1 for s in seconds]
-    assert [int((run == r).sum()) for r in range(3)] == expected and len(found) == sum(expected)
+    assert [int((run == r).sum()) for r in range(3)] == expected and len(run) == sum(expected)
     assert expected == [4, 5, 3]
     holes = data.measured.copy()
     holes[round(STRIDE / H), 0, 4] = False  # the second window of the first run has no start
-    _, run = errors(steps, replace(data, measured=holes), theta, WINDOW)
+    run = errors(steps, replace(data, measured=holes), theta, WINDOW).run
     assert int((run == 0).sum()) == expected[0] - 1
-    whole, run = errors(steps, data, theta, 0.0)
-    assert len(whole) == 3 and list(run) == [0, 1, 2]
+    assert list(errors(steps, data, theta, 0.0).run) == [0, 1, 2]
 
 
 def test_a_run_that_is_shorter_than_a_window_says_nothing(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:

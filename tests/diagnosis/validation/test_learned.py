@@ -61,7 +61,8 @@ def test_the_error_before_is_that_of_the_held_out_check() -> None:
     ship, tests = hybrids.ship(), hybrids.trials(hybrids.lacking(), 2, 100, seed=9)
     full_model = ship_with_all_effects(ship).ship
     steps = TransitionModel(full_model, ["X_0F"], 1.0)
-    expected, _ = errors(steps, grid_trials(tests, full_model.inputs, 3.0, 1.0), full_model.values, window_length(ship))
+    data = grid_trials(tests, full_model.inputs, 3.0, 1.0)
+    expected = errors(steps, data, full_model.values, window_length(ship)).mean
     few = replace(QUICK, epochs=1, seeds=1, step=1.0)
     found = measure(ship, hybrids.trials(ship, 2, 200), tests, settings=few)
     assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)

@@ -1,0 +1,169 @@
+"""The budget of the prediction error: floor, what each named effect causes, what nothing explains.
+
+The floor is what a complete model would leave that was fitted to the same trials: errors of the sensors, from whose
+rows a prediction begins, random forces along its way, and the uncertainty of the coefficients. It comes from trials
+that the fitted model simulates, and is at most the error that the model leaves with what was named. What lies above it
+could be avoided; each effect has the part by which the error falls as it is added, in the order in which they were
+found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from diagnosis.estimation.acting_inputs import acting
+from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.linearisation import initial_trajectory, linearise_and_filter
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import set_values
+from diagnosis.estimation.transition_model import TransitionModel
+from diagnosis.findings import Budget, BudgetShare
+from diagnosis.hypotheses.unexplained_force import ForceEstimate
+from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
+
+SIMULATED = 16
+"""Simulated campaigns behind the floor. Its own scatter is part of the intervals."""
+DRAWS = 2000
+"""Draws of runs and floors for the intervals."""
+UNITS = ("position_m", "heading_deg")
+"""What the errors at the end of a window are said in."""
+SURE = 0.05
+"""Probability that the error is not above the floor up to which there is a gap to account for."""
+
+
+def budget_of(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    tests: GriddedTrials | None,
+    fits: Sequence[Estimate],
+    names: Sequence[str],
+    missing: ForceEstimate | None = None,
+    seed: int = 0,
+) -> Budget | None:
+    """Where the 30 s error of trials that took no part comes from.
+
+    steps: the transition model; data: the training trials; tests: trials that took no part, None: then each training
+    run is predicted by coefficients without it; fits: without any effect, and as each of the named effects was added;
+    names: of these; missing: the force without a name that is left, None: nothing is; seed: of all draws. Returns None
+    where no whole window can be predicted, and where there is a single run that would have to be left out.
+    """
+    if tests is None and len(np.unique(data.run)) < 2:
+        return None
+    seen, final, rng = data if tests is None else tests, fits[-1], np.random.default_rng(seed)
+    predicted = [left_out_errors(steps, data, f) if tests is None else _errors(steps, seen, f.theta) for f in fits]
+    floors = _floors(steps, seen, final, rng) if len(predicted[0].run) else []
+    if not floors:
+        return None
+    mean = np.array([e.mean.mean() for e in predicted])
+    simulated = WindowErrors.joined(floors)
+    complete = predicted[-1] if missing is None else with_force(steps, seen, final, missing)
+    floor = min(float(simulated.mean.mean()), mean[-1], float(complete.mean.mean()))
+    drawn = _drawn([*predicted, complete], floors, rng)  # (DRAWS, fits and floor)
+    gap = drawn[:, 0] - drawn[:, -1]
+    rows: list[BudgetShare] = []
+    if (gap <= 0).mean() <= SURE and mean[0] > floor:
+        shares = -np.diff(drawn[gap > 0], axis=1) / gap[gap > 0, None]
+        low, high = np.quantile(shares, [0.05, 0.95], axis=0)
+        best = -np.diff([*mean, floor]) / (mean[0] - floor)
+        for name, b, a, c in zip((*names, "unexplained"), best, low, high, strict=True):
+            rows.append(BudgetShare(name, float(b), (float(a), float(c))))
+    ends = np.sqrt([e.end.mean(axis=0) for e in (predicted[0], predicted[-1], simulated)])
+    ends[2] = np.minimum(ends[1], ends[2])
+    ends[:, 1] = np.degrees(ends[:, 1])
+    return Budget(
+        metric="30 s",
+        by="left-out runs" if tests is None else "test trials",
+        before=float(mean[0]),
+        after=float(mean[-1]),
+        floor=floor,
+        parts=tuple(rows[:-1]),
+        unexplained=rows[-1] if rows else None,
+        units={name: (float(a), float(b), float(c)) for name, (a, b, c) in zip(UNITS, ends.T, strict=True)},
+    )
+
+
+def _errors(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> WindowErrors:
+    return errors(steps, data, theta, window_length(steps.ship))
+
+
+def left_out_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> WindowErrors:
+    """Errors of each run of ``data`` by the coefficients that the ``fit`` of ``steps`` would have without it: a
+    Gauss-Newton step from the fit to all (infinitesimal jackknife, Jaeckel 1972)."""
+    here = linearise_and_filter(steps, data, fit)
+    gram = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
+    slope = gram[:, :-1, -1] + here.logdet_gradient
+    every = gram[:, :-1, :-1].sum(axis=0) + np.eye(len(fit.p))
+    parts = []
+    for run in np.unique(data.run):
+        own = data.run == run
+        without = every - gram[own, :-1, :-1].sum(axis=0)
+        p = np.clip(fit.p + np.linalg.solve(without, slope[own].sum(axis=0)), *fit.free.scaled_bounds)
+        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
+        parts.append(_errors(steps, data.windows(own), theta))
+    return WindowErrors.joined(parts)
+
+
+def with_force(steps: TransitionModel, data: GriddedTrials, fit: Estimate, missing: ForceEstimate) -> WindowErrors:
+    """Errors in ``data`` of the ``fit`` of ``steps`` with a ``missing`` force and the coefficients that go with it."""
+    z = initial_trajectory(steps, data, fit.theta).z
+    force = missing.on(data, 0.5 * (z[:-1] + z[1:]))
+    p = np.clip(fit.p - missing.taken @ missing.mean.ravel(), *fit.free.scaled_bounds)
+    theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
+    return errors(steps, data, theta, window_length(steps.ship), force=force)
+
+
+def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator) -> list[WindowErrors]:
+    """Errors of ships with coefficients as uncertain as those of a ``fit`` in trials that it simulates along
+    ``data``."""
+    found = []
+    for _ in range(SIMULATED):
+        p = np.clip(rng.multivariate_normal(fit.p, fit.covariance, method="eigh"), *fit.free.scaled_bounds)
+        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
+        found.append(_errors(steps, simulated_trials(steps, data, fit, rng), theta))
+    return [e for e in found if np.isfinite(e.mean).all()]
+
+
+def simulated_trials(
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator
+) -> GriddedTrials:
+    """``data`` with logged columns drawn from a ``fit`` of the model ``steps``: new random forces and gusts push the
+    ship, new errors of the sensors are added, coloured ones included; rng: of both."""
+    noise, acted, path = fit.noise, acting(steps, data, fit.theta), initial_trajectory(steps, data, fit.theta)
+    shape = data.y.shape[:2]
+    path = replace(path, force=processes(shape, noise.force, noise.tau, data.h, rng))
+    if data.gusts is not None:
+        path = replace(path, gust=processes(shape, noise.gust, noise.gust_tau, data.h, rng), gusts=data.gusts)
+    z = steps.follow(path.z, acted.controls, fit.theta, force=path.push[:-1])
+    y = steps.logged(z, fit.theta) + noise.white * rng.standard_normal(data.y.shape)
+    y += processes(shape, noise.coloured, noise.colour_tau, data.h, rng)
+    return replace(data, y=np.where(data.measured, y, 0.0))
+
+
+def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rng: np.random.Generator) -> np.ndarray:
+    """Mean errors (DRAWS, fits and floor) of runs drawn again, or of blocks of TOGETHER neighbouring windows where runs
+    are few (block bootstrap), each with one of the ``floors``. predicted: by all fits and by the complete model; the
+    floor is at most the last two."""
+    run = predicted[0].run
+    if len(np.unique(run)) < FEW:
+        run = np.arange(len(run)) // TOGETHER + 1000 * run
+    runs = np.unique(run)
+    sums = np.array([[e.mean[run == r].sum() for r in runs] for e in (*predicted, *floors)])
+    counts = np.array([(run == r).sum() for r in runs])
+    at, which = rng.choice(len(runs), (DRAWS, len(runs))), len(predicted) + rng.choice(len(floors), DRAWS)
+    found = (sums[:, at].sum(axis=2) / counts[at].sum(axis=1)).T
+    last = len(predicted) - 1
+    floor = np.minimum(found[np.arange(DRAWS), which], found[:, last - 1 : last + 1].min(axis=1))
+    return np.column_stack([found[:, :last], floor])
+
+
+def processes(shape: tuple[int, ...], sizes: np.ndarray, tau: float, h: float, rng: np.random.Generator) -> np.ndarray:
+    """Stationary first-order processes (*shape, c), in time along the first axis of steps h [s], of ``sizes`` (c,) and
+    correlation time tau [s]; rng: of random numbers."""
+    x = rng.standard_normal((*shape, len(sizes)))
+    left = np.exp(-h / tau)
+    for k in range(1, len(x)):
+        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]
+    return x * sizes

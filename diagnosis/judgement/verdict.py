@@ -1,0 +1,236 @@
+"""The verdict of a diagnosis: five lines on one scale, and what limits it.
+
+Every hypothesis has its evidence against "nothing is missing" in log units: an effect by its refit and by the test
+trials (``RefittedEffect.evidence``), a free force by the marginal likelihood of all forms that have no name
+(``UnnamedForms.evidence``). ODDS of 20 to 1 are the only threshold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cases.trial import Trial
+from diagnosis.estimation.candidates import Candidate, FullModel, parameters
+from diagnosis.estimation.force_order import force_order
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.noise_sizes import least_noise
+from diagnosis.findings import Budget, NamedEffect
+from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
+from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
+from diagnosis.prepare import Prepared
+from diagnosis.summary import parameters_of
+from mmg.effects import EFFECTS
+from mmg.messages import Message
+from mmg.progress import OnProgress
+from mmg.ship import Ship
+from mmg.states import STATES
+
+
+def verdict_of(named: Sequence[float], left: Sequence[float], is_random: bool = True) -> tuple[str, int, bool]:
+    """The verdict, how many effects are named, and whether something is left beside them.
+
+    named: evidence for each effect that was selected, beside those before it; left: that for a free force beside none
+    of them, the first, and so on to all; is_random: whether what is left beside all looks like it. In log units:
+
+    1. selected is, one after the other, the effect of a possible size with most evidence, while that exceeds ODDS;
+    2. what is within ODDS of it is its class (``Search.indistinguishable``);
+    3. the last is taken back while a free force beside it has more evidence than it has;
+    4. those that remain are "named"; something is left if a free force beside them has any evidence (even odds);
+    5. without any the verdict is "unknown" where that exceeds ODDS, else "none".
+
+    What does not look random counts as left.
+    """
+    count = len(named)
+    while count and left[count] > named[count - 1]:
+        count -= 1
+    if count:
+        return "named", count, left[count] > 0 or not is_random
+    return ("unknown" if left[0] > ODDS or not is_random else "none"), 0, False
+
+
+@dataclass(frozen=True)
+class JudgedSearch:
+    """Of a search: the selection, the free force without it (before) and beside it (after), the verdict with whether
+    something is left beside a name, and sentences on what is not random and on sizes that cannot be."""
+
+    found: Selection
+    before: UnnamedForms
+    after: UnnamedForms
+    verdict: str
+    is_left: bool
+    reasons: tuple[Message, ...]
+
+    @property
+    def fit(self) -> Estimate:
+        """The fit of the answer: with what is named, or without any effect."""
+        return self.found.final if self.verdict == "named" else self.found.null
+
+
+def judged_search(
+    ready: Prepared, problem: SearchProblem, seed: int, workers: int, progress: OnProgress | None
+) -> JudgedSearch:
+    """Select effects, ask what a free force explains beside them, and judge.
+
+    ready: the fit without effects; problem: with the test trials; seed, workers, progress: as of ``select_effects``.
+    """
+    p, full = problem, ready.full
+
+    def is_possible(fit: Estimate, candidate: Candidate) -> bool:
+        return not impossible_size(full, fit, candidate)
+
+    found = select_effects(p, ready.null, seed, workers, progress, is_possible)
+    free = [unnamed_forms(p.steps, p.data, fit) for fit in found.fits]
+    usual = (p.expected_unnamed_null, *[p.expected_unnamed] * len(found.effects))
+    left = [forms.evidence - expected for forms, expected in zip(free, usual, strict=True)]
+    reasons = not_random(ready, found.final)
+    verdict, count, is_left = verdict_of(found.evidence, left, not reasons)
+    while len(found.effects) > count:
+        found = found.without_last
+    return JudgedSearch(found, free[0], free[count], verdict, is_left, (*reasons, *_acts_like(full, found)))
+
+
+def _acts_like(full: FullModel, found: Selection) -> list[Message]:
+    """A sentence on the best candidate of the last search where its size cannot be: what is left acts like it."""
+    first = found.searches[-1].refitted[:1] if found.searches else ()
+    rows = [impossible_size(full, r.fit, r.candidate) for r in first if not r.is_possible and r.evidence > ODDS]
+    return [Message(f"what is left acts like {size}", "impossible_size") for size in rows]
+
+
+LINE_PROBABILITY = 1e-6
+"""Probability by chance below which a line in the spectrum of the residuals counts as an unexplained remainder."""
+
+
+def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
+    """Sentences on what is not random in a fit.
+
+    ready: the problem with its fit without effects, whose spectrum counts; fit: with what is named, or without effects.
+    """
+    p = ready.problem
+    rows = [_oscillation(ready)] if ready.line[0] < LINE_PROBABILITY else []
+    order = None if ready.is_order_usual else force_order(p.steps, p.data, fit)
+    if order is not None and not order.is_random:
+        first, then = order.pair
+        words = f"unexplained {first} and {then} follow each other in time (p = {order.p_value:.1g})"
+        advice = "as of a ship that passes by, a stream that turns or a force with a memory of its own"
+        rows.append(Message(f"{words}, {advice}", "ordered_forces"))
+    return rows
+
+
+def _oscillation(ready: Prepared) -> Message:
+    """What the line in the spectrum of the residuals says."""
+    period, apart = ready.line[1], ready.gap * ready.problem.data.h
+    words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
+    if period < 2 * apart:
+        words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
+    return Message(words, "oscillating_residuals")
+
+
+def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:
+    """Which parameter of a ``candidate`` in a ``fit`` of the ``full`` model is surely less or more than it can be in
+    nature, in words, or nothing."""
+    limited = [p for p in parameters(full.ship, candidate.effect) if math.isfinite(p.least) or math.isfinite(p.most)]
+    sizes = parameters_of(full, fit, candidate) if limited else {}
+    calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())
+    for p in (p for p in limited if p.symbol in sizes):
+        found, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
+        limit = f"less than {least:.3g}" if found.value + 2 * found.std < least else ""
+        limit = f"more than {p.most:.3g}" if found.value - 2 * found.std > p.most else limit
+        if limit:
+            size = f"{p.symbol} = {found.value:.3g} ± {found.std:.2g} {found.unit}".rstrip()
+            return f"{candidate.effect} ({size}), which cannot be {limit} {found.unit}".rstrip()
+    return ""
+
+
+def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
+    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any known of."""
+    rows = []
+    for e in effects:
+        for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
+            found = e.parameters.get(p.symbol)
+            if found is None or abs(found.value - p.neutral) - 2 * found.std <= p.reported:
+                continue
+            size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+            words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
+            rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
+    return rows
+
+
+def limits(
+    ready: Prepared,
+    found: Selection,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    budget: Budget | None,
+    named: Estimate | None = None,
+) -> list[Message]:
+    """What cannot be concluded from this input; ready: its fit without effects, found: the selection, trials: for
+    training, tests: to check on, budget: of their errors, named: the fit with what was named, None: nothing was.
+    Returns one sentence for each reason."""
+    rows: list[tuple[str, str]] = []
+    every = [s for s in found.searches[0].scores if not s.candidate.form]
+    quiet = [s.candidate.effect for s in every if not s.excited]
+    if quiet:
+        rows.append(("not_excited", f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}"))
+    hidden = [s.candidate.effect for s in every if s.excited and s.absorbed > 0.9]
+    if hidden:
+        words = "the coefficients imitate over 90 % of their information, so only the priors show them"
+        rows.append(("absorbed", f"{words}: {', '.join(hidden)}"))
+    unplaced = ", ".join(t.name for t in trials if not t.has_position)
+    if unplaced:
+        words = "effects of place and of satellite sensors hardly show there"
+        rows.append(("no_positions", f"no positions in {unplaced}: {words}"))
+    calm = ", ".join(t.name for t in trials if not t.has_wind)
+    if calm and ready.full.ship.components.get("wind"):
+        words = "calm air is assumed, so wind would be taken for something else"
+        rows.append(("no_wind", f"no wind columns in {calm}: {words}"))
+    kinds = {t.kind for t in trials}
+    if len(trials) == 1:
+        words = "one trial only: many effects look alike in it, and whether runs agree cannot be tested"
+        rows.append(("one_trial", words))
+    elif len(kinds) == 1 and "" not in kinds:
+        rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
+    rows += _doubts(ready, named)
+    if not tests:
+        way = "each run was predicted without it" if budget else "how far the gap closes was not checked"
+        rows.append(("no_tests", f"no --test trials: {way}"))
+    elif budget is None:
+        words = "the test trials hold no whole window without a gap: how far the gap closes was not checked"
+        rows.append(("tests_too_short", words))
+    return [Message(words, code) for code, words in rows]
+
+
+FAR, LONG = 3.0, 3.0
+"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
+
+
+def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:
+    """Code and sentence of each way in which the fit without effects is not what the tests take it for. Coefficients
+    that are off are those of the fit with what was ``named``: that it brings back the others speaks for it."""
+    null, data, steps = ready.null, ready.problem.data, ready.problem.steps
+    rows: list[tuple[str, str]] = []
+    fit, beside = (null, "without any effect") if named is None else (named, "with what was named")
+    far = [f"{s} ({p:+.1f})" for s, p in zip(fit.free.symbols, fit.p, strict=True) if abs(p) > FAR and "." not in s]
+    if far:
+        words = f"more than {FAR:g} prior standard deviations off {beside}: {', '.join(far)}"
+        advice = "is it this ship, and are units and frames right (mmg check)? An effect may make up for what is not"
+        rows.append(("far_from_prior", f"{words}: {advice}"))
+    seen = np.asarray(data.good.any(axis=(0, 1)))
+    quiet = [
+        n
+        for n, s, w, f in zip(STATES, seen, null.noise.white, least_noise(steps.ship).white, strict=True)
+        if s and w <= 1.01 * f
+    ]
+    if quiet:
+        words = f"hardly any noise in {', '.join(quiet)}, as of simulated or smoothed records"
+        advice = "small differences of the numerics then count as effects, so doubt small ones"
+        rows.append(("no_noise", f"{words}: {advice}"))
+    longest, memory = float(data.steps.max() * data.h), null.noise.tau
+    if longest < LONG * memory:
+        words = f"no run is longer than {longest:.2g} s without a gap, and the random force remembers {memory:.2g} s"
+        rows.append(("short_trials", f"{words}: what is constant in a run can hardly be told from it"))
+    return rows
