@@ -140,38 +140,37 @@ def _diagnosed(
     found = result.found
     if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
-    is_named, late, final = result.verdict == "named", ready.reading.time_error, result.fit
-    named, same = (found.effects, summary.equivalence_class(found)) if is_named else ((), ())
+    late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
+    same = summary.equivalence_class(found) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    fits = found.fits if is_named else (found.null,)
-    left = result.after if is_named else result.before
-    missing = estimated_force(left) if result.is_left or result.verdict == "unknown" else None
-    budget = budget_of(p.steps, p.data, gridded, fits, [c.effect for c in named], missing, options.seed)
+    is_left = result.is_left or result.verdict == "unknown"
+    missing = estimated_force(result.after) if is_left else None
+    budget = budget_of(p.steps, p.data, gridded, found.fits, [c.effect for c in found.effects], missing, options.seed)
     held = _held_out(p, found.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
     remainder = result.is_left and (budget is None or budget.matters)
-    reasons = [*result.reasons] if remainder or not is_named else []
-    reasons += limits(ready, found, trials, tests, budget, final if is_named else None)
-    effects = tuple(summary.named_effect(ready.full, found, c, late) for c in named)
+    reasons = [*result.reasons] if remainder or result.verdict != "named" else []
+    reasons += limits(ready, found, trials, tests, budget, final if is_found else None)
+    effects = tuple(summary.named_effect(ready.full, found, c, late) for c in found.effects if not c.measures)
     reasons += (doubts := beyond_reported(effects, ship))
     remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
-    place = where(p.steps.model.controls, p.data, found.null, ship, final if is_named else None)
-    advice = _unless_impossible(lambda: _advice(ready, found, same, is_named, ship), "the next test", "", reasons)
-    after_all = summary.fitted_ship(ship, ready.full, final, named, late) if is_named else ship_before
-    is_left, unexplained = result.verdict == "unknown" or remainder, None
-    if is_left and missing is not None:
-        describe = partial(_unexplained, p, final, left.evidence, missing, after_all)
+    place = where(p.steps.model.controls, p.data, found.null, ship, final if is_found else None)
+    advice = _unless_impossible(lambda: _advice(ready, found, same, ship), "the next test", "", reasons)
+    after_all = summary.fitted_ship(ship, ready.full, final, found.effects, late) if is_found else ship_before
+    unexplained = None
+    if missing is not None and (remainder or result.verdict == "unknown"):
+        describe = partial(_unexplained, p, final, result.after.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
     between = _between(ready, sensors, groups, trials, reasons)
-    unnamed = Unnamed(*({"all": u.mixture, "single": u.single, **u.by_kind} for u in (result.before, left)))
+    unnamed = Unnamed(*({"all": u.mixture, "single": u.single, **u.by_kind} for u in (result.before, result.after)))
     nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
-    is_usual = p.expected_unnamed_null > 0
-    sentence = sentence_of(result.verdict, effects, same, remainder, budget, nearest, unexplained, is_usual)
-    sentence += likeness(unnamed.after) if is_left else ""
+    off = tuple(f for f in instruments if f.name in {c.effect for c in found.effects})
+    sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
+    sentence += likeness(unnamed.after) if unexplained is not None else ""
     return Diagnosis(
         verdict=result.verdict,
         sentence=sentence,
@@ -253,10 +252,10 @@ def _unexplained(
     return unexplained_force(p.data, fit, evidence, found, ship, telling_test(p, fit, found, ship))
 
 
-def _advice(ready: Prepared, found: Selection, same: Sequence[str], is_named: bool, ship: Ship) -> str:
-    """The next test: of the named effect and its class, or of the best two candidates that are more than chance."""
+def _advice(ready: Prepared, found: Selection, same: Sequence[str], ship: Ship) -> str:
+    """The next test: of the first effect selected and its class, or of the best two candidates that may be there."""
     p = ready.problem
-    if is_named:
+    if found.effects:
         rivals = [found.effects[0], *(find(p.candidates, name) for name in same)]
     else:
         rivals = [r.candidate for r in found.searches[0].refitted[:2] if r.evidence > 0]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
-from diagnosis.estimation.candidates import FITTED_ALONG, TIMES, Candidate, FullModel, neutral, parameters
+from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral, parameters
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
@@ -97,7 +97,7 @@ def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault
 def instrument_faults(full: FullModel, fit: Estimate) -> tuple[InstrumentFault, ...]:
     """Faults of instruments that a ``fit`` of the ``full`` model shows, be they effects of the ship as given or not."""
     faults = []
-    for name in (e for e in FITTED_ALONG if e in full.ship.effects):
+    for name in (e for e in full.ship.effects if EFFECTS[e].measures):
         rows = [p for p in parameters(full.ship, name) if f"{name}.{p.symbol}" in fit.free.symbols]
         sizes = {p.symbol: estimated(fit, f"{name}.{p.symbol}", p.unit) for p in rows}
         off = [(sizes[p.symbol].value - p.neutral) / sizes[p.symbol].std for p in rows]
@@ -110,7 +110,7 @@ def instrument_faults(full: FullModel, fit: Estimate) -> tuple[InstrumentFault, 
 
 
 def equivalence_class(found: Selection) -> tuple[str, ...]:
-    """Effects that the data cannot tell from the first one named in ``found``."""
+    """Effects that the data cannot tell from the first one selected in ``found``."""
     near = dict.fromkeys(c.effect for c in _named_in(found, found.effects[0])[0].indistinguishable)
     named = {c.effect for c in found.effects}
     return tuple(n for n in near if n not in named)

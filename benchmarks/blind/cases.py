@@ -17,6 +17,7 @@ from cases.io.read import read_trials
 from cases.io.site import read_site
 from cases.shipfiles.ship_file import load_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.estimation.candidates import FITTED_ALONG
 from diagnosis.findings import Findings
 from fitting.report.run_folder import plain
 from mmg.errors import UserError
@@ -95,7 +96,9 @@ def question(case: Path) -> Callable[[], Findings]:
 
 
 def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str, Any]]:
-    """Verdict, names, remainder and evidence of a diagnosis; the verdict "error" where it fails, in any way."""
+    """Verdict, names, remainder and evidence of a diagnosis; the verdict "error" where it fails, in any way.
+
+    An instrument that was found to be off counts as a name, but for what is fitted along in any case."""
     try:
         found = ask()
     except Exception as error:  # a wrong answer, and the other cases go on
@@ -106,9 +109,14 @@ def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str,
         "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
         "budget": None if found.budget is None else plain(found.budget),
         "codes": sorted({getattr(m, "code", "") for m in found.warnings}),
-        "sizes": {e.name: {s: [p.value, p.std] for s, p in e.parameters.items()} for e in found.effects},
+        "sizes": {
+            e.name: {s: [p.value, p.std] for s, p in e.parameters.items()} for e in (*found.effects, *found.instruments)
+        },
     }
-    return found.verdict, [e.name for e in found.effects], bool(found.remainder), evidence
+    off = [f.name for f in found.instruments if f.name not in FITTED_ALONG]
+    names = [e.name for e in found.effects] + off
+    verdict = "named" if off and found.verdict == "none" else found.verdict
+    return verdict, names, bool(found.remainder), evidence
 
 
 def answered(case: Path) -> dict[str, Any]:

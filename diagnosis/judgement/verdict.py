@@ -31,26 +31,31 @@ from mmg.ship import Ship
 from mmg.states import STATES
 
 
-def verdict_of(named: Sequence[float], left: Sequence[float], is_random: bool = True) -> tuple[str, int, bool]:
-    """The verdict, how many effects are named, and whether something is left beside them.
+def verdict_of(
+    named: Sequence[float], left: Sequence[float], measures: Sequence[bool] = (), is_random: bool = True
+) -> tuple[str, int, bool]:
+    """The verdict, how many of the selected effects stand, and whether something is left beside them.
 
     named: evidence for each effect that was selected, beside those before it; left: that for a free force beside none
-    of them, the first, and so on to all; is_random: whether what is left beside all looks like it. In log units:
+    of them, the first, and so on to all; measures: which of the effects are instruments; is_random: whether what is
+    left beside all looks like it. In log units:
 
     1. selected is, one after the other, the effect of a possible size with most evidence, while that exceeds ODDS;
     2. what is within ODDS of it is its class (``Search.indistinguishable``);
     3. the last is taken back while a free force beside it has more evidence than it has;
-    4. those that remain are "named"; something is left if a free force beside them has any evidence (even odds);
+    4. a ship's or her surroundings' effect that remains is "named"; something is left if a free force beside it has any
+       evidence (even odds);
     5. without any the verdict is "unknown" where that exceeds ODDS, else "none".
 
-    What does not look random counts as left.
+    What does not look random counts as left. Instruments are selected alike, but make no verdict.
     """
     count = len(named)
     while count and left[count] > named[count - 1]:
         count -= 1
-    if count:
+    instruments = list(measures[:count]) or [False] * count
+    if not all(instruments):
         return "named", count, left[count] > 0 or not is_random
-    return ("unknown" if left[0] > ODDS or not is_random else "none"), 0, False
+    return ("unknown" if left[count] > ODDS or not is_random else "none"), count, False
 
 
 @dataclass(frozen=True)
@@ -64,11 +69,6 @@ class JudgedSearch:
     verdict: str
     is_left: bool
     reasons: tuple[Message, ...]
-
-    @property
-    def fit(self) -> Estimate:
-        """The fit of the answer: with what is named, or without any effect."""
-        return self.found.final if self.verdict == "named" else self.found.null
 
 
 def judged_search(
@@ -88,7 +88,8 @@ def judged_search(
     usual = (p.expected_unnamed_null, *[p.expected_unnamed] * len(found.effects))
     left = [forms.evidence - expected for forms, expected in zip(free, usual, strict=True)]
     reasons = not_random(ready, found.final)
-    verdict, count, is_left = verdict_of(found.evidence, left, not reasons)
+    measures = [c.measures for c in found.effects]
+    verdict, count, is_left = verdict_of(found.evidence, left, measures, not reasons)
     while len(found.effects) > count:
         found = found.without_last
     return JudgedSearch(found, free[0], free[count], verdict, is_left, (*reasons, *_acts_like(full, found)))

@@ -15,6 +15,7 @@ from diagnosis.findings import (
     EstimatedParameter,
     Findings,
     HeldOut,
+    InstrumentFault,
     LearnedResidual,
     NamedEffect,
     RankedCandidate,
@@ -398,74 +399,69 @@ def unnamed_words(d: Findings) -> str:
     return words + "."
 
 
-def amount(effect: NamedEffect) -> str:
+def amount(effect: NamedEffect | InstrumentFault) -> str:
     """The parameters of an ``effect`` in words; of a vector over the ground its size and direction."""
-    p = effect.parameters
+    p = {symbol: x for symbol, x in effect.parameters.items() if x.std > 0}
     if set(p) == {"x", "y"} and effect.name in OVER_GROUND:
         size, towards = math.hypot(p["x"].value, p["y"].value), math.degrees(math.atan2(p["y"].value, p["x"].value))
         return f"{size:.2g} {p['x'].unit} to {towards % 360:.0f}°"
     return ", ".join(f"{s} = {plus_minus(x.value, x.std)} {x.unit}".rstrip() for s, x in p.items())
 
 
-def share(part: BudgetShare) -> str:
-    """A ``part`` of the budget in percent with its interval, which is cut where more than all or less than none of the
-    error is meant."""
-    low, high = (min(max(x, 0.0), 1.0) for x in part.interval_90)
-    return f"{percent(min(max(part.share, 0.0), 1.0))} [{100 * low:.0f}, {100 * high:.0f}]"
-
-
-def avoidable(budget: Budget) -> str:
-    """What the named effects take of the error, in metres after the time of a window."""
-    before, after, _ = budget.units["position_m"]
-    return f"{before:.2g} m of position error after {budget.metric}, {after:.2g} m with it"
+def share_words(part: BudgetShare) -> str:
+    """A ``part`` of the budget in percent with its interval, cut to between none and all of the error."""
+    low, best, high = (min(max(x, 0.0), 1.0) for x in (part.interval_90[0], part.share, part.interval_90[1]))
+    return f"{percent(best)} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def sentence_of(
     verdict: str,
     effects: Sequence[NamedEffect],
+    instruments: Sequence[InstrumentFault],
     same: Sequence[str],
     remainder: bool,
     budget: Budget | None,
     nearest: str = "",
     missing: UnexplainedForce | None = None,
-    usual: bool = False,
 ) -> str:
     """The diagnosis in a sentence or two, for the top of the report.
 
-    verdict: "none", "named" or "unknown"; effects: those named; same: effects that the data cannot tell from the first;
-    remainder: whether something is left unexplained; budget: of the error; nearest: the effect with most evidence;
-    missing: what is left unexplained; usual: whether the trials of the calibration show a misfit of their own, which
-    then is no news.
+    verdict: "none", "named" or "unknown"; effects: those named; instruments: those found to be off; same: what the data
+    cannot tell from the first of all; remainder: whether something is left unexplained; budget: of the error; nearest:
+    the effect with most evidence; missing: what is left unexplained.
     """
-    if verdict == "none":
-        than = " and like what the trials of its calibration show as well" if usual else ""
-        words = "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance"
-        return f"{words}{than}."
-    if verdict == "unknown":
-        hint = f" The nearest known effect, {nearest}, does not account for it." if nearest else ""
-        hint += unexplained_hint(missing)
-        return f"Something is missing in the model, but none of the known effects explains it.{hint}"
     parts = {part.name: part for part in budget.parts} if budget is not None else {}
-    each = [_cause(e, parts.get(e.name), same if e is effects[0] else ()) for e in effects]
-    words = "; ".join(each)
-    if budget is not None and parts:
-        words += f" ({avoidable(budget)})"
-    rest = budget.unexplained if budget is not None else None
-    if rest is not None and parts[effects[0].name].interval_90[1] < HALF:
-        words = f"Most of the gap ({share(rest)}) is not explained. {words}"
-    elif remainder:
-        size = f" ({share(rest)})" if rest is not None else ""
-        words += f". A part of the gap{size} remains unexplained"
-    hint = unexplained_hint(missing) if remainder else ""
-    return f"{words}.{hint}" if remainder or not parts else f"{words}. Nothing else matters."
+    rest, words = budget.unexplained if budget is not None else None, []
+    if verdict == "unknown":
+        words.append("Something is missing in the model, but none of the known effects explains it.")
+        if nearest and not instruments:
+            words.append(f"The nearest known effect, {nearest}, does not account for it.")
+    elif verdict == "none" and not instruments:
+        words.append(
+            "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
+        )
+    elif rest is not None and effects and parts[effects[0].name].interval_90[1] < HALF:
+        words.append(f"Most of the gap ({share_words(rest)}) is not explained.")
+    found: list[NamedEffect | InstrumentFault] = [*effects, *instruments]
+    words += [_cause(f, parts.get(f.name), same if f is found[0] else ()) for f in found]
+    if budget is not None and found:
+        before, after, _ = budget.units["position_m"]
+        words.append(f"The position error after {budget.metric} falls from {before:.2g} to {after:.2g} m.")
+    if remainder:
+        size = f" ({share_words(rest)})" if rest is not None else ""
+        words.append(f"A part of the gap{size} remains unexplained.")
+    elif found and verdict != "unknown":
+        words.append("Nothing else matters." if parts else "The predictions hardly change.")
+    hint = unexplained_hint(missing) if remainder or verdict == "unknown" else ""
+    return f"{' '.join(words)}{hint}"
 
 
-def _cause(effect: NamedEffect, part: BudgetShare | None, same: Sequence[str]) -> str:
-    """What an ``effect`` causes by its ``part`` of the budget; same: what cannot be told from it."""
-    alike = f", or {' or '.join(same)}, which these trials cannot tell from it" if same else ""
-    nature = ", an instrument and not the ship" if EFFECTS[effect.name].measures else ""
-    causes = f", causes {share(part)} of the avoidable error" if part is not None else " is there"
-    return f"{effect.name} ({amount(effect)}){nature}{alike}{causes}"
+def _cause(found: NamedEffect | InstrumentFault, part: BudgetShare | None, same: Sequence[str]) -> str:
+    """What an effect that was ``found`` causes, by its ``part`` of the budget; same: what cannot be told from it."""
+    alike = f" (or {' or '.join(same)}, which these trials cannot tell from it)" if same else ""
+    nature = ", an instrument and not the ship," if isinstance(found, InstrumentFault) else ""
+    causes = f"causes {share_words(part)} of the avoidable error" if part is not None else "is there"
+    return f"{found.name} ({amount(found)}){alike}{nature} {causes}."
 
 
 OVER_GROUND = ("current", "wind_sensor_bias", "wave_drift")

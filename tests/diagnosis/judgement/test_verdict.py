@@ -49,7 +49,19 @@ def ready() -> Prepared:
 def test_the_verdict_follows_from_the_evidence(
     named: list[float], left: list[float], is_random: bool, expected: tuple[str, int, bool]
 ) -> None:
-    assert verdict_of(named, left, is_random) == expected
+    assert verdict_of(named, left, [False] * len(named), is_random) == expected
+
+
+@pytest.mark.parametrize(
+    ("measures", "left", "expected"),
+    [
+        ([True, True], -1.0, ("none", 2, False)),
+        ([True, True], 1.1 * ODDS, ("unknown", 2, False)),
+        ([True, False], 0.1, ("named", 2, True)),
+    ],
+)
+def test_instruments_make_no_verdict(measures: list[bool], left: float, expected: tuple[str, int, bool]) -> None:
+    assert verdict_of([9.0, 9.0], [50.0, 9.0, left], measures) == expected
 
 
 def said(null: Estimate, held: object = True) -> dict[str, str]:
