@@ -123,7 +123,7 @@ class BudgetShare:
 class Budget:
     """Where the prediction error of trials that took no part comes from.
 
-    metric: what is predicted; by: those trials, "test trials" or "left-out runs"; before, after, floor: mean squared
+    metric: what is predicted; by: those trials, TESTS or LEFT_OUT; before, after, floor: mean squared
     scaled errors as fitted without any effect, with the named ones, and of a complete model; parts: shares of
     before - floor by named effect; unexplained: the rest, None where before is not surely above the floor; units:
     "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor.
@@ -144,6 +144,8 @@ class Budget:
         return self.unexplained is None or self.unexplained.interval_90[1] > MATTERS
 
 
+TESTS, LEFT_OUT = "test trials", "left-out runs"
+"""What a budget is made of."""
 MATTERS = 0.05
 """Share of the avoidable error up to which an unexplained part is not called a remainder."""
 
@@ -222,7 +224,8 @@ class NamedEffect:
     """An effect that the data name.
 
     p_value: of its test among all candidates; delta_bic: gain over the model without it (positive is better);
-    absorbed_share: of its information that the coefficients could have imitated.
+    absorbed_share: of its information that the coefficients could have imitated; evidence: by training and test trials
+    [log units].
     """
 
     name: str
@@ -230,6 +233,7 @@ class NamedEffect:
     p_value: Real
     delta_bic: Real
     absorbed_share: Real
+    evidence: Real = 0.0
 
 
 @dataclass(frozen=True)
@@ -254,10 +258,10 @@ class InstrumentFault:
 class RankedCandidate:
     """A row of the ranking.
 
-    score: chi-squared of the test at the fit without effects; p_value: of the largest of all; delta_bic: None if not
-    refitted; excited: whether the trials move it at all; parameters: if refitted; visible_from: parameter -> size (off
-    neutral) of three standard errors, from which these trials would show it; usual: parameter -> value that the trials
-    of the calibration, if those are others, show already: the tests are of what differs from it.
+    score: chi-squared of the test at the fit without effects; p_value: of the largest of all; delta_bic, evidence: None
+    if not refitted; excited: whether the trials move it at all; parameters: if refitted; visible_from: parameter ->
+    size (off neutral) of three standard errors, from which these trials would show it; usual: parameter -> value that
+    the trials of the calibration, if those are others, show already: the tests are of what differs from it.
     """
 
     name: str
@@ -269,6 +273,7 @@ class RankedCandidate:
     parameters: Mapping[str, EstimatedParameter] = field(default_factory=dict)
     visible_from: Mapping[str, Real] = field(default_factory=dict)
     usual: Mapping[str, Real] = field(default_factory=dict)
+    evidence: float | None = None
 
 
 @dataclass(frozen=True)
@@ -430,8 +435,9 @@ class Findings(DiagnosisRecord):
         return ()
 
     def role(self, effect: str) -> str:
-        """Of an ``effect``: "named", "class" where the data cannot tell it from the first named one, or ""."""
-        if effect in (e.name for e in self.effects):
+        """Of an ``effect``: "named" (an instrument, too), "class" where the data cannot tell it from the first of
+        these, or ""."""
+        if effect in {e.name for e in self.effects} | {f.name for f in self.instruments}:
             return "named"
         return "class" if effect in self.equivalence_class else ""
 

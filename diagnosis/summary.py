@@ -84,7 +84,7 @@ def named_effect(full: FullModel, found: Selection, candidate: Candidate, time_e
     search, refitted = _named_in(found, candidate)
     sizes = parameters_of(full, found.final, candidate, time_error)
     absorbed = search.score(candidate).absorbed
-    return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed)
+    return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed, refitted.evidence)
 
 
 def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:
@@ -144,8 +144,8 @@ def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
         s, name = first.score(r.candidate), r.candidate.effect
         if name not in rows:
             sizes, visible = parameters_of(full, r.fit, r.candidate), visible_from(first, name)
-            usual = usual_values(full, name)
-            rows[name] = RankedCandidate(name, s.T, r.p_value, r.delta_bic, True, s.absorbed, sizes, visible, usual)
+            usual, by_score = usual_values(full, name), (name, s.T, r.p_value, r.delta_bic, True, s.absorbed)
+            rows[name] = RankedCandidate(*by_score, sizes, visible, usual, r.evidence)
     for s in first.scores:
         name = s.candidate.effect
         visible = visible_from(first, name)

@@ -191,6 +191,15 @@ def refit_candidate(
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
 
 
+def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequence[Candidate]) -> Estimate:
+    """The fit of ``problem`` with the effects ``named`` alone, from where that with the ``best`` of the rest ended."""
+    c, theta = best.candidate, best.fit.theta.copy()
+    theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral
+    start = {x: best.fit.value(*x) for e in named for x in e.columns}
+    begin = replace(best.fit, theta=theta)
+    return refit(problem.steps, problem.data, problem.base, begin, list(named), start, is_rough=True)
+
+
 def select_effects(
     problem: SearchProblem,
     null: Estimate,
@@ -204,12 +213,20 @@ def select_effects(
     null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns the effects and the
     fits.
     """
-    named, now, searches = list[Candidate](), null, list[Search]()
+    named, now, searches, again = list[Candidate](), null, list[Search](), True
     while len(named) < MOST:
-        searches.append(search(problem, now, named, seed, workers, progress, is_possible))
-        best = searches[-1].best
+        found = search(problem, now, named, seed, workers, progress, is_possible)
+        best = found.best
         if best is None or best.evidence <= ODDS:
+            searches.append(found)
             break
+        # a new effect may only have helped the fit to a better place, which needs none
+        without = refitted_without(problem, best, named)
+        if again and without.nll < now.nll - WORTH:
+            now, null, again = without, null if named else without, False
+            continue
+        searches.append(found)
+        again = True
         named.append(best.candidate)
         now = best.fit
         if now.noise.prior is None:  # the effect that was missing had lengthened the memory of the force

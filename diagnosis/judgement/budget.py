@@ -20,7 +20,7 @@ from diagnosis.estimation.linearisation import initial_trajectory, linearise_and
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.findings import Budget, BudgetShare
+from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
 
@@ -75,7 +75,7 @@ def budget_of(
     ends[:, 1] = np.degrees(ends[:, 1])
     return Budget(
         metric="30 s",
-        by="left-out runs" if tests is None else "test trials",
+        by=LEFT_OUT if tests is None else TESTS,
         before=float(mean[0]),
         after=float(mean[-1]),
         floor=floor,

@@ -18,7 +18,7 @@ from diagnosis.estimation.candidates import Candidate, FullModel, parameters
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
-from diagnosis.findings import Budget, NamedEffect
+from diagnosis.findings import TESTS, Budget, NamedEffect
 from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
@@ -191,17 +191,14 @@ def limits(
         rows.append(("no_wind", f"no wind columns in {calm}: {words}"))
     kinds = {t.kind for t in trials}
     if len(trials) == 1:
-        words = "one trial only: many effects look alike in it, and whether runs agree cannot be tested"
-        rows.append(("one_trial", words))
+        rows.append(("one_trial", "one trial only: many effects look alike in it"))
     elif len(kinds) == 1 and "" not in kinds:
         rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
     rows += _doubts(ready, named)
-    if not tests:
+    if budget is None or budget.by != TESTS:
+        why = "the test trials hold no whole window without a gap" if tests else "no --test trials"
         way = "each run was predicted without it" if budget else "how far the gap closes was not checked"
-        rows.append(("no_tests", f"no --test trials: {way}"))
-    elif budget is None:
-        words = "the test trials hold no whole window without a gap: how far the gap closes was not checked"
-        rows.append(("tests_too_short", words))
+        rows.append(("tests_too_short" if tests else "no_tests", f"{why}: {way}"))
     return [Message(words, code) for code, words in rows]
 
 

@@ -64,10 +64,11 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     content, result = (json.loads((folder / name).read_text()) for name in ("diagnosis.json", "result.json"))
     assert set(content) == KEYS and set(result) == RESULT_KEYS
     assert content["schema_version"] == result["schema_version"] == SCHEMA_VERSION and result["kind"] == "diagnosis"
-    assert keys_of(content["effects"]) == {"name", "parameters", "p_value", "delta_bic", "absorbed_share"}
+    assert keys_of(content["effects"]) == {"name", "parameters", "p_value", "delta_bic", "absorbed_share", "evidence"}
     assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
     assert keys_of(content["candidates"]) == {
         "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from", "usual",
+        "evidence",
     }  # fmt: skip
     assert set(content["unexplained_force"]) == {"evidence", "channels", "follows", "times", "advice"}
     assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}

@@ -35,6 +35,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[Search]:
     made: list[Search] = []
     monkeypatch.setattr(hypotheses, "search", lambda problem, before, named, *more: made[len(named)])
     monkeypatch.setattr(hypotheses, "with_correlation_time", lambda steps, data, found, least: found)
+    monkeypatch.setattr(hypotheses, "refitted_without", lambda problem, best, named: a_fit(99.5))
     return made
 
 
@@ -90,6 +91,24 @@ def test_no_more_effects_are_named_than_can_be_believed(searches: list[Search]) 
     problem, null = problem_of(pushed_trials(1))
     searches += found_by([[tried(f"e{i}", 99.0)] for i in range(MOST + 1)])
     assert len(select_effects(problem, null).effects) == MOST
+
+
+def test_an_effect_that_only_helped_the_fit_to_a_better_place_is_none(
+    searches: list[Search], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search begins anew from there, and what came of it is the fit that all else is compared with."""
+    problem, null = problem_of(pushed_trials(1))
+    better, begun = a_fit(null.nll - 40.0), []
+    first, nothing = found_by([[tried("a", 80.0)], []])
+
+    def searched(problem: object, before: object, *more: object) -> Search:
+        begun.append(before)
+        return first if before is null else replace(nothing, before=better)
+
+    monkeypatch.setattr(hypotheses, "search", searched)
+    monkeypatch.setattr(hypotheses, "refitted_without", lambda problem, best, named: better)
+    found = select_effects(problem, null)
+    assert begun == [null, better] and found.effects == () and found.null is better is found.final
 
 
 def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:

@@ -14,7 +14,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.findings import EstimatedParameter, NamedEffect
+from diagnosis.findings import TESTS, EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import refit
 from diagnosis.judgement.verdict import beyond_reported, impossible_size, limits, verdict_of
@@ -64,11 +64,11 @@ def test_instruments_make_no_verdict(measures: list[bool], left: float, expected
     assert verdict_of([9.0, 9.0], [50.0, 9.0, left], measures) == expected
 
 
-def said(null: Estimate, held: object = True) -> dict[str, str]:
+def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str, str]:
     """Sentences on what these trials cannot tell, by code, with this fit without effects."""
     trials = pushed_trials(1, runs=RUNS)
     found = SimpleNamespace(searches=[SimpleNamespace(scores=())])
-    rows = limits(replace(ready(), null=null), found, trials, trials, held)  # type: ignore[arg-type]
+    rows = limits(replace(ready(), null=null), found, trials, trials, budget)  # type: ignore[arg-type]
     return {row.code: str(row) for row in rows}
 
 

@@ -20,6 +20,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from diagnosis.estimation.time_limit import OutOfTimeError
+from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.result import is_complete, read_diagnosis
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
@@ -85,7 +86,7 @@ def test_the_effect_is_named_with_the_keys_of_the_contract(content: dict[str, An
     assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
     for e in content["effects"]:
         assert {"name", "parameters", "p_value", "delta_bic", "absorbed_share"} <= set(e)
-        assert 0 <= e["p_value"] < 0.03 and e["delta_bic"] > 0 and 0 <= e["absorbed_share"] <= 1
+        assert 0 <= e["p_value"] < 0.03 and e["evidence"] > ODDS and 0 <= e["absorbed_share"] <= 1
         assert_parameters(e["parameters"])
     x, y = (content["effects"][0]["parameters"][k]["value"] for k in "xy")
     assert (x, y) == pytest.approx((0.03, -0.02), abs=0.004)
@@ -111,7 +112,7 @@ def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> N
         assert c["score"] >= 0 and 0 <= c["p_value"] <= 1 and 0 <= c["absorbed_share"] <= 1
         assert isinstance(c["excited"], bool) and (c["delta_bic"] is None or isinstance(c["delta_bic"], float))
         assert_parameters(c["parameters"])
-    gains = [c["delta_bic"] for c in content["candidates"] if c["delta_bic"] is not None]
+    gains = [c["evidence"] for c in content["candidates"] if c["evidence"] is not None]
     assert len(gains) >= 6 and gains == sorted(gains, reverse=True) and names[0] == "current"
     refitted = [c["delta_bic"] is not None for c in content["candidates"]]
     assert refitted == sorted(refitted, reverse=True)
