@@ -34,6 +34,8 @@ MOST = 3
 """Effects named at the most."""
 MAX_FITS = 12
 """Further linearisations of the fit with the effects selected, where it has not converged."""
+TRIES = 3
+"""Better places without a new effect from which a search begins anew, before one more effect is selected."""
 IsPossible = Callable[[Estimate, Candidate], bool]
 """Of a fit with a candidate: whether that has a size which it can have."""
 
@@ -197,7 +199,7 @@ def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequen
     theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral
     start = {x: best.fit.value(*x) for e in named for x in e.columns}
     begin = replace(best.fit, theta=theta)
-    return refit(problem.steps, problem.data, problem.base, begin, list(named), start, is_rough=True)
+    return refit(problem.steps, problem.data, problem.base, begin, list(named), start, MAX_FITS)
 
 
 def select_effects(
@@ -213,7 +215,7 @@ def select_effects(
     null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns the effects and the
     fits.
     """
-    named, now, searches, again = list[Candidate](), null, list[Search](), True
+    named, now, searches, tries = list[Candidate](), null, list[Search](), TRIES
     while len(named) < MOST:
         found = search(problem, now, named, seed, workers, progress, is_possible)
         best = found.best
@@ -222,11 +224,11 @@ def select_effects(
             break
         # a new effect may only have helped the fit to a better place, which needs none
         without = refitted_without(problem, best, named)
-        if again and without.nll < now.nll - WORTH:
-            now, null, again = without, null if named else without, False
+        if tries and without.nll < now.nll - WORTH:
+            now, null, tries = without, null if named else without, tries - 1
             continue
         searches.append(found)
-        again = True
+        tries = TRIES
         named.append(best.candidate)
         now = best.fit
         if now.noise.prior is None:  # the effect that was missing had lengthened the memory of the force

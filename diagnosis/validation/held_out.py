@@ -208,29 +208,35 @@ def compare(
     )
 
 
+SETTLED, FITS = 0.1, 20
+"""Change of log likelihood from which a filter along other trials has settled, and most linearisations of it: where
+hardly any random force acts, its size falls step by step."""
+
+
 @np.errstate(all="ignore")
-def one_step_likelihood(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, iterations: int = 4
-) -> np.ndarray:
+def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, found: Estimate, fits: int = FITS) -> np.ndarray:
     """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode.
 
-    steps: the transition model; data: the trials; found: the fit; iterations: linearisations of the filter. The sizes
+    steps: the transition model; data: the trials; found: the fit; fits: linearisations of the filter at most. The sizes
     of the noise, which say nothing of the ship, are those that make the other trials most likely: in its own trials an
     effect that explains a little of everything leaves less than there is.
     """
     active = active_states(steps, found.free.symbols, found.theta)
     path = initial_trajectory(steps, data, found.theta)
     best, share, noise, typical = None, 1.0, found.noise, initial_noise(steps.ship)
-    for number in range(iterations):
+    for number in range(fits):
         here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
         if here is None and best is None:
             return np.full(len(data.run), np.nan)
         if here is None:
             share *= 0.3
         else:
+            is_settled = best is not None and abs(here.nll - best.nll) < SETTLED
             best, share, start = here, 1.0, path
+            if is_settled:
+                break
             mean, r, u = here.smoothed()
-            if number + 1 < iterations:
+            if number + 1 < fits:
                 noise = updated_noise(here, r, u, typical)
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
