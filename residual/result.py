@@ -181,7 +181,6 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-SCHEMA_VERSION = 1
 CALIBRATED, HYBRID = "calibrated", "hybrid"
 """The two ships of a training, and the folder of the one that is not recommended."""
 FINISHED = "training"
@@ -283,7 +282,7 @@ class TrainResult(TrainRecord):
         return run_folder.plain(
             {
                 "kind": "training",
-                "schema_version": SCHEMA_VERSION,
+                "schema_version": run_folder.SCHEMA_VERSION,
                 "ship": self.start.name,
                 **{f.name: getattr(self, f.name) for f in fields(TrainRecord)},
                 **(decided if self.decision else {}),

@@ -264,8 +264,9 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
-        kind = f" [{error.code}]" if "--json" in (arguments or sys.argv) else ""
-        print(f"mmg: {' '.join(str(error).split())}{kind}", file=sys.stderr)
+        from mmg_ident.commands.output import say_fault
+
+        say_fault(error, for_machines="--json" in (arguments or sys.argv))
         return 2
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)

@@ -16,7 +16,7 @@ from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
 from fitting.report import page
 from fitting.report.plot_style import FigureFolder
-from fitting.report.run_folder import plain, versions, write_json
+from fitting.report.run_folder import SCHEMA_VERSION, plain, versions, write_json
 from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
 from mmg.errors import writing
@@ -99,7 +99,7 @@ class Fleet:
         """The content of fleet.json."""
         return plain({
             "kind": "fleet",
-            "schema_version": 1,
+            "schema_version": SCHEMA_VERSION,
             "name": self.name,
             "command": self.command,
             "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],

@@ -384,6 +384,34 @@ def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tm
     assert verdicts["broken"] == "contradictory" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("verb", ["check", "fit"])
+def test_all_problems_of_a_folder_stand_in_one_table(verb: str, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    good = motion_columns(60.0)
+    (tmp_path / "set").mkdir()
+    write_csv(tmp_path / "set" / "good.csv", good, rows=None)
+    write_csv(tmp_path / "set" / "short.csv", {name: column[:1] for name, column in good.items()}, rows=None)
+    rows = (tmp_path / "set" / "good.csv").read_text().splitlines()
+    rows[5] = "abc" + rows[5][rows[5].index(",") :]
+    (tmp_path / "set" / "text.csv").write_text("\n".join(rows))
+    given = [verb, *(["esso_osaka_3m", "--out", str(tmp_path / "run")] if verb == "fit" else []), str(tmp_path / "set")]
+    assert main(given) == 2
+    heads, short, text, *_, last = capsys.readouterr().err.splitlines()
+    place = heads.index("place")
+    assert heads.split("  ")[0] == "file" and "what to do" in heads and "2 of 3" in last
+    assert short.startswith("short.csv") and not short[place : heads.index("problem")].strip()
+    assert text.startswith("text.csv") and text[place:].startswith("row 5, column 't [s]'")
+    assert main([*given, "--json"]) == 2 and len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_run_of_another_schema_is_refused_with_key_and_version(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    content = json.loads((folder / "run" / "result.json").read_text())
+    (tmp_path / "ship.toml").write_bytes((folder / "run" / "ship.toml").read_bytes())
+    (tmp_path / "result.json").write_text(json.dumps(content | {"schema_version": 2}))
+    for words in (["predict", tmp_path, folder / "train", "--out", tmp_path / "p"], ["report", tmp_path]):
+        line = refused(capsys, *words)
+        assert "result.json" in line and "schema_version = 2" in line
+
+
 def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held_out = folder / "held_out.csv"
     out = tmp_path / "p.csv"
