@@ -154,7 +154,7 @@ class MessageRow:
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
-    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.delivered``);
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
     campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship

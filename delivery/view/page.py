@@ -221,19 +221,21 @@ def _start_of(folders: Sequence[Path]) -> Ship:
 
 
 LENGTHS = (30.0, 100.0, 0.0)
-"""Windows of a page [s]; 0 is the whole run."""
+"""Windows of a page [s]: those of both metrics of ``mmg score``, and 0, the whole run."""
 SCRIPTS = ("uplot/uPlot.iife.min.js", "data.js", "charts.js", "track.js", "forces.js", "main.js")
 STYLES = ("uplot/uPlot.min.css", "view.css")
 WIND = {"wind_north": ("velocity of the air towards north", "m/s"), "wind_east": ("and towards east", "m/s")}
 MISSING = -32768
 """The 16-bit number that stands for a value that is not finite."""
 LARGEST = 32767
+"""The largest 16-bit number."""
 NETWORK = "learned residual"
 """Role under which the accelerations of a network, times the masses, are shown."""
 BUDGET = 10e6
 """Bytes of all runs of a page together, about. Set by hand: what a browser opens at once."""
 FEWEST, MOST = 120, 1000
-"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
+"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves. Set
+by hand."""
 
 
 def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:

@@ -91,7 +91,8 @@ from typer.core import TyperGroup
 from mmg_ident import shadowing_mmg
 
 HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
-"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
+"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
+hand, from runs below ulimit -v."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 

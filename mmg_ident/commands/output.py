@@ -57,7 +57,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
 
 
 def say_fault(error: UserError, for_machines: bool = False) -> None:
-    """Say what is wrong in one line, and before it the problems of several files as a table; for_machines: all in the
+    """Say the ``error`` in one line, and before it the problems of several files as a table; for_machines: all in the
     line, with the code of the kind of fault."""
     if for_machines or not error.problems:
         print(f"mmg: {' '.join(str(error).split())}{f' [{error.code}]' * for_machines}", file=sys.stderr)

@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import html
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,25 +109,3 @@ def test_a_record_without_a_whole_restart_is_scored_over_30_s(
     said = capsys.readouterr()
     assert "diverges" not in said.out + said.err and "nan" not in said.out
     assert "100" in said.out
-
-
-def test_a_score_that_is_no_number_is_a_failure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    trial = demo_trials(3, dt=0.5)[0][0]
-    short = {name: column[:40] for name, column in trial.columns.items()}
-    write_trial(replace(trial, columns=short), tmp_path / "short.csv")
-    assert main(["score", "esso_osaka_3m", str(tmp_path / "short.csv")]) == 2
-    assert "30" in capsys.readouterr().err
-
-
-def test_too_little_to_train_on_is_refused(tmp_path: Path) -> None:
-    trial = demo_trials(3, dt=0.5)[0][0]
-    write_trial(
-        replace(trial, columns={name: column[:20] for name, column in trial.columns.items()}), tmp_path / "s.csv"
-    )
-    program = (
-        "import sys; from mmg_ident.commands.main import main; "
-        f"sys.exit(main(['train', 'esso_osaka_3m', r'{tmp_path / 's.csv'}', '--out', r'{tmp_path / 'run'}']))"
-    )
-    made = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert made.returncode == 2, made.stderr
-    assert not (tmp_path / "run").exists()

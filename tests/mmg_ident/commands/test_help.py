@@ -46,6 +46,7 @@ def test_the_first_page_has_every_verb_in_its_panel(capsys: pytest.CaptureFixtur
 def test_options_stand_in_panels_that_read_at_a_glance(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     lines = page(capsys, verb)
     found = panels(lines)
+    assert "\n".join(lines).encode("cp1252")  # on every console of Windows
     assert all(len(rows) <= MOST for rows in found.values()) and len(lines) <= 60
     assert all(len(line) <= 80 for line in lines) and any("Example:" in line for line in lines)
     options = [row for title, rows in found.items() if title != "Arguments" for row in rows]
