@@ -344,6 +344,7 @@ class TrainResult(TrainRecord):
         with written.making(run_folder.PAGE):
             page = page_of([(label_of(folder), folder, done.to_dict(), self.for_use)])
             write_page(page, folder / run_folder.PAGE)
+        # once more, as the page may have failed after the figures
         done = changed(done, warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.RESULT):  # last, as it says that all is there
             run_folder.write_json(folder / run_folder.RESULT, done.to_dict())

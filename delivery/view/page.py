@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cases.inputs import assumed, model_inputs
 from cases.io.read import read_trials
@@ -26,8 +25,8 @@ from cases.trial import Trial
 from diagnosis.result import CONTENT, MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
 from fitting.prediction.predict import Forecaster, Window, predict_all, record_of
-from fitting.report.page import label_of, write_page
-from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows, versions
+from fitting.report.page import label_of, rendered, write_page
+from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
 from mmg.components.rigid_body import inertia
 from mmg.errors import BadValue, Conflict, Missing
@@ -322,15 +321,11 @@ def policy(scripts: Sequence[str], styles: Sequence[str]) -> str:
 
 def _rendered(campaign: Campaign, header: str, runs: Sequence[str]) -> str:
     """The template with policy, styles, data and scripts; what comes from files is escaped."""
-    templates = Environment(
-        loader=PackageLoader("delivery.view", "assets"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     scripts = [_asset(name).strip() for name in SCRIPTS]
     styles = [_asset(name).strip() for name in STYLES]
-    return templates.get_template("view.html.j2").render(
-        ship=campaign.ship.title, policy=policy(scripts, styles), scripts=scripts, styles=styles,
-        licence=_asset("uplot/LICENSE").strip(), header=header, runs=runs, version=versions()["mmg-ident"],
+    return rendered(
+        "view", "delivery.view", ship=campaign.ship.title, policy=policy(scripts, styles), scripts=scripts,
+        styles=styles, licence=_asset("uplot/LICENSE").strip(), header=header, runs=runs,
     )  # fmt: skip
 
 

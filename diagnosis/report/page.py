@@ -49,6 +49,7 @@ def track_figure(d: Findings) -> Figure:
     rows = -(-len(chosen) // columns)
     figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    # one scale for all panels, by a quantile: a single spike would make all other arrows dots
     force = np.concatenate([fit.path.force[: data.steps[w], w] for w in chosen])
     scale = tuple(max(float(np.quantile(a, 0.95)), 1e-12) for a in (np.hypot(*force[:, :2].T), np.abs(force[:, 2])))
     length = float(d.ship.particulars["L"])

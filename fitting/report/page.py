@@ -169,6 +169,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
         raise Missing("no run folder given")
     deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
     runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
+    # folders of two campaigns may have one name, and the page tells its runs apart by it
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:

@@ -140,6 +140,7 @@ def _choose(
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.structure_choice import choose_structure
 
+    # both files, as result.json alone is also that of a fit
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
     if there and PENDING not in {message.text for message in read_fit(out).messages}:
         cli.say(f"{out} has finished already; nothing to resume")

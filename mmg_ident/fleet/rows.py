@@ -172,6 +172,7 @@ def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, A
     for symbol, c in result.coefficients.items():
         start = ship.start.coefficients.get(symbol)
         value, std = (start.value, start.std) if start else (c.prior_value, c.prior_std)
+        # in the start's own deviations, as coefficients have no common unit
         moved = (c.value - value) / std if value is not None and std else math.nan
         sure = value is not None and c.std is not None and abs(c.value - value) > SURE * c.std
         estimate = {"value": c.value, "std": c.std, "unit": c.unit, "description": c.description}

@@ -25,7 +25,7 @@ from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.report.parts import Store
-from fitting.report.run_folder import data_rows
+from fitting.report.run_folder import SCHEMA_VERSION, data_rows
 from fitting.settings import Settings
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.errors import NoSolution, TooFewData, UserError
@@ -426,6 +426,7 @@ def comparison_dict(found: Comparison, command: str) -> dict:
     """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
     return {
         "kind": "comparison",
+        "schema_version": SCHEMA_VERSION,
         "command": command,
         "models": list(found.study.models),
         "seeds": [found.study.seed + i for i in range(found.study.seeds)],
