@@ -42,14 +42,9 @@ def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> No
     if shown(study):
         figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
     with figures.making("the page"):
-        page = rendered(
-            "months",
-            "diagnosis.report",
-            s=study,
-            content=plain(study.to_dict()),
-            sentences=[study.words(row) for row in study.changes.named],
-            figures=figures_of(folder, figures.rows),
-        )
+        sentences, drawn = [study.words(row) for row in study.changes.named], figures_of(folder, figures.rows)
+        content = plain(study.to_dict())
+        page = rendered("months", "diagnosis.report", s=study, content=content, sentences=sentences, figures=drawn)
         write_page(page, folder / "months.html")
 
 

@@ -15,12 +15,9 @@ from mmg_ident.commands import output as cli
 
 
 @o.options(
-    Wish,
-    file=False,
-    Options="coefficients figures",
-    Limits="speed_limit margin start ahead rudder_limit",
+    Wish, file=False, Options="coefficients figures", Limits="speed_limit margin start ahead rudder_limit",
     Solver="time_limit seed effort workers scheduler",
-)
+)  # fmt: skip
 def plan(
     run: Annotated[Path, Argument(help="Run folder of mmg fit, or of mmg train on one.", metavar="RUN")],
     area: Annotated[str, Option(help="Basin or sea area, length x width [m], such as 60x25.")],

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import mmg_ident
-from fitting.settings import Settings
+from fitting.settings import Rules, Settings, Wish
 from mmg.errors import UnknownName
 from mmg_ident.commands.main import PANELS, VERBS, main
 from mmg_ident.settings import GONE, checked_settings, given_settings, settings_of
@@ -58,7 +58,7 @@ def test_the_help_of_fit_fits_on_two_screens(capsys: pytest.CaptureFixture[str])
     assert len(lines) <= 50 and list(panels(lines)) == ["Arguments", "Options", "Model", "Estimate", "Solver"]
 
 
-@pytest.mark.parametrize("kind", [Settings, BlackBoxSettings])
+@pytest.mark.parametrize("kind", [Settings, Rules, Wish, BlackBoxSettings])
 def test_every_default_lies_within_its_limits(kind: type) -> None:
     values = {name: field.default for name, field in settings_of(kind).items()}
     assert checked_settings(kind, values) == values
