@@ -12,7 +12,7 @@ from pydantic import BeforeValidator
 from cases.io.groups import Groups
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
-from fitting.report.run_folder import Real, plain
+from fitting.report.run_folder import SCHEMA_VERSION, Real, plain
 from fitting.uncertainty.group_test import GroupTest
 from mmg.messages import message_rows
 from mmg.ship import Ship
@@ -198,9 +198,6 @@ class UnexplainedForce:
         """The part "unexplained_force" of ``diagnosis.json``."""
         return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
 
-
-SCHEMA_VERSION = 2
-"""Of ``diagnosis.json`` and of its ``result.json``; it grows when a key changes its meaning or goes."""
 
 Pair = Annotated[
     tuple[Real, Real], BeforeValidator(lambda v: (v.get("before"), v.get("after")) if isinstance(v, dict) else v)

@@ -17,6 +17,7 @@ from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
+from fitting.settings import setting
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -26,21 +27,17 @@ from mmg.ship import Ship
 class DiagnosisOptions:
     """How to diagnose.
 
-    The metadata of a field say in "help" what it is: the options of ``mmg diagnose`` are made from them. learn: whether
-    to measure how much a learned residual closes of an unexplained remainder; command: the words by which result.json
-    says how it was made; store: where finished campaigns and trainings are kept, and taken from.
+    learn: whether to measure how much a learned residual closes of an unexplained remainder; command: the words by
+    which result.json says how it was made; store: where finished campaigns and trainings are kept, and taken from.
     """
 
-    step: float | None = field(default=None, metadata={"help": "Step [s]; default 0.05 L/U.", "gt": 0, "lt": 60})
-    seed: int = field(default=0, metadata={"help": "Seed of drawn probabilities and intervals."})
-    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
-    learn: bool = field(default=True, metadata={"help": "Do not train residuals on what remains."})
+    step: float | None = setting(None, "Step [s]; default 0.05 L/U.", gt=0, lt=60)
+    seed: int = setting(0, "Seed of drawn probabilities and intervals.")
+    workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
+    learn: bool = setting(True, "Do not train residuals on what remains.")
     command: str = "mmg_ident.diagnose"
-    between: str | None = field(
-        default=None,
-        metadata={"help": "What differs between: day, month, year, folder, group, kind."},
-    )
-    time_limit: float | None = field(default=None, metadata={"help": "Limit of the diagnosis [s].", "gt": 0})
+    between: str | None = setting(None, "What differs between: day, month, year, folder, group, kind.")
+    time_limit: float | None = setting(None, "Limit of the diagnosis [s].", gt=0)
     store: Store | None = field(default=None, repr=False, compare=False)
 
 

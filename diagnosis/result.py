@@ -19,9 +19,17 @@ from pydantic import ValidationError
 
 from cases.io.files import decoded, read_bytes, read_json
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from diagnosis.findings import SCHEMA_VERSION, DiagnosisInputs, DiagnosisRecord, Findings
+from diagnosis.findings import DiagnosisInputs, DiagnosisRecord, Findings
 from fitting.record import MessageRow
-from fitting.report.run_folder import adapter, check_target, of_predictions, read_result, write_json, write_whole
+from fitting.report.run_folder import (
+    SCHEMA_VERSION,
+    adapter,
+    check_target,
+    of_predictions,
+    read_result,
+    write_json,
+    write_whole,
+)
 from mmg.effects import with_present_names
 from mmg.errors import BadValue, Missing
 from mmg.messages import has_code, messages_from
@@ -190,7 +198,7 @@ def is_complete(folder: Path) -> bool:
 class _Content(DiagnosisRecord):
     """The keys of ``diagnosis.json`` and what each must be."""
 
-    schema_version: Literal[2]
+    schema_version: Literal[1]
     verdict: Literal["none", "named", "unknown"]
     messages: tuple[MessageRow, ...]
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair
-from fitting.report.run_folder import adapter, plain
+from fitting.report.run_folder import SCHEMA_VERSION, adapter, plain
 from fitting.settings import Settings, Start
 from mmg.errors import BadValue
 from mmg.messages import Message
@@ -23,7 +23,6 @@ if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.calibration import Calibration
     from fitting.design.next_trial import NextTrial
 
-SCHEMA_VERSION = 1
 RENAMED = {"ship": "ship_name", "calibration": "mark"}
 """Keys of result.json whose attribute has another name."""
 
@@ -155,7 +154,7 @@ class MessageRow:
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
-    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.delivered``);
+    envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
     campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship
@@ -259,9 +258,6 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
 
     if content.get("kind") != "calibration":
         raise BadValue(f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run of mmg fit")
-    if content.get("schema_version") != SCHEMA_VERSION:
-        version = content.get("schema_version")
-        raise BadValue(f"{path}: schema_version = {version!r}, this version reads {SCHEMA_VERSION}; fit again")
     content = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
     if isinstance(settings := content.get("settings"), dict):  # a loss still to be chosen was null in earlier versions
         content["settings"] = {key: value for key, value in settings.items() if value is not None}

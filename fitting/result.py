@@ -164,9 +164,9 @@ class FitResult(FitRecord):
 
     def _illustrated(self, folder: Path) -> FitResult:
         """The result with the figures and the page that could be made in its ``folder``."""
-        from fitting.report.delivered import Delivered  # late: matplotlib is slow to import
         from fitting.report.page import build_page, write_page
         from fitting.report.plots import write_figures
+        from fitting.report.use import Delivered  # late: matplotlib is slow to import
 
         began, done, objects = time.perf_counter(), self, self.objects
         written = FigureFolder(folder / run_folder.FIGURES)
@@ -244,8 +244,8 @@ def write_report(
     whose figures are simulated. Raises UserError for a folder that is no calibration, a draught that makes no sense,
     and for a file that cannot be written.
     """
-    from fitting.report.delivered import delivered  # late: matplotlib is slow to import
     from fitting.report.page import build_page, write_page
+    from fitting.report.use import delivered  # late: matplotlib is slow to import
 
     results = [read_fit(folder) for folder in folders]
     known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]

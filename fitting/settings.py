@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from mmg.errors import UnknownName
 
@@ -10,33 +12,67 @@ LOSSES = ("gaussian", "huber", "student")
 """Costs of a residual, explained in fitting/nlp/loss.py."""
 
 
+def setting(default: Any, words: str, **more: Any) -> Any:
+    """A field of a dataclass of settings, of which options of a command and keys of its settings file are made
+    (``mmg_ident.settings``): its ``default``, what it is in ``words``, and more: limits "gt", "ge", "lt", "le" or
+    "choices", the name of its "option" where that is not its own, and the "count" of its numbers."""
+    return field(default=default, metadata={"help": words, **more})
+
+
 @dataclass(frozen=True)
 class Settings:
-    """How to calibrate.
+    """How to calibrate."""
 
-    The metadata of a field say in "help" what it is, and within which limits it lies: the options of ``mmg fit`` and
-    the keys of its settings file are made from them (``mmg_ident.settings``).
+    window: float | None = setting(None, "Window length [s]; default 100 steps.", gt=0)
+    step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
+    interval: int = setting(5, "Runge-Kutta steps per shooting interval.", ge=1)
+    passes: int = setting(3, "Solves; the noise is estimated anew between them.", ge=1)
+    starts: int = setting(1, "Starts of the last solve.", ge=1)
+    workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
+    seed: int = setting(0, "Seed of the random starts.")
+    tolerance: float = setting(1e-6, "Of IPOPT.", gt=0)
+    max_iterations: int = setting(300, "Limit of IPOPT per solve.", ge=0)
+    time_limit: float | None = setting(None, "Limit of the calibration [s].", gt=0)
+    sigma: tuple[float, ...] | None = setting(None, "Sigma of x,y,psi,u,v,r; default estimated.", count=6)
+    compiled: bool = setting(True, "Use a C compiler if there is one.")
+    loss: str = setting("gaussian", "Cost: gaussian, huber, student.", choices=LOSSES)
+    weight: float = setting(1.0, "Share of a run's information that counts.", option="--run-weight", gt=0, le=1)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How the polynomials of all candidates for a structure are generated."""
+
+    order: int = setting(3, "Highest order of the polynomials.")
+    actuators: str | None = setting(None, "Such as 'n+n_2, delta', + mirrors; default the ship's.")
+    asymmetric: bool = setting(False, "Port and starboard differ: keep all.")
+    duplicates: str = setting("paper", "Left out of sin^2 + cos^2: paper, identity, none.")
+    moduli: str = setting("paper", "Squares as moduli: paper, full, none.")
+    hard: bool = setting(False, "Sub-models switch at once, not blended.")
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What is asked of a planned trial.
+
+    area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
+    ``fitting.design.plan.FIGURES``; start: x, y [m], psi [rad], None: chosen; rudder_limit: largest angle ordered
+    [rad], that of merchant ships at full rudder (SOLAS II-1, 29); time_limit: set by hand.
     """
 
-    window: float | None = field(default=None, metadata={"help": "Window length [s]; default 100 steps.", "gt": 0})
-    step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
-    interval: int = field(default=5, metadata={"help": "Runge-Kutta steps per shooting interval.", "ge": 1})
-    passes: int = field(default=3, metadata={"help": "Solves; the noise is estimated anew between them.", "ge": 1})
-    starts: int = field(default=1, metadata={"help": "Starts of the last solve.", "ge": 1})
-    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
-    seed: int = field(default=0, metadata={"help": "Seed of the random starts."})
-    tolerance: float = field(default=1e-6, metadata={"help": "Of IPOPT.", "gt": 0})
-    max_iterations: int = field(default=300, metadata={"help": "Limit of IPOPT per solve.", "ge": 0})
-    time_limit: float | None = field(default=None, metadata={"help": "Limit of the calibration [s].", "gt": 0})
-    sigma: tuple[float, ...] | None = field(
-        default=None, metadata={"help": "Sigma of x,y,psi,u,v,r; default estimated.", "count": 6}
-    )
-    compiled: bool = field(default=True, metadata={"help": "Use a C compiler if there is one."})
-    loss: str = field(default="gaussian", metadata={"help": "Cost: gaussian, huber, student.", "choices": LOSSES})
-    weight: float = field(
-        default=1.0,
-        metadata={"help": "Share of a run's information that counts.", "option": "--run-weight", "gt": 0, "le": 1},
-    )
+    area: str
+    seconds: float
+    coefficients: tuple[str, ...] = setting((), "Symbols, hull, propeller, rudder or all; default hull.")
+    figures: tuple[str, ...] = setting((), "Instead: advance, tactical_diameter, first_overshoot_10, ...")
+    speed_limit: float | None = setting(None, "Highest [m/s]; default that of the trials.")
+    margin: float | None = setting(None, "From the edges [m]; default half a beam.")
+    start: tuple[float, float, float] | None = None
+    ahead: bool = setting(False, "The propeller is not reversed.")
+    seed: int = setting(0, "Seed of all random numbers.")
+    effort: float = setting(1.0, "Factor on the length of the search.", gt=0, le=100)
+    rudder_limit: float = math.radians(35.0)
+    time_limit: float = setting(150.0, "Limit of the search [s].")
+    workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import PureWindowsPath
 
@@ -28,8 +28,12 @@ class UserError(Exception):
     The command line prints its text as one line and exits with code 2; the library raises it.
     The text says what is wrong, where (file, column, row, key), and what to do about it; words of a file that would
     steer a terminal or begin another line are shown escaped. Of more than LONGEST characters the middle is left out.
-    Subclasses say of which kind the fault is, for programs and tests.
+    Subclasses say of which kind the fault is, for programs and tests. problems: the sentences of which it is made,
+    where several files have faults; heading: then what comes before them.
     """
+
+    problems: tuple[str, ...] = ()
+    heading = ""
 
     def __init__(self, text: object = "") -> None:
         words = printable(str(text)).replace("\n", "\\n")
@@ -39,6 +43,16 @@ class UserError(Exception):
     def code(self) -> str:
         """The kind of fault: the name of the class in lower case, such as "unknown_name"."""
         return re.sub(r"\B(?=[A-Z])", "_", type(self).__name__).lower()
+
+
+def together(faults: Sequence[UserError], heading: str) -> UserError:
+    """One error of the kind of the first of the ``faults``, with the words ``heading`` before all where there are
+    several. Equal sentences are said once."""
+    sentences = tuple(dict.fromkeys(map(str, faults)))
+    found = type(faults[0])("; ".join(sentences) if len(faults) == 1 else f"{heading}: {'; '.join(sentences)}")
+    if len(sentences) > 1:
+        found.problems, found.heading = sentences, heading
+    return found
 
 
 class UnknownName(UserError):

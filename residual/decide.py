@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 MINIMUM_GAIN = 0.01
 """Smallest mean improvement of the judged 30 s windows that is worth a network. Set by hand."""
 LEVEL = 0.95
-"""One-sided probability of chance's limit: the interval on other runs holds 90 %."""
+"""One-sided probability of chance's limit: the interval on other runs holds 90 %, as all intervals of the
+program."""
 BLOCK = 5
 """Windows that count as one observation where fewer than WHOLE runs judge: 75 s. Set by hand."""
 

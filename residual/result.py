@@ -25,10 +25,9 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair, in_words
 from fitting.report import run_folder
-from fitting.report.delivered import Delivered, delivered, delivery_sections
-from fitting.report.page import citations_of, environment, label_of, write_page
+from fitting.report.page import citations_of, label_of, rendered, write_page
 from fitting.report.plot_style import figures_of
-from fitting.report.use import shown_quantity
+from fitting.report.use import Delivered, delivered, delivery_sections, shown_quantity
 from fitting.solvers.interrupts import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
@@ -49,17 +48,19 @@ TROUBLE = 0.2
 """Share of validation rows outside the training range from which on the report warns. Set by hand."""
 
 
-def page_of(runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], known: Sequence[Delivered] = ()) -> str:
-    """One self-contained HTML page on trainings.
+def page_of(
+    runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], full_load: float | None = None, imo: bool = False
+) -> str:
+    """One self-contained HTML page on trainings, with those of their trials that are at hand.
 
     runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
-    recommends, None of a black box. known: of each its trials and its form for IMO; none by default.
+    recommends, None of a black box; full_load, imo: as of ``fitting.report.use.delivered``.
     """
-    deliveries = [*known, *(Delivered() for _ in runs[len(known) :])]
-    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, deliveries, strict=True), 1)]
+    known = [Delivered() if ship is None else delivered(content, ship, full_load, imo) for _, _, content, ship in runs]
+    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, known, strict=True), 1)]
     states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
-    return environment().get_template("training.html.j2").render(runs=shown, titles=titles, percent=percent)
+    return rendered("training", runs=shown, titles=titles, percent=percent)
 
 
 def _run(
@@ -181,7 +182,6 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-SCHEMA_VERSION = 1
 CALIBRATED, HYBRID = "calibrated", "hybrid"
 """The two ships of a training, and the folder of the one that is not recommended."""
 FINISHED = "training"
@@ -283,7 +283,7 @@ class TrainResult(TrainRecord):
         return run_folder.plain(
             {
                 "kind": "training",
-                "schema_version": SCHEMA_VERSION,
+                "schema_version": run_folder.SCHEMA_VERSION,
                 "ship": self.start.name,
                 **{f.name: getattr(self, f.name) for f in fields(TrainRecord)},
                 **(decided if self.decision else {}),
@@ -342,8 +342,9 @@ class TrainResult(TrainRecord):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.PAGE):
-            page = _page([(label_of(folder), folder, done.to_dict(), self.for_use)], imo=False)
+            page = page_of([(label_of(folder), folder, done.to_dict(), self.for_use)])
             write_page(page, folder / run_folder.PAGE)
+        # once more, as the page may have failed after the figures
         done = changed(done, warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.RESULT):  # last, as it says that all is there
             run_folder.write_json(folder / run_folder.RESULT, done.to_dict())
@@ -425,14 +426,6 @@ def read_training(folder: str | Path) -> TrainResult:
     raise BadValue(f"{folder / run_folder.RESULT}: is incomplete ({why}); train again")
 
 
-def _page(
-    runs: Sequence[tuple[str, Path, Mapping[str, Any], Ship | None]], full_load: float | None = None, imo: bool = True
-) -> str:
-    """The page on ``runs``, with the trials that are at hand."""
-    known = [Delivered() if s is None else delivered(content, s, full_load, imo) for _, _, content, s in runs]
-    return page_of(runs, known)
-
-
 def write_report(
     folders: Sequence[str | Path], out: str | Path, full_load: float | None = None, imo: bool = True
 ) -> None:
@@ -446,7 +439,7 @@ def write_report(
     results, where = [read_training(f) for f in folders], Path(out)
     try:
         runs = [(label_of(Path(f)), Path(f), r.to_dict(), r.for_use) for f, r in zip(folders, results, strict=True)]
-        page = _page(runs, full_load, imo)
+        page = page_of(runs, full_load, imo)
     except (LookupError, TypeError, AttributeError, ValueError) as error:
         names = ", ".join(str(Path(f) / run_folder.RESULT) for f in folders)
         raise BadValue(f"{names}: is incomplete ({type(error).__name__}: {error}); train again") from None

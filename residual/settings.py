@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from fitting.settings import setting
+
 LOSSES = ("state", "acceleration")
 """Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
 KEEP = ("better", "always")
@@ -23,54 +25,49 @@ KINDS = ("fnn", "rnn", "rnn-window")
 class TrainSettings:
     """How to train a residual on a calibrated ship: seeds seed, seed + 1, ...
 
-    The metadata of a field say in "help" what it is, and within which limits it lies: the options of ``mmg train`` and
-    the keys of its settings file are made from them (``mmg_ident.settings``). Each stage (length [s], share) of the
-    ``curriculum`` gets its share of the epochs; ``clip`` limits the norm of gradients.
+    Each stage (length [s], share) of the ``curriculum`` gets its share of the epochs; ``clip`` limits the norm of
+    gradients.
     """
 
-    seeds: int = field(default=5, metadata={"help": "Trainings, from seeds one apart.", "ge": 1})
-    seed: int = field(default=0, metadata={"help": "The first seed."})
-    workers: int = field(default=1, metadata={"help": "Processes over which tasks are spread.", "ge": 1})
-    width: int = field(default=32, metadata={"help": "Neurons of a hidden layer; default 32, black box 64.", "ge": 1})
-    symmetric: bool = field(default=True, metadata={"help": "hybrid: port and starboard may differ."})
-    penalty: float = field(
-        default=0.01, metadata={"help": "Weight of residual^2; black box: of weights^2, default 1e-4.", "ge": 0}
+    seeds: int = setting(5, "Trainings, from seeds one apart.", ge=1)
+    seed: int = setting(0, "The first seed.")
+    workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
+    width: int = setting(32, "Neurons of a hidden layer; default 32, black box 64.", ge=1)
+    symmetric: bool = setting(True, "hybrid: port and starboard may differ.")
+    penalty: float = setting(0.01, "Weight of residual^2; black box: of weights^2, default 1e-4.", ge=0)
+    rate: float = setting(3e-3, "First learning rate of Adam.", gt=0)
+    last_rate: float = setting(2e-5, "Last learning rate of Adam.", gt=0)
+    clip: float = setting(1.0, "Largest norm of gradients.", gt=0)
+    batch: int = setting(64, "Windows per gradient step.", ge=1)
+    epochs: int = setting(80, "Passes over windows; default 80, black box 60.", ge=1)
+    curriculum: tuple[tuple[float, float], ...] = setting(
+        ((10.0, 0.3), (30.0, 0.7)), "Length [s] of windows and share of the epochs."
     )
-    rate: float = field(default=3e-3, metadata={"help": "First learning rate of Adam.", "gt": 0})
-    last_rate: float = field(default=2e-5, metadata={"help": "Last learning rate of Adam.", "gt": 0})
-    clip: float = field(default=1.0, metadata={"help": "Largest norm of gradients.", "gt": 0})
-    batch: int = field(default=64, metadata={"help": "Windows per gradient step.", "ge": 1})
-    epochs: int = field(default=80, metadata={"help": "Passes over windows; default 80, black box 60.", "ge": 1})
-    curriculum: tuple[tuple[float, float], ...] = field(
-        default=((10.0, 0.3), (30.0, 0.7)), metadata={"help": "Length [s] of windows and share of the epochs."}
-    )
-    stride: float = field(default=5.0, metadata={"help": "Seconds between windows.", "gt": 0})
-    jitter: float = field(default=0.0, metadata={"help": "Noise on states, in the instruments' noise.", "ge": 0})
-    loss: str = field(default="state", metadata={"help": "state or acceleration (Wakita 2022).", "choices": LOSSES})
-    method: str = field(default="rk4", metadata={"help": "Integration.", "choices": ("rk4", "euler")})
-    step: float | None = field(default=None, metadata={"help": "Step of integration [s]; default 0.05 L/U.", "gt": 0})
-    block: float = field(default=150.0, metadata={"help": "Length of blocks [s] of few runs.", "gt": 0})
-    augment: str = field(
-        default="", metadata={"help": "Of Wakita 2024: sli2, jit10, d-ref, ...", "choices": (*SETS, "")}
-    )
-    time_limit: float | None = field(default=None, metadata={"help": "Limit of the training [s].", "gt": 0})
+    stride: float = setting(5.0, "Seconds between windows.", gt=0)
+    jitter: float = setting(0.0, "Noise on states, in the instruments' noise.", ge=0)
+    loss: str = setting("state", "state or acceleration (Wakita 2022).", choices=LOSSES)
+    method: str = setting("rk4", "Integration.", choices=("rk4", "euler"))
+    step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
+    block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
+    augment: str = setting("", "Of Wakita 2024: sli2, jit10, d-ref, ...", choices=(*SETS, ""))
+    time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
 
 
-_HELP = {f.name: f.metadata for f in fields(TrainSettings)}
+_OF = {f.name: f.metadata for f in fields(TrainSettings)}
 
 
 @dataclass(frozen=True)
 class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
-    width: int = field(default=64, metadata=_HELP["width"])
-    penalty: float = field(default=1e-4, metadata=_HELP["penalty"])
-    epochs: int = field(default=60, metadata=_HELP["epochs"])
+    width: int = field(default=64, metadata=_OF["width"])
+    penalty: float = field(default=1e-4, metadata=_OF["penalty"])
+    epochs: int = field(default=60, metadata=_OF["epochs"])
     kind: str = "fnn"
-    layers: int = field(default=2, metadata={"help": "fnn: hidden layers.", "ge": 1})
-    memory: int = field(default=2, metadata={"help": "rnn-window: rows m; rnn: rows to warm up.", "ge": 1})
-    zero: bool = field(default=True, metadata={"help": "fnn: need not be zero at the origin."})
-    initial: int = field(default=0, metadata={"help": "Black box: rows that estimate first velocities.", "ge": 0})
+    layers: int = setting(2, "fnn: hidden layers.", ge=1)
+    memory: int = setting(2, "rnn-window: rows m; rnn: rows to warm up.", ge=1)
+    zero: bool = setting(True, "fnn: need not be zero at the origin.")
+    initial: int = setting(0, "Black box: rows that estimate first velocities.", ge=0)
 
 
 def settings_from(values: dict[str, Any]) -> TrainSettings:

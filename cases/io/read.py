@@ -27,7 +27,7 @@ from cases.io.unit_sanity import implausible
 from cases.io.units import to_si
 from cases.quantities import quantity
 from cases.trial import RUDDERS, Trial
-from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, Unreadable, UserError, together
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
 from mmg.states import STATES
@@ -50,8 +50,7 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
         except UserError as error:
             problems.append(error)
     if problems:
-        several = f"{len(problems)} of {len(files)} files cannot be read: " if len(problems) > 1 else ""
-        raise type(problems[0])(several + "; ".join(dict.fromkeys(map(str, problems))))
+        raise together(problems, f"{len(problems)} of {len(files)} files cannot be read")
     return found
 
 

@@ -261,7 +261,7 @@ def self_propulsion(ship: Ship, speed: float) -> dict[str, float | None]:
 
 
 DRAWS, STEP = 60, 0.5
-"""Draws of the ship that are shown; step of their motions in seconds of a 3 m model."""
+"""Draws of the ship that are shown; step of their motions in seconds of a 3 m model. Set by hand."""
 CIRCLES, ZIGZAG = ("turning:35", "turning:-35"), "zigzag:20/20"
 CAPTION = (
     "Model and ship at the same Froude number {froude:.3f}, in ship lengths; thin: {draws} draws of the ship from her "

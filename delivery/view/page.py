@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cases.inputs import assumed, model_inputs
 from cases.io.read import read_trials
@@ -26,8 +25,8 @@ from cases.trial import Trial
 from diagnosis.result import CONTENT, MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
 from fitting.prediction.predict import Forecaster, Window, predict_all, record_of
-from fitting.report.page import label_of, write_page
-from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows, versions
+from fitting.report.page import label_of, rendered, write_page
+from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
 from mmg.components.rigid_body import inertia
 from mmg.errors import BadValue, Conflict, Missing
@@ -221,19 +220,21 @@ def _start_of(folders: Sequence[Path]) -> Ship:
 
 
 LENGTHS = (30.0, 100.0, 0.0)
-"""Windows of a page [s]; 0 is the whole run."""
+"""Windows of a page [s]: those of both metrics of ``mmg score``, and 0, the whole run."""
 SCRIPTS = ("uplot/uPlot.iife.min.js", "data.js", "charts.js", "track.js", "forces.js", "main.js")
 STYLES = ("uplot/uPlot.min.css", "view.css")
 WIND = {"wind_north": ("velocity of the air towards north", "m/s"), "wind_east": ("and towards east", "m/s")}
 MISSING = -32768
 """The 16-bit number that stands for a value that is not finite."""
 LARGEST = 32767
+"""The largest 16-bit number."""
 NETWORK = "learned residual"
 """Role under which the accelerations of a network, times the masses, are shown."""
 BUDGET = 10e6
 """Bytes of all runs of a page together, about. Set by hand: what a browser opens at once."""
 FEWEST, MOST = 120, 1000
-"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
+"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves. Set
+by hand."""
 
 
 def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
@@ -320,15 +321,11 @@ def policy(scripts: Sequence[str], styles: Sequence[str]) -> str:
 
 def _rendered(campaign: Campaign, header: str, runs: Sequence[str]) -> str:
     """The template with policy, styles, data and scripts; what comes from files is escaped."""
-    templates = Environment(
-        loader=PackageLoader("delivery.view", "assets"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
     scripts = [_asset(name).strip() for name in SCRIPTS]
     styles = [_asset(name).strip() for name in STYLES]
-    return templates.get_template("view.html.j2").render(
-        ship=campaign.ship.title, policy=policy(scripts, styles), scripts=scripts, styles=styles,
-        licence=_asset("uplot/LICENSE").strip(), header=header, runs=runs, version=versions()["mmg-ident"],
+    return rendered(
+        "view", "delivery.view", ship=campaign.ship.title, policy=policy(scripts, styles), scripts=scripts,
+        styles=styles, licence=_asset("uplot/LICENSE").strip(), header=header, runs=runs,
     )  # fmt: skip
 
 

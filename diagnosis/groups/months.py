@@ -19,7 +19,7 @@ from diagnosis.groups.over_time import DAY, Changes, DatedChange, find_changes
 from fitting.calibrate import FitOptions, calibrate
 from fitting.design.trial_information import ChosenWindows, choose_windows
 from fitting.prediction.innovations import CHANNELS, UNEXPLAINED, Innovations, Stretches, candidates_of, scatter
-from fitting.report.run_folder import versions
+from fitting.report.run_folder import SCHEMA_VERSION, versions
 from fitting.result import FitResult
 from fitting.settings import Settings
 from mmg.effects import Parameter
@@ -78,6 +78,8 @@ class MonthStudy:
         """The content of months.json."""
         cut, log, named = self.cut, self.log, zip(self.changes.named, self.changes.company, strict=True)
         return {
+            "kind": "months",
+            "schema_version": SCHEMA_VERSION,
             "ship": self.ship.title,
             "log": {
                 "folder": str(log.folder),

@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from cases.shipfiles.ship_file import dump_ship
 from diagnosis.groups.months import MonthStudy, parameter_of
 from diagnosis.groups.over_time import DatedChange
-from fitting.report.page import environment, write_page
+from fitting.report.page import rendered, write_page
 from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figures_of, new_figure
-from fitting.report.run_folder import SHIP, plain, versions, write_json, write_whole
+from fitting.report.run_folder import SHIP, plain, write_json, write_whole
 from fitting.result import FitResult
 
 SHOWN = 4
-"""Candidates in the figure where fewer changed."""
+"""Candidates in the figure where fewer changed. Set by hand."""
 CAPTION = "Estimates of each candidate in spells of six hours, one by one, and the best change."
 
 
@@ -42,15 +42,10 @@ def write_study(study: MonthStudy, result: FitResult | None, folder: Path) -> No
     if shown(study):
         figures.write("changes", partial(changes_figure, study), "What changed", CAPTION)
     with figures.making("the page"):
-        page = environment("diagnosis.report").get_template("months.html.j2")
-        content = {
-            "s": study,
-            "content": plain(study.to_dict()),
-            "sentences": [study.words(row) for row in study.changes.named],
-            "figures": figures_of(folder, figures.rows),
-            "version": versions()["mmg-ident"],
-        }
-        write_page(page.render(content), folder / "months.html")
+        sentences, drawn = [study.words(row) for row in study.changes.named], figures_of(folder, figures.rows)
+        content = plain(study.to_dict())
+        page = rendered("months", "diagnosis.report", s=study, content=content, sentences=sentences, figures=drawn)
+        write_page(page, folder / "months.html")
 
 
 def shown(study: MonthStudy) -> list[DatedChange]:

@@ -22,19 +22,19 @@ from diagnosis.groups.between import table_rows
 from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
 from diagnosis.report.words import TURN_BACK, shown_unit
-from fitting.report.page import environment, write_page
+from fitting.report.page import rendered, write_page
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, FigureFolder, dress, figures_of, new_figure
 from fitting.report.plots import OUTLINE
-from fitting.report.run_folder import versions
+from fitting.report.run_folder import FIGURES, PAGE
 
 ARROWS = 26
-"""Arrows along a track."""
+"""Arrows along a track. Set by hand: more run into one another."""
 PANELS = 4
-"""Tracks in the figure."""
+"""Tracks in the figure. Set by hand: they fill a screen."""
 TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
 """Colours of a moment to port, none, to starboard; white dashes along the line as well where it turns to port."""
 FELT = 0.1
-"""Share of the full scale from which on a moment to port is marked by them."""
+"""Share of the full scale from which on a moment to port is marked by them. Set by hand."""
 
 
 def track_figure(d: Findings) -> Figure:
@@ -49,6 +49,7 @@ def track_figure(d: Findings) -> Figure:
     rows = -(-len(chosen) // columns)
     figure = new_figure(0.5 + (3.6 if columns > 1 else 5.0) * rows)
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    # one scale for all panels, by a quantile: a single spike would make all other arrows dots
     force = np.concatenate([fit.path.force[: data.steps[w], w] for w in chosen])
     scale = tuple(max(float(np.quantile(a, 0.95)), 1e-12) for a in (np.hypot(*force[:, :2].T), np.abs(force[:, 2])))
     length = float(d.ship.particulars["L"])
@@ -223,9 +224,6 @@ def figures_for(d: Findings) -> Sequence[tuple[str, Callable[[Findings], Figure]
     return every
 
 
-REPORT, FIGURES = "report.html", "figures"
-
-
 def write_report(d: Findings, folder: Path) -> FigureFolder:
     """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
     written = FigureFolder(folder / FIGURES)
@@ -234,22 +232,23 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
     for row in written.rows:
         row["file"] = f"{FIGURES}/{row['file']}"
     with written.making("the report"):
-        write_page(build_report(d, folder, written.rows), folder / REPORT)
+        write_page(build_report(d, folder, written.rows), folder / PAGE)
     return written
 
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    templates, order = environment("diagnosis.report"), [words.plain(e.name) for e in d.effects]
-    templates.filters["sentence"] = words.sentence
-    rows = words.ranking(d)
+    rows, order = words.ranking(d), [words.plain(e.name) for e in d.effects]
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
-    return templates.get_template("diagnosis.html.j2").render(
+    return rendered(
+        "diagnosis",
+        "diagnosis.report",
         d=d,
         words=words,
         figures={f["name"]: f for f in figures_of(folder, listed)},
-        version=versions()["mmg-ident"],
+        warnings=[*map(words.sentence, d.warnings)],
         between=table_rows(d.between) if d.between else [],
+        between_warnings=[*map(words.sentence, d.between.warnings)] if d.between else [],
         held=held_rows(d),
         rows=sorted(rows, key=lambda row: order.index(row["name"]) if row["name"] in order else len(order)),
         channels=channels,

@@ -33,7 +33,7 @@ SIDES = {
 }  # fmt: skip
 """Words for a positive and a negative force of each channel."""
 FOLLOWED = 0.15
-"""Share of a missing force that a variable must explain to be mentioned."""
+"""Share of a missing force that a variable must explain to be mentioned. Set by hand."""
 TURN_BACK = ("heading", "apparent wind angle")
 PLAIN = {
     "delta": "rudder angle", "n": "revolutions", "u": "speed ahead u", "v": "sway velocity v", "r": "turn rate r",
@@ -258,7 +258,7 @@ def probability(p: float) -> str:
 
 
 HOPELESS = 30.0
-"""Typical sizes of an effect above which a dash stands for the size from which it would show."""
+"""Typical sizes of an effect above which a dash stands for the size from which it would show. Set by hand."""
 
 
 def signed(value: float | None, digits: str = ".0f") -> str:

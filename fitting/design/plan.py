@@ -8,7 +8,6 @@ other, and from a random sequence. Tracks of draws of the coefficients must stay
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from fitting.design.area import Area, Placing
 from fitting.design.next_trial import Option, library, repetitions, runs
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.parallel import Shared, kept_workers, run_all, width
+from fitting.settings import Wish
 from mmg.errors import NoSolution
 from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress, Progress
@@ -178,8 +178,6 @@ STRETCH, ENGINES = 12.0, 3
 """Mean length of a stretch of rudder [s of a 3 m model]; stretches of rudder for one of revolutions. Set by hand."""
 FEWEST, MOST = 4, 14
 """Stretches of rudder in a trial. Set by hand: they bound the unknowns of the search."""
-RUDDER = 35.0
-"""Largest rudder angle ordered [deg] where nothing else is given. Full rudder of merchant ships (SOLAS II-1, 29)."""
 ASTERN = 0.8
 """Part of the highest revolutions that is ordered astern. Set by hand."""
 COUNT, FIRST, THEN = 16, 30, 240
@@ -189,36 +187,6 @@ STARTS = 3
 """The best manoeuvre, the best pair and a random sequence: from these the search goes on."""
 RUN_UP = 2.0
 """Straight way behind the start that must be inside the area too [ship lengths]. Set by hand."""
-
-
-TIME_LIMIT = 150.0
-"""Longest search by the clock [s]. Set by hand."""
-
-
-@dataclass(frozen=True)
-class Wish:
-    """What is asked of a planned trial.
-
-    area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
-    ``FIGURES``, instead of coefficients; speed_limit [m/s], None: what the trials held; margin:
-    that the hull keeps from the edges [m], None: half a beam; start: x, y [m], psi [rad], None: chosen; ahead: the
-    propeller is not reversed; seed: of the search; effort: factor on its length; rudder_limit: largest angle [rad];
-    time_limit: longest search by the clock [s]; workers: processes over which the search is spread.
-    """
-
-    area: str
-    seconds: float
-    coefficients: tuple[str, ...] = ()
-    figures: tuple[str, ...] = ()
-    speed_limit: float | None = None
-    margin: float | None = None
-    start: tuple[float, float, float] | None = None
-    ahead: bool = False
-    seed: int = 0
-    effort: float = 1.0
-    rudder_limit: float = math.radians(RUDDER)
-    time_limit: float = TIME_LIMIT
-    workers: int = 1
 
 
 @dataclass(frozen=True)

@@ -250,6 +250,7 @@ def _factors(
 
     loaded: at full load; model: figures B of the ship as tested; result: content of result.json; remarks: to add to.
     """
+    # the same draws for both ships: what is uncertain of both cancels in the ratio
     full = JudgedFigures(imo_figures(loaded), {})
     if model.scatter:
         try:

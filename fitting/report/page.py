@@ -19,9 +19,10 @@ from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report import sections
-from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
+from fitting.report.run_folder import versions
+from fitting.report.use import Delivered, delivery_sections
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect
@@ -129,9 +130,15 @@ def _differs(first: dict | None, other: dict | None) -> bool:
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
+def rendered(template: str, package: str = "fitting.report", **content: Any) -> str:
+    """The page of a ``template`` of a ``package`` with this ``content`` and the version of the program."""
+    found = _environment(package).get_template(f"{template}.html.j2")
+    return found.render(version=versions()["mmg-ident"], **content)
+
+
 @cache
-def environment(*packages: str) -> Environment:
-    """The templates of these ``packages`` and of this one, with their filters; what they print is escaped.
+def _environment(package: str) -> Environment:
+    """The templates of a ``package`` and the parts that all pages share, with their filters; their content is escaped.
 
     To compile them takes longer than all else of a page, so that is kept in a folder that only the user can write to.
     """
@@ -140,15 +147,15 @@ def environment(*packages: str) -> Environment:
     except (OSError, RuntimeError):  # there is no such folder
         kept = None
     found = Environment(
-        loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "fitting.report")]), autoescape=True,
+        loader=ChoiceLoader([PackageLoader(name) for name in (package, "fitting.report")]), autoescape=True,
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, bytecode_cache=kept,
     )  # fmt: skip
     found.filters |= {
         "number": sections.shown_number,
         "plus_minus": sections.plus_minus,
         "setting": sections.shown_setting,
+        "as_numbers": lambda names: [f"{name}|n" for name in names],
     }
-    found.filters["as_numbers"] = lambda names: [f"{name}|n" for name in names]
     found.globals |= {"zip": zip, "sets": SETS, "state_units": UNITS}
     return found
 
@@ -162,13 +169,14 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
         raise Missing("no run folder given")
     deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
     runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
+    # folders of two campaigns may have one name, and the page tells its runs apart by it
     labels = [run["label"] for run in runs]
     for run in runs:
         if labels.count(run["label"]) > 1:
             run["label"] = f"{run['label']} ({run['id']})"
     ships = [run["name"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
     comparison = comparison_of(runs) if len(runs) > 1 else None
-    return environment().get_template("report.html.j2").render(runs=runs, ships=ships, comparison=comparison)
+    return rendered("report", runs=runs, ships=ships, comparison=comparison)
 
 
 def write_page(text: str, out: Path) -> None:

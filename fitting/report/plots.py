@@ -16,7 +16,7 @@ from cases.trial import Trial
 from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import FitRecord
-from fitting.report import plot_style
+from fitting.report.plot_style import AFTER, ALARM, GREY, GRID, MEASURED, STYLES, FigureFolder, dress, new_figure
 from mmg.rollout import Simulator
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES)
 """State number, label and factor of each time history; the heading is seen on the track."""
 
 OUTLINE = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, -0.08], [0.5, 0]])
-"""Outline of a ship of unit length: forward, starboard."""
+"""Outline of a ship of unit length: forward, starboard. Drawn by hand."""
 
 INPUTS = (("#555555", "-"), ("#555555", "--"), ("#A0A0A0", "-"), ("#A0A0A0", "--"))
 """Colour and line of each input of one kind."""
@@ -43,21 +43,21 @@ def trajectory_plot(
     before, after: windows of ``predict``; length: of the ship [m], to draw its outline where windows start.
     """
     t, states, first = trial.t - trial.t[0], trial.states, [w.first for w in after]
-    runs = [(*_joined(trial, some), style) for some, style in zip((before, after), plot_style.STYLES, strict=False)]
+    runs = [(*_joined(trial, some), style) for some, style in zip((before, after), STYLES, strict=False)]
     strips: dict[str, list[tuple]] = {}
     for i, label, factor in HISTORIES:
-        strips[label] = [(t, states[:, i] * factor, {"color": plot_style.MEASURED, "lw": 1.0})]
+        strips[label] = [(t, states[:, i] * factor, {"color": MEASURED, "lw": 1.0})]
         strips[label] += [(clock, z[:, i] * factor, {"lw": 1.2, **style}) for clock, z, style in runs]
     for label, rows in _inputs(trial).items():
         looks = [{"color": color, "ls": dashes, "lw": 1.0} for (color, dashes), _ in zip(cycle(INPUTS), rows)]
         words = label if len(rows) == 1 else f"{label}: {', '.join(rows)}"
         strips[words] = [(t, values, look) for values, look in zip(rows.values(), looks, strict=True)]
-    figure, left = plot_style.new_figure(3.6, layout=None), 0.07
+    figure, left = new_figure(3.6, layout=None), 0.07
     if trial.has_position:
         track = figure.add_axes((0.0, 0.02, 0.42, 0.96))
         _track(track, states, [(z, style) for _, z, style in runs], first, length)
         left = 0.49
-    ax = plot_style.dress(figure.add_axes((left, 0.12, 0.985 - left, 0.86)), "time from the first sample [s]")
+    ax = dress(figure.add_axes((left, 0.12, 0.985 - left, 0.86)), "time from the first sample [s]")
     ax.set_xlim(0, max(t[-1], 1e-9))
     _draw_strips(ax, strips, t[first])
     return figure
@@ -85,8 +85,8 @@ def _draw_strips(ax: Axes, strips: Mapping[str, list[tuple]], starts: np.ndarray
         ax.text(0.006, row + 0.98, label, transform=across, fontsize=8, va="top", color="#333333")
     ax.set_ylim(0, len(strips))
     ax.yaxis.set_visible(False)
-    ax.hlines(marks, 0, 1, transform=across, color=plot_style.GRID, linewidth=0.6, zorder=0)
-    ax.hlines(range(len(strips)), 0, 1, transform=across, color=plot_style.GREY, linewidth=0.8, zorder=0)
+    ax.hlines(marks, 0, 1, transform=across, color=GRID, linewidth=0.6, zorder=0)
+    ax.hlines(range(len(strips)), 0, 1, transform=across, color=GREY, linewidth=0.8, zorder=0)
     ax.vlines(starts, 0, len(strips), color="#C8C8C8", linewidth=0.7, linestyle=":", zorder=0)
 
 
@@ -123,21 +123,21 @@ def _near(drawn: np.ndarray, values: np.ndarray, room: float) -> tuple[float, fl
 def _track(
     ax: Axes, states: np.ndarray, runs: list[tuple[np.ndarray, dict]], first: list[int], length: float | None
 ) -> None:
-    ax.plot(states[:, 1], states[:, 0], color=plot_style.MEASURED, lw=1.3, zorder=2)
+    ax.plot(states[:, 1], states[:, 0], color=MEASURED, lw=1.3, zorder=2)
     for z, style in runs:
         ax.plot(z[:, 1], z[:, 0], lw=1.3, zorder=3, **style)
-    ax.plot(states[first, 1], states[first, 0], ".", color=plot_style.MEASURED, ms=6, zorder=4)
+    ax.plot(states[first, 1], states[first, 0], ".", color=MEASURED, ms=6, zorder=4)
     if length:
         for x, y, psi in states[first, :3]:
             ahead, side = (length * OUTLINE).T
             ax.fill(y + ahead * np.sin(psi) + side * np.cos(psi), x + ahead * np.cos(psi) - side * np.sin(psi),
-                    fc="none", ec=plot_style.MEASURED, lw=0.8, zorder=4)  # fmt: skip
+                    fc="none", ec=MEASURED, lw=0.8, zorder=4)  # fmt: skip
     drawn, near = np.vstack([states, *(z for z, _ in runs)]), np.vstack([states, runs[-1][0]])
     limits = np.array([_near(drawn[:, i], near[:, i], 0.3) for i in (1, 0)])  # (east and north, low and high)
     half = 0.55 * np.ptp(limits, axis=1).max() + 0.5 * (length or 0.0)
     (east, north), bar = limits.mean(axis=1), 10.0 ** np.floor(np.log10(half))
     ax.set(xlim=(east - half, east + half), ylim=(north - half, north + half), aspect="equal")
-    ax.plot([east - 0.95 * half, east - 0.95 * half + bar], [north - 0.9 * half] * 2, color=plot_style.GREY, lw=2.5)
+    ax.plot([east - 0.95 * half, east - 0.95 * half + bar], [north - 0.9 * half] * 2, color=GREY, lw=2.5)
     ax.text(east - 0.95 * half, north - 0.88 * half, f"{bar:g} m", fontsize=8, color="#333333", va="bottom")
     ax.set_axis_off()
 
@@ -153,7 +153,7 @@ def window_errors(
     """
     rows: list[np.ndarray] = []
     numbers: list[int] = []
-    for short in (False, True):
+    for short in (False, True):  # short windows only where no other reaches the last time: they would bend the curve
         predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
         for number, (trial, (windows, _)) in enumerate(zip(trials, predicted, strict=True)):
             for w in windows:
@@ -202,11 +202,11 @@ def error_growth_plot(
     length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
     times = np.linspace(0, horizon, 51)
     used = [t for t in trials if t.has_position] or list(trials)
-    figure = plot_style.new_figure(2.4, layout=None)
+    figure = new_figure(2.4, layout=None)
     places = {"left": 0.055, "right": 0.98, "bottom": 0.19, "top": 0.77, "wspace": 0.17}
     axes = figure.subplots(1, len(PANELS), gridspec_kw=places)
     count = 0
-    for (name, simulator), style in zip(simulators.items(), plot_style.STYLES, strict=False):
+    for (name, simulator), style in zip(simulators.items(), STYLES, strict=False):
         errors, run = window_errors(simulator, used, times, stride or horizon / 2)
         count, words = len(errors), name
         for ax, (_, states, factor) in zip(axes, PANELS, strict=True):
@@ -221,7 +221,7 @@ def error_growth_plot(
             ax.fill(np.concatenate([times[good], times[good][::-1]]), ends, color=style["color"], alpha=0.18, lw=0)
             ax.plot(times, rms, lw=1.8, label=words if ax is axes[0] else None, **style)
     for ax, (label, *_) in zip(axes, PANELS, strict=True):
-        plot_style.dress(ax, "time [s]", title=label)
+        dress(ax, "time [s]", title=label)
         ax.set_ylim(bottom=0)
         ax.set_xlim(0, horizon)
         ax.locator_params(nbins=5)
@@ -232,7 +232,7 @@ def error_growth_plot(
 
 
 def write_error_growth(
-    written: plot_style.FigureFolder, models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], which: str
+    written: FigureFolder, models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], which: str
 ) -> None:
     """Write the figure of ``error_growth_plot`` of ``models`` on ``trials``; written: where to; which: trials, in
     words."""
@@ -254,24 +254,18 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     values = np.array(row["values"], dtype=float)[good]
     rise = np.array(row["increase"], dtype=float)[good] / row["dispersion"]
     rise = rise - rise.min(initial=np.inf)
-    figure = plot_style.new_figure(3.0)
-    ax = plot_style.dress(figure.subplots(), f"{row['symbol']} [{unit or '-'}]", "objective above its minimum [-]")
-    ax.plot(values, rise, "o-", color=plot_style.AFTER, ms=3.5, label="profile")
+    figure = new_figure(3.0)
+    ax = dress(figure.subplots(), f"{row['symbol']} [{unit or '-'}]", "objective above its minimum [-]")
+    ax.plot(values, rise, "o-", color=AFTER, ms=3.5, label="profile")
     if len(values) and std:
         estimate, fine = float(values[np.argmin(rise)]), np.linspace(values.min(), values.max(), 200)
-        ax.plot(
-            fine,
-            0.5 * ((fine - estimate) / std) ** 2,
-            color=plot_style.GREY,
-            lw=1,
-            label="parabola of the standard error",
-        )
-        ax.axvline(estimate, color=plot_style.GREY, lw=0.8)
+        parabola = 0.5 * ((fine - estimate) / std) ** 2
+        ax.plot(fine, parabola, color=GREY, lw=1, label="parabola of the standard error")
+        ax.axvline(estimate, color=GREY, lw=0.8)
     for height, name in ((0.5, "68 %"), (1.92, "95 %")):
-        ax.axhline(height, color=plot_style.ALARM, lw=0.8, ls="--")
-        ax.text(
-            1.005, height, name, transform=ax.get_yaxis_transform(), fontsize=7.5, va="center", color=plot_style.ALARM
-        )
+        ax.axhline(height, color=ALARM, lw=0.8, ls="--")
+        across = ax.get_yaxis_transform()
+        ax.text(1.005, height, name, transform=across, fontsize=7.5, va="center", color=ALARM)
     ax.set_ylim(0, max(3.0, min(12.0, 1.05 * float(rise.max(initial=0.0)))))
     ax.legend(fontsize=8, frameon=False)
     return figure
@@ -287,7 +281,7 @@ def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[T
 
 
 def write_figures(
-    written: plot_style.FigureFolder,
+    written: FigureFolder,
     record: FitRecord,
     models: tuple[Simulator, Simulator],
     trials: Sequence[Trial],

@@ -37,6 +37,8 @@ from mmg.messages import Message
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 FIGURES, PAGE = "figures", "report.html"
+SCHEMA_VERSION = 1
+"""Of every result file; it grows when an older reader would misread them (docs/releasing.md)."""
 MODEL = "model"
 """Folder in the run of a scaled ship that holds the run of its model."""
 OF_PREDICTIONS = ("coefficients", "correlation", "per_run", "campaigns", "bands", "adaptation")
@@ -199,6 +201,9 @@ def read_result(folder: Path) -> dict[str, Any]:
     content = with_present_names(read_json(path))
     if not isinstance(content.get("kind"), str):
         raise BadValue(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
+    if (version := content.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:
+        words = f"schema_version = {version!r}, this version of mmg-ident reads {SCHEMA_VERSION}"
+        raise BadValue(f"{path}: {words}; update mmg-ident, or make the run again")
     return content
 
 

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 from cases.shipfiles.generated_ship import generated_ship, structure_of
+from fitting.settings import Rules
 from mmg.components.expansion.actuators import variables
 from mmg.components.expansion.structure import Structure
 from mmg.components.expansion.units import units_of
@@ -20,8 +21,8 @@ from mmg.ship import Ship
 
 GIVEN = "mmg"
 """Name of the ship as it was given."""
-HIGHEST = 3
-"""Highest order of the polynomials where none is asked for. Set by hand."""
+HIGHEST = Rules.order
+"""Order of the polynomials where none is asked for. Set by hand."""
 FULL = "full"
 """Family of polynomials without sub-models, with all moduli: one order higher than the others by default."""
 UNITS = "units"
@@ -30,22 +31,6 @@ WIDEST = 2500
 """Most monomials of one force, before the rules, of a polynomial of that family: it bounds time and memory."""
 ON_TOP = 2
 """Highest order of polynomials on top of the ship's own forces. Set by hand."""
-
-
-@dataclass(frozen=True)
-class Rules:
-    """How the polynomials of all candidates are generated.
-
-    order: highest; actuators: list as ``parse_devices`` takes it, None: those of the ship; symmetric, duplicates,
-    moduli: as of ``Structure``; hard: sub-models switch at once.
-    """
-
-    order: int = HIGHEST
-    actuators: str | None = None
-    symmetric: bool = True
-    duplicates: str = "paper"
-    moduli: str = "paper"
-    hard: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +90,7 @@ def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCan
 
 def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
     """The structures of all polynomials by their names."""
-    words = (rules.actuators, rules.symmetric, rules.duplicates, rules.moduli)
+    words = (rules.actuators, not rules.asymmetric, rules.duplicates, rules.moduli)
     first = structure_of(ship, 1, "SM-1", *words)
     names = [name for device in first.devices for name in device.names]
     by_stall = ("SM-3", "SM-4") if any(name.startswith("delta") for name in names) else ()
@@ -118,6 +103,6 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
         count = len(variables(first.devices))
         if math.comb(count + order, order) <= WIDEST:
             found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
-        if rules.symmetric and units_of(first.devices):
+        if not rules.asymmetric and units_of(first.devices):
             found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))
     return found

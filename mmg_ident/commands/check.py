@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from mmg.errors import UserError
+from mmg.errors import UserError, together
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -53,7 +53,7 @@ def check(
         except UserError as error:
             unreadable[path] = error
     if not found:
-        raise _of_all(unreadable)
+        raise together([*unreadable.values()], f"{len(unreadable)} files cannot be read")
     with cli.working(f"checking {len(found)} trials"):
         reports = check_trials(found)
         seconds, sentences = pooled(reports, model)
@@ -67,8 +67,8 @@ def check(
                     doubts.append(str(error))
         sentences = [*(f"{doubt[0].upper()}{doubt[1:]}." for doubt in doubts), *sentences]
     if json:
-        together = {"group_seconds": dict(seconds), "sentences": list(sentences)}
-        cli.print_json(_document(reports, unreadable) | {"pooled": together})
+        of_all = {"group_seconds": dict(seconds), "sentences": list(sentences)}
+        cli.print_json(_document(reports, unreadable) | {"pooled": of_all})
     else:
         every = every or len(reports) == 1
         _print(reports, every, unreadable)
@@ -79,13 +79,8 @@ def check(
         if not every:
             print("\nEvery sentence on every file: --all")
     if unreadable:
-        raise _of_all(unreadable)
-
-
-def _of_all(unreadable: Mapping[Path, UserError]) -> UserError:
-    """What is wrong with all files that could not be read, each sentence once; of the kind of the first."""
-    many = f"{len(unreadable)} files cannot be read: " if len(unreadable) > 1 else ""
-    return type(next(iter(unreadable.values())))(many + "; ".join(dict.fromkeys(map(str, unreadable.values()))))
+        many = f"{len(unreadable)} of {len(found) + len(unreadable)} files cannot be read"
+        raise together([*unreadable.values()], many)
 
 
 def _document(reports: list[CheckReport], unreadable: Mapping[Path, UserError]) -> dict[str, Any]:

@@ -60,7 +60,7 @@ def compare(
     from mmg.messages import message_rows
 
     names = tuple(dict.fromkeys(cli.names_of([models])))
-    needs_torch("mmg compare")
+    needs_torch("mmg compare")  # before the imports below, whose error would name no remedy
     from fitting.report.plot_style import FigureFolder
     from residual.papers.comparison import MODELS, Study, Subset, comparison_dict, tables_text
     from residual.papers.comparison import compare as compared
@@ -81,6 +81,7 @@ def compare(
     if out and not (resume and out.exists()):
         check_target(out)
     tests = _trials(test or ["development-holdout"], "--test")
+    # by name and by content: splits of the same records share names, copies share bytes
     tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
     given = _trials(train or ["train-tzrb"], "--train")
     trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]

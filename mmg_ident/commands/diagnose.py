@@ -83,6 +83,7 @@ def diagnose(
             cli.end_progress()
             found.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
     except (KeyboardInterrupt, UserError) as stop:
+        # parts that are finished stay for --resume; a run that has none leaves nothing behind
         if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
             if not store.has_parts:
                 store.discard()

@@ -69,6 +69,7 @@ def fit(
     from mmg_ident.api import calibrate
 
     began = time.perf_counter()
+    # options and the folder are judged first: to read the trials takes longer than all of it
     check_estimator(estimator)
     if "weight" in settings and "sigma" in settings:
         raise Conflict("--run-weight: with --sigma the weight of the runs is given; leave one of them out")
@@ -92,6 +93,7 @@ def fit(
     train, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
     points = None
     if captive:
+        # read here, as few fits have captive tests
         from fitting.nlp.captive import read_captive
 
         points = read_captive(captive, captive_std)
@@ -127,6 +129,7 @@ def fit(
                 if line not in earlier_warnings:
                     cli.say(f"warning: {line}")
             cli.say(f"run folder: {out} (ship.toml, result.json{'' if no_report else ', report.html'})")
+    # a failure though the folder is whole: a script that goes on with a ship that diverges would not notice
     cli.refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):
         return 130

@@ -122,6 +122,7 @@ def _with_intervals(
 
     content = content_on(Path(model))
     known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
+    # a library ship has no intervals unless draws are asked for: her priors are those of a regression
     count = scatter if scatter is not None else DRAWS * known
     if count == 0:
         if content and scatter is None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue
+from mmg.errors import BadValue, together
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -58,11 +58,9 @@ def import_(
         chosen = answered  # an answer may leave a unit open
         found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     if found.problems:
-        if len(found.problems) > 1 and not json:
-            for i, problem in enumerate(found.problems, start=1):
-                cli.say(f"{i}. {problem}")
-            raise BadValue(f"{len(found.problems)} problems, listed above; nothing is written")
-        raise BadValue("; ".join(found.problems))
+        raise together(
+            [BadValue(text) for text in found.problems], f"{len(found.problems)} problems; nothing is written"
+        )
     with cli.working("writing trials"):
         files = write_import(found, chosen, out, force)
     checks = check(read_trials(files))

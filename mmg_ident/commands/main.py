@@ -91,7 +91,8 @@ from typer.core import TyperGroup
 from mmg_ident import shadowing_mmg
 
 HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
-"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C."""
+"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
+hand, from runs below ulimit -v."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
@@ -264,8 +265,9 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
-        kind = f" [{error.code}]" if "--json" in (arguments or sys.argv) else ""
-        print(f"mmg: {' '.join(str(error).split())}{kind}", file=sys.stderr)
+        from mmg_ident.commands.output import say_fault
+
+        say_fault(error, for_machines="--json" in (arguments or sys.argv))
         return 2
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)

@@ -39,6 +39,7 @@ def months(
 
     check_target(out)
     start = load_ship(ship)
+    # huber unless another loss is given: nobody has looked through months of a log as through trials
     chosen, name = Settings(**{"loss": "huber", **settings}), label_of(out)
     options = FitOptions(command=cli.command_line(), name="" if name_fault(name) else name)
     with reserved(out):

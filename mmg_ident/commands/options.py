@@ -7,14 +7,15 @@ import functools
 import inspect
 import re
 from collections.abc import Callable
+from dataclasses import Field
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import typer.core
 from typer import Argument, Option
 
 from mmg.errors import UnknownName
-from mmg_ident.commands.output import numbers_of, ship_names
+from mmg_ident.commands.output import names_of, numbers_of, ship_names
 from mmg_ident.settings import given_settings, option_of, settings_of
 
 Ship = Annotated[
@@ -41,6 +42,8 @@ Scheduler = Annotated[str | None, Option(help="Dask scheduler that does the task
 Given = dict[str, Any]
 """Settings of a verb by name: those on the command line, and those in the file of --settings."""
 
+T = TypeVar("T")
+
 GENERAL = "Options"
 """The panel of options that are in no other one."""
 MOST = 8
@@ -63,54 +66,63 @@ def _generated(kind: type, name: str) -> inspect.Parameter:
     hint = get_type_hints(kind)[name]
     plain = next((t for t in (bool, int, float, str) if hint in (t, t | None)), str)  # tuples as text: 1,2,3
     flag = option_of(field)
-    names = [f"--{name.replace('_', '-')}/--no-{name.replace('_', '-')}" if plain is bool else flag]
+    names = [f"{flag}/--no-{flag[2:]}" if field.default is True else flag]
     words = str(field.metadata["help"])
-    if plain is not bool and field.default is not None and field.default != "" and "default" not in words:
+    if plain is not bool and field.default not in (None, "", ()) and "default" not in words:
         words = _with_default(words, field.default)
     option = Annotated[plain | None, Option(*names, help=words)]  # type: ignore[valid-type]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
 
 
-def options(
-    kind: type | None = None, file: bool = True, **panels: str
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def _from_text(field: Field[Any], value: Any) -> Any:
+    """The ``value`` of a ``field`` that the command line gives, of which lists are text."""
+    if "count" in field.metadata:
+        return numbers_of(value, field.metadata["count"], option_of(field))
+    return tuple(names_of([value])) if field.default == () else value
+
+
+def made(kind: type[T], settings: Given, **more: Any) -> T:
+    """A ``kind`` of dataclass of its own fields among the ``settings`` of a verb, and ``more`` of them."""
+    return kind(**{name: value for name, value in settings.items() if name in settings_of(kind)}, **more)
+
+
+def options(*kinds: type, file: bool = True, **panels: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """A decorator that puts options of a verb into panels of its help, and makes those that its signature lacks.
 
-    kind: the dataclass of which they are fields; the verb takes what is given of them as its argument ``settings``;
-    file: whether --settings takes the other fields; panels: title -> names of arguments, separated by spaces.
+    kinds: the dataclasses of which they are fields; the verb takes what is given of them as its argument ``settings``
+    (``made``); file: whether --settings takes the other fields of the first one; panels: title -> names of arguments,
+    separated by spaces.
     """
+    kind_of = {name: kind for kind in kinds for name in settings_of(kind)}
 
     def decorated(verb: Callable[..., Any]) -> Callable[..., Any]:
         panel_of = {name: title for title, names in panels.items() for name in names.split()}
         signature = inspect.signature(verb, eval_str=True)
         kept = {name: p for name, p in signature.parameters.items() if name != "settings"}
-        made = {name: _generated(kind, name) for name in panel_of if kind and name not in kept}
-        if kind and file:
-            rest = ", ".join(name for name in settings_of(kind) if name not in made)
+        generated = {name: _generated(kind_of[name], name) for name in panel_of if name not in kept}
+        if kinds and file:
+            rest = ", ".join(name for name in settings_of(kinds[0]) if name not in generated)
             words = "TOML file of settings by name" + (f": the options below, and {rest}." if rest else ".")
             option = Annotated[Path | None, Option(help=words, metavar="FILE")]
-            made["settings"] = inspect.Parameter(
+            generated["settings"] = inspect.Parameter(
                 "settings", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option
             )
-        both = {**kept, **made}
+        both = {**kept, **generated}
         named = {n: p for n, p in both.items() if n not in panel_of}
         named |= {n: _panelled(both[n], panel) for n, panel in panel_of.items()}
 
         @functools.wraps(verb)
         def run(*given: Any, **values: Any) -> Any:
-            if kind is None:
-                return verb(*given, **values)
-            line = {name: values.pop(name, None) for name in made}
-            path = line.pop("settings", None)
-            line = {name: value for name, value in line.items() if value is not None}
-            for name, field in settings_of(kind).items():
-                if name in line and "count" in field.metadata:  # as text on the line
-                    line[name] = numbers_of(line[name], field.metadata["count"], option_of(field))
-            return verb(*given, **values, settings=given_settings(kind, line, path))
+            line = {name: value for name in generated if (value := values.pop(name, None)) is not None}
+            path, found = line.pop("settings", None), dict[str, Any]()
+            for kind in kinds:
+                own = {name: _from_text(field, line[name]) for name, field in settings_of(kind).items() if name in line}
+                found |= given_settings(kind, own, path if kind is kinds[0] else None)
+            return verb(*given, **values, **({"settings": found} if kinds else {}))
 
         shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
         run.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
-        run.settings = kind  # type: ignore[attr-defined]
+        run.settings = kinds[0] if kinds else None  # type: ignore[attr-defined]
         run.__annotations__ = {name: p.annotation for name, p in named.items()}
         return run
 

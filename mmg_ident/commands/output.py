@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import re
 import shlex
 import shutil
 import sys
@@ -12,10 +13,11 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, TargetExists
+from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, TargetExists, UserError
 
 if TYPE_CHECKING:
     from cases.trial_set import TrialSet
@@ -54,10 +56,40 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
         print("  ".join(c.rjust(w) if head.endswith("|n") else c.ljust(w) for c, head, w in parts).rstrip())
 
 
+def say_fault(error: UserError, for_machines: bool = False) -> None:
+    """Say the ``error`` in one line, and before it the problems of several files as a table; for_machines: all in the
+    line, with the code of the kind of fault."""
+    if for_machines or not error.problems:
+        print(f"mmg: {' '.join(str(error).split())}{f' [{error.code}]' * for_machines}", file=sys.stderr)
+        return
+    rows = [("file", "place", "problem", "what to do"), *map(parts_of, error.problems)]
+    widths = [min(24, max(len(row[i]) for row in rows)) for i in (0, 1)]  # long names are wrapped as the sentences are
+    widths += [(_width() - sum(widths) - 6) // 2] * 2
+    for row in rows:
+        cells = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=True)]
+        for line in zip_longest(*cells, fillvalue=""):
+            text = "  ".join(part.ljust(width) for part, width in zip(line, widths, strict=True))
+            print(text.rstrip(), file=sys.stderr)
+    print(f"mmg: {error.heading}, as listed", file=sys.stderr)
+
+
+def parts_of(problem: str) -> tuple[str, str, str, str]:
+    """File, place in it, fault and advice of a ``problem``, which says them in this order (``mmg.errors.UserError``);
+    "" for what it leaves out."""
+    file, rest = match.groups() if (match := re.match(r"(\S.*?\.\w+): (.*)", problem)) else ("", problem)
+    place, rest = match.groups() if (match := re.match(r"((?:row|column|line|\[)[^:]*): (.*)", rest)) else ("", rest)
+    fault, *advice = re.split(r"[;.] ", rest, maxsplit=1)
+    return Path(file).name, place, fault, "".join(advice)
+
+
+def _width() -> int:
+    """Columns of the terminal, 100 without one, and at least 60."""
+    return max(shutil.get_terminal_size((100, 24)).columns, 60)
+
+
 def print_wrapped(mark: str, text: str) -> None:
     """Print ``text`` behind a ``mark``, wrapped to the width of the terminal, or of 100 columns without one."""
-    width = max(shutil.get_terminal_size((100, 24)).columns, 60)
-    print(textwrap.fill(text, width, initial_indent=mark, subsequent_indent=" " * len(mark), break_long_words=False))
+    print(textwrap.fill(text, _width(), initial_indent=mark, subsequent_indent=" " * len(mark), break_long_words=False))
 
 
 def print_json(data: Any) -> None:

@@ -8,28 +8,24 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from fitting.settings import Wish
 from mmg.errors import BadValue, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 
-@o.options(Limits="speed_limit margin start ahead rudder_limit", Solver="time_limit seed effort workers scheduler")
+@o.options(
+    Wish, file=False, Options="coefficients figures", Limits="speed_limit margin start ahead rudder_limit",
+    Solver="time_limit seed effort workers scheduler",
+)  # fmt: skip
 def plan(
     run: Annotated[Path, Argument(help="Run folder of mmg fit, or of mmg train on one.", metavar="RUN")],
     area: Annotated[str, Option(help="Basin or sea area, length x width [m], such as 60x25.")],
     time: Annotated[float, Option(help="Length of the trial [s].")],
     out: Annotated[Path, Option(help="CSV file for the autopilot; a map comes with it.")],
-    coefficients: Annotated[str | None, Option(help="Symbols, hull, propeller, rudder or all; default hull.")] = None,
-    figures: Annotated[str | None, Option(help="Instead: advance, tactical_diameter, first_overshoot_10, ...")] = None,
-    speed_limit: Annotated[float | None, Option(help="Highest [m/s]; default that of the trials.")] = None,
-    margin: Annotated[float | None, Option(help="From the edges [m]; default half a beam.")] = None,
+    settings: o.Given,
     start: Annotated[str | None, Option(help="x:y:heading [m, m, deg]; default where most room is.")] = None,
-    ahead: Annotated[bool, Option("--ahead", help="The propeller is not reversed.")] = False,
     rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
-    time_limit: Annotated[float, Option(help="Limit of the search [s].")] = 150.0,
-    seed: o.Seed = 0,
-    effort: Annotated[float, Option(max=100, help="Factor on the length of the search.")] = 1.0,
-    workers: o.Workers = 1,
     scheduler: o.Scheduler = None,
     force: o.Force = False,
     json: o.Json = False,
@@ -41,7 +37,6 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.design.plan import Wish
     from fitting.design.planned_trial import plan_trial
     from fitting.report.plan_section import in_words, keep_plan, plan_map
     from fitting.report.run_folder import read_result
@@ -49,16 +44,11 @@ def plan(
 
     cli.refuse_target("--out", out, force, (".csv",))
     cli.refuse_target("--out", out.with_suffix(".png"), force)
-    cli.positive("--effort", effort)
-    symbols, wanted = (tuple(cli.names_of([text or ""])) for text in (coefficients, figures))
     place = None
     if start is not None:
         x, y, heading = cli.numbers_of(start, 3, "--start x:y:heading", ":")
         place = (x, y, math.radians(heading))
-    wish = Wish(
-        area, time, symbols, wanted, speed_limit, margin, place, ahead, seed, effort, math.radians(rudder_limit),
-        time_limit, workers,
-    )  # fmt: skip
+    wish = o.made(Wish, settings, area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit))
     kind = read_result(run)["kind"]
     if kind not in ("calibration", "training"):
         raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")

@@ -29,6 +29,7 @@ def report(
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
     targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
+    # pages of the runs themselves are made anew; any other file is somebody's
     own = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
     if pdf and target.suffix.lower() == ".pdf":
         raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")

@@ -38,7 +38,7 @@ def scale(
     from fitting.report.run_folder import check_target, reserved
 
     scaling = Scaling(length, speed, rho, form_factor, roughness, froude_only, name)
-    scaling.check()
+    scaling.check()  # before the run is read: most faults are in the options
     check_target(out)
     with reserved(out), cli.working("scaling"):
         result = write_scaled(scaled_result(run, scaling, cli.command_line()), out)

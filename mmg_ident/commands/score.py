@@ -57,7 +57,7 @@ def score(
     models = list(dict.fromkeys(a for a in runs_and_trials if cli.is_model(a)))
     files = [a for a in runs_and_trials if not cli.is_model(a)]
     if not models and not Path(runs_and_trials[0]).exists():
-        load_ship(runs_and_trials[0])
+        load_ship(runs_and_trials[0])  # for its error, which lists the ships
     if not models:
         raise Missing("no model named: give a ship of mmg ships, a ship file or a run folder before the trials")
     if not files:
@@ -86,6 +86,7 @@ def score(
         if not knowing:
             raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
         trials = trials.said_campaign(campaign, knowing[0])
+    # by the first ship: one window for all models, or their errors in units would not compare
     window = window or window_for(trials, next((ship.particulars["L"] for ship in ships.values()), None))
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)

@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from fitting.settings import Settings
+from fitting.settings import Rules, Settings
 from mmg.errors import Conflict, TooFewData, UnknownName, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
     from cases.trial_set import TrialSet
-    from fitting.selection.candidates import Rules, StructureCandidate
+    from fitting.selection.candidates import StructureCandidate
     from fitting.selection.structure_choice import StructureChoice
     from mmg.ship import Ship
 
 
 @o.options(
     Settings,
+    Rules,
     Look="list_ terms write force",
     Candidates="only order actuators asymmetric duplicates moduli hard",
     Solver="objective seeds seed time_limit workers scheduler",
@@ -41,12 +42,6 @@ def select(
     write: Annotated[str | None, Option(help="Write one as a ship file, to --out.")] = None,
     force: o.Force = False,
     only: Annotated[list[str] | None, Option(help="Try only these, such as mmg,sm2-order3.")] = None,
-    order: Annotated[int, Option(help="Highest order of the polynomials.")] = 3,
-    actuators: Annotated[str | None, Option(help="Such as 'n+n_2, delta', + mirrors; default the ship's.")] = None,
-    asymmetric: Annotated[bool, Option("--asymmetric", help="Port and starboard differ: keep all.")] = False,
-    duplicates: Annotated[str, Option(help="Left out of sin^2 + cos^2: paper, identity, none.")] = "paper",
-    moduli: Annotated[str, Option(help="Squares as moduli: paper, full, none.")] = "paper",
-    hard: Annotated[bool, Option("--hard", help="Sub-models switch at once, not blended.")] = False,
     objective: Annotated[str, Option(help="regression, or paper (Miyauchi et al. 2023).")] = "regression",
     seeds: Annotated[int | None, Option(min=1, help="Of the paper's: runs; default 1.")] = None,
     scheduler: o.Scheduler = None,
@@ -63,7 +58,7 @@ def select(
     """
     from cases.io.files import replace_text
     from cases.shipfiles.ship_file import dump_ship, load_ship
-    from fitting.selection.candidates import Rules, candidate, candidates
+    from fitting.selection.candidates import candidate, candidates
     from mmg.components.expansion.structure import term_list
 
     if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:
@@ -71,9 +66,9 @@ def select(
     if (write is None and not trials) != (out is None):
         raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
     cli.refuse_target("--out", None if trials else out, force)
-    model, rules = load_ship(ship), Rules(order, actuators, not asymmetric, duplicates, moduli, hard)
+    model, rules = load_ship(ship), o.made(Rules, settings)
     if trials and out is not None:
-        chosen = Settings(**{"time_limit": 300.0, "passes": 2, **settings})
+        chosen = o.made(Settings, {"time_limit": 300.0, "passes": 2, **settings})
         if objective not in ("regression", "paper"):
             raise UnknownName(f"--objective {objective}: must be regression or paper")
         if seeds is not None and objective != "paper":
@@ -145,6 +140,7 @@ def _choose(
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.structure_choice import choose_structure
 
+    # both files, as result.json alone is also that of a fit
     there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
     if there and PENDING not in {message.text for message in read_fit(out).messages}:
         cli.say(f"{out} has finished already; nothing to resume")

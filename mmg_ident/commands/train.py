@@ -68,7 +68,7 @@ def train(
         check_target(out)
     chosen, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
     start, trained_on = load_ship(run), chosen.training()[0]
-    needs_torch("mmg train")
+    needs_torch("mmg train")  # after all that can be refused without it, which takes seconds to import
     if resume and (out / RESULT).exists() and read_training(out).complete:
         cli.say(f"{out} has finished already; nothing to resume")
         return 0

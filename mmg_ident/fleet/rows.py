@@ -16,7 +16,7 @@ from cases.io.files import replace_text, replaced
 from diagnosis.groups.between import difference, nature
 from fitting.report import page
 from fitting.report.plot_style import FigureFolder
-from fitting.report.run_folder import plain, versions, write_json
+from fitting.report.run_folder import SCHEMA_VERSION, plain, versions, write_json
 from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
 from mmg.errors import writing
@@ -36,7 +36,8 @@ SHIPS, DIAGNOSIS = "ships", "diagnosis"
 ALIKE, CHANCE = 2.0, 0.01
 """Log Bayes factors within which two names of a difference are alike; chance below which it is one. Set by hand."""
 MOVED, SURE = 1.0, 2.576
-"""A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %)."""
+"""A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %
+of a normal distribution). The first is set by hand."""
 APART = 3.0
 """Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand."""
 SETS = {"held_out": "validation", "training": "training"}
@@ -59,11 +60,16 @@ class SisterGroup:
     ships: tuple[str, ...]
     widths: SisterWidths
 
+    @property
+    def mean(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean of the coefficients over the sisters and its standard error, (P,) each, in their own units."""
+        w = self.widths
+        return w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
+
     def to_dict(self) -> dict[str, Any]:
         """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
         w = self.widths
-        mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
-        columns = zip(w.symbols, mean, error, w.unit * w.width, w.width, strict=True)
+        columns = zip(w.symbols, *self.mean, w.unit * w.width, w.width, strict=True)
         return {
             "ships": self.ships,
             "common_width": w.common,
@@ -99,7 +105,7 @@ class Fleet:
         """The content of fleet.json."""
         return plain({
             "kind": "fleet",
-            "schema_version": 1,
+            "schema_version": SCHEMA_VERSION,
             "name": self.name,
             "command": self.command,
             "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
@@ -166,6 +172,7 @@ def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, A
     for symbol, c in result.coefficients.items():
         start = ship.start.coefficients.get(symbol)
         value, std = (start.value, start.std) if start else (c.prior_value, c.prior_std)
+        # in the start's own deviations, as coefficients have no common unit
         moved = (c.value - value) / std if value is not None and std else math.nan
         sure = value is not None and c.std is not None and abs(c.value - value) > SURE * c.std
         estimate = {"value": c.value, "std": c.std, "unit": c.unit, "description": c.description}
@@ -187,7 +194,7 @@ def _scores(pair: ScorePair) -> dict[str, Any]:
 def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[str, Any]) -> dict[str, Any]:
     """What her sisters say of the ship of a ``row``, and what her fit ``alone`` gave beside it."""
     w, k = group.widths, group.ships.index(row["name"])
-    mean, width = w.centre + w.unit * w.mean, w.unit * w.width
+    mean, width = group.mean[0], w.unit * w.width
     coefficients, scores = dict(row["coefficients"]), dict(row["scores"])
     for i, s in enumerate(w.symbols):
         own = {"alone": alone["coefficients"][s]["value"], "alone_std": alone["coefficients"][s]["std"]}
@@ -313,7 +320,7 @@ def write_tables(fleet: Fleet, folder: Path) -> None:
 
 PAGE = "fleet.html"
 SHOWN = 12
-"""Coefficients in the table of a group of sisters, and in what moved."""
+"""Coefficients in the table of a group of sisters, and in what moved. Set by hand."""
 SISTERLY = 0.01
 """Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand."""
 
@@ -322,12 +329,12 @@ def write_page(fleet: Fleet, folder: Path) -> None:
     """Write the page of ``fleet`` into its ``folder``; what cannot be made is a warning."""
     moved = Counter(symbol for row in fleet.rows for symbol in row["moved"])
     with FigureFolder(folder).making(PAGE):
-        text = page.environment("mmg_ident.fleet").get_template("fleet.html.j2").render(
+        text = page.rendered(
+            "fleet", "mmg_ident.fleet",
             fleet=fleet,
             rows=[_shown(row, folder) for row in fleet.rows],
             groups=[_group(group) for group in fleet.groups],
             moved=", ".join(f"{symbol} ({count})" for symbol, count in moved.most_common(SHOWN)),
-            version=versions()["mmg-ident"],
         )  # fmt: skip
         page.write_page(text, folder / PAGE)
 
@@ -358,7 +365,7 @@ def _distances(row: Mapping[str, Any], symbols: Sequence[str], key: str) -> str:
 def _group(group: SisterGroup) -> dict[str, Any]:
     """A group of sisters as the page shows it: coefficients by width, widest first, and each sister's distance."""
     w = group.widths
-    mean, error = w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
+    mean, error = group.mean
     values, errors = w.centre + w.unit * w.estimate, w.unit * w.std
     used = (w.estimate - w.mean) / w.used_width
     far = [sorted(range(len(w.symbols)), key=lambda i: -abs(row[i]))[:3] for row in used]

@@ -48,7 +48,7 @@ ALONE, DONE = "alone", "done"
 """Stages: sisters by their own trials, and every ship."""
 SITE = "site.toml"
 COARSER = 2.0
-"""Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time."""
+"""Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +112,7 @@ def run_fleet(
         for stage in (ALONE, DONE):
             (out / PARTS / stage).mkdir(parents=True, exist_ok=True)
     tasks = [FleetTask(ship, plan.options, out.absolute(), command) for ship in plan.ships]
+    # sisters alone come first: what all of them say together is part of what each is then fitted with
     alone = [task for task in tasks if task.ship.sisters]
     failures = _do(fit_alone, alone, ALONE, workers, progress)
     groups = _groups(plan, [task for task in alone if task.ship.name not in failures])

@@ -25,7 +25,7 @@ from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.report.parts import Store
-from fitting.report.run_folder import data_rows
+from fitting.report.run_folder import SCHEMA_VERSION, data_rows
 from fitting.settings import Settings
 from fitting.solvers.interrupts import interrupts_noted
 from mmg.errors import NoSolution, TooFewData, UserError
@@ -40,9 +40,10 @@ from residual.train import tasks_of, train_one
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
-"""Seconds after a start at which the growth of the error is read."""
+"""Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022)."""
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``."""
+"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by
+hand."""
 MINIMUM_SECONDS = 10.0
 """Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
@@ -425,6 +426,7 @@ def comparison_dict(found: Comparison, command: str) -> dict:
     """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
     return {
         "kind": "comparison",
+        "schema_version": SCHEMA_VERSION,
         "command": command,
         "models": list(found.study.models),
         "seeds": [found.study.seed + i for i in range(found.study.seeds)],

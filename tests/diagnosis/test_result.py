@@ -10,10 +10,11 @@ from typing import Any
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.findings import SCHEMA_VERSION, Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
+from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
 from diagnosis.report.page import build_report, figures_for
 from diagnosis.result import Diagnosis, read_diagnosis
 from fitting.report.plot_style import png_of
+from fitting.report.run_folder import SCHEMA_VERSION
 from mmg.errors import Missing, UserError
 from mmg.messages import Message
 from tests.diagnosis.report.test_report import case
@@ -123,7 +124,7 @@ def test_a_folder_is_replaced_only_when_asked(folder: Path, tmp_path: Path) -> N
     ("change", "words"),
     [
         ({"verdict": "perhaps"}, "diagnosis.json"),
-        ({"schema_version": 1}, "diagnosis.json: schema_version: .* 2"),
+        ({"schema_version": 2}, "diagnosis.json: schema_version: .* 1"),
         ({"remainder": "maybe", "next_test": 3}, r"remainder: .*; next_test: "),
         ({"candidates": [{"name": "tow"}]}, "candidates.0.score"),
     ],

@@ -10,8 +10,8 @@ import pytest
 import fitting.report.imo_form as module
 from cases.criteria.imo import imo_figures
 from fitting.prediction.bands import correlation_in
-from fitting.report.delivered import Delivered, delivery_sections
 from fitting.report.imo_form import drawn_maneuvers, standard_figures
+from fitting.report.use import Delivered, delivery_sections
 from tests.support.calibrated import small_result
 
 

@@ -19,10 +19,9 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.report import imo_form as imo_form_module
-from fitting.report.delivered import Delivered
 from fitting.report.imo_form import drawn_maneuvers, imo_form, standard_figures
 from fitting.report.page import build_page, needs_weasyprint, write_pdf
-from fitting.report.use import FAILED, FULFILLED, UNKNOWN, beaufort, condition_rows, limit_rows, use_rows
+from fitting.report.use import FAILED, FULFILLED, UNKNOWN, Delivered, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
 from mmg.ship import Ship

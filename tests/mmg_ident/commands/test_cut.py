@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from cases.io.read import read_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
+from tests.support.commands import shown
 from tests.support.long_records import long_record
 
 
@@ -20,18 +20,15 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_files_and_rows_are_those_of_the_manoeuvres(record: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_and_rows_are_those_of_the_manoeuvres(record: Path) -> None:
     out = record.parent / "parts"
-    assert main(["cut", str(record), "--out", str(out), "--length", "3", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["trials"]
+    rows = shown("cut", record, "--out", out, "--length", "3")["trials"]
     assert [(row["kind"], row["order"]) for row in rows] == [("turning", "35"), ("zigzag", "-20/10")]
     assert sorted(path.name for path in out.iterdir()) == [*(row["file"] for row in rows), "trials.toml"]
     for row, trial in zip(rows, read_trials(out), strict=True):
-        assert (trial.name, trial.kind, trial.t[0], trial.t[-1]) == tuple(
-            row[k] for k in ("name", "kind", "begin_s", "end_s")
-        )
-    assert main(["imo", str(out), "--length", "3", "--scale", "100", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["runs"][0]["figures"]["advance"] > 0
+        said = tuple(row[key] for key in ("name", "kind", "begin_s", "end_s"))
+        assert (trial.name, trial.kind, trial.t[0], trial.t[-1]) == said
+    assert shown("imo", out, "--length", "3", "--scale", "100")["runs"][0]["figures"]["advance"] > 0
 
 
 def test_a_folder_with_files_is_kept_unless_forced(record: Path, tmp_path: Path) -> None:
@@ -58,8 +55,6 @@ def test_a_raw_log_is_refused_with_the_command_that_reads_it(
 def test_a_record_without_manoeuvres_leaves_nothing(tmp_path: Path) -> None:
     record, times, _ = long_record("esso_osaka_3m", ["turning:35"], 0.5)
     rows = record.t < times[0]
-    write_trial(
-        record.with_columns(**{name: values[rows] for name, values in record.columns.items()}), tmp_path / "a.csv"
-    )
+    write_trial(record.with_columns(**{k: values[rows] for k, values in record.columns.items()}), tmp_path / "a.csv")
     assert main(["cut", str(tmp_path / "a.csv"), "--out", str(tmp_path / "out")]) == 2
     assert not (tmp_path / "out").exists()

@@ -9,17 +9,11 @@ from typing import Any
 
 import pytest
 
-from cases.io.read import read_trials
-from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, compare_with_truth, hidden_ship
-from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from fitting.calibrate import FitOptions
-from fitting.settings import Settings
 from mmg_ident import calibrate
 from mmg_ident.commands.demo import STEP, campaign, moral
 from mmg_ident.commands.main import main
-from tests.support.synthetic_runs import runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 DIFFER = {"created", "command", "timings_s", "passes", "starts"}
@@ -35,35 +29,6 @@ def content_of(folder: Path) -> dict[str, Any]:
 def files_of(folder: Path) -> list[str]:
     """Names of all files of a run folder."""
     return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
-
-
-@pytest.mark.slow
-def test_the_command_and_a_notebook_leave_the_same_folder(tmp_path: Path) -> None:
-    train, held_out = runs()
-    for name, trials in (("train", train[:1]), ("held_out", held_out[:1])):
-        (tmp_path / name).mkdir()
-        for trial in trials:
-            write_trial(trial, tmp_path / name / f"{trial.name}.csv")
-    for name in ("command", "notebook"):
-        (tmp_path / name).mkdir()
-    data = [str(tmp_path / "train"), "--validate", str(tmp_path / "held_out")]
-    chosen = ["--only", "X_0F,Y_v,N_r", "--no-next-trial"]
-    assert main(["fit", "esso_osaka_3m", *data, *chosen, "--out", str(tmp_path / "command" / "run")]) == 0
-    ship = load_ship("esso_osaka_3m")
-    ship = ship.fixing([s for s in ship.symbols if s not in ("X_0F", "Y_v", "N_r")])
-    result = calibrate(
-        ship,
-        read_trials([tmp_path / "train"]),
-        read_trials([tmp_path / "held_out"]),
-        Settings(),
-        FitOptions(next_trial=False),
-    )
-    result.save(tmp_path / "notebook" / "run")
-    command, notebook = (tmp_path / name / "run" for name in ("command", "notebook"))
-    assert files_of(command) == files_of(notebook)
-    assert content_of(command) == content_of(notebook)
-    ships = [(folder / "ship.toml").read_text() for folder in (command, notebook)]
-    assert ships[0] == ships[1]
 
 
 def test_the_truth_lies_in_its_own_intervals() -> None:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,29 +25,18 @@ from mmg.ship import Ship
 from mmg_ident import simulate
 from mmg_ident.commands.main import main
 from tests.diagnosis.report.test_report import case
-from tests.mmg_ident.commands.test_main import refused
-from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials
+from tests.support.commands import refused, shown
+from tests.support.diagnosis_cases import FEW, pushed_trials
 from tests.support.figures import unrendered
 
 EFFECT = "current:x=0.03,y=-0.02"
 OPTIONS = ["--step", "1", "--no-learn"]
-PLAIN = {"verdict": str, "effects": list, "equivalence_class": list, "remainder": bool, "candidates": list,
-         "where": dict, "held_out": dict, "next_test": str, "warnings": list}  # fmt: skip
-"""Key of diagnosis.json -> its type, as files of this schema hold it."""
 
 
 def calibrated() -> Ship:
     """A ship as ``mmg fit`` would leave it: its priors are kept beside its estimates."""
     rows = {s: FEW.coefficients[s] for s in FEW.free}
     return FEW.with_coefficients({s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in rows.items()})
-
-
-def shown(verb: str, *arguments: object) -> dict[str, Any]:
-    """Run a command with --json; its document."""
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        assert main([verb, *(str(a) for a in arguments), "--json"]) == 0
-    return json.loads(out.getvalue())
 
 
 @pytest.fixture(scope="module")
@@ -75,22 +61,13 @@ def content(folder: Path) -> dict[str, Any]:
     return shown("diagnose", folder / "ship.toml", folder / "train", *where, *OPTIONS)
 
 
-def assert_parameters(rows: dict[str, Any]) -> None:
-    for row in rows.values():
-        assert set(row) == {"value", "std", "unit"} and isinstance(row["unit"], str)
-        assert isinstance(row["value"], float) and row["std"] > 0
-
-
-def test_the_effect_is_named_with_the_keys_of_the_contract(content: dict[str, Any]) -> None:
-    assert {k: type(content[k]) for k in PLAIN} == PLAIN
+def test_the_effect_is_named_with_its_size(content: dict[str, Any]) -> None:
     assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
-    for e in content["effects"]:
-        assert {"name", "parameters", "p_value", "delta_bic", "absorbed_share"} <= set(e)
-        assert 0 <= e["p_value"] < 0.03 and e["evidence"] > ODDS and 0 <= e["absorbed_share"] <= 1
-        assert_parameters(e["parameters"])
-    x, y = (content["effects"][0]["parameters"][k]["value"] for k in "xy")
+    (effect,) = content["effects"]
+    assert 0 <= effect["p_value"] < 0.03 and effect["evidence"] > ODDS and 0 <= effect["absorbed_share"] <= 1
+    x, y = (effect["parameters"][k]["value"] for k in "xy")
     assert (x, y) == pytest.approx((0.03, -0.02), abs=0.004)
-    assert content["effects"][0]["parameters"]["x"]["unit"] == "m/s"
+    assert all(row["unit"] == "m/s" and row["std"] > 0 for row in effect["parameters"].values())
     assert all(name in EFFECTS for name in content["equivalence_class"])
 
 
@@ -104,29 +81,22 @@ def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> Non
 
 def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
     names = [c["name"] for c in content["candidates"]]
-    assert len(names) == len(set(names))
+    assert len(names) == len(set(names)) and set(content["not_screened"]) == {"bank"}
     assert set(names) | set(content["not_screened"]) == set(EFFECTS) - {"gyro"}  # fitted along
-    assert set(content["not_screened"]) == {"bank"}
     for c in content["candidates"]:
-        assert {"name", "score", "p_value", "delta_bic", "excited", "absorbed_share"} <= set(c)
         assert c["score"] >= 0 and 0 <= c["p_value"] <= 1 and 0 <= c["absorbed_share"] <= 1
-        assert isinstance(c["excited"], bool) and (c["delta_bic"] is None or isinstance(c["delta_bic"], float))
-        assert_parameters(c["parameters"])
+        assert isinstance(c["excited"], bool) and all(row["std"] > 0 for row in c["parameters"].values())
     gains = [c["evidence"] for c in content["candidates"] if c["evidence"] is not None]
     assert len(gains) >= 6 and gains == sorted(gains, reverse=True) and names[0] == "current"
-    refitted = [c["delta_bic"] is not None for c in content["candidates"]]
-    assert refitted == sorted(refitted, reverse=True)
+    assert all(c["delta_bic"] is not None for c in content["candidates"][: len(gains)])
 
 
-def test_where_and_held_out_have_their_keys(content: dict[str, Any]) -> None:
+def test_shares_and_errors_add_up(content: dict[str, Any]) -> None:
     where, held = content["where"], content["held_out"]
-    assert {"channels", "phases", "regions", "bands"} <= set(where)
-    assert set(where["channels"]) == {"surge", "sway", "yaw"}
     assert all(c["force_rms"] > 0 and 0 <= c["share"] <= 1 for c in where["channels"].values())
     assert sum(c["share"] for c in where["channels"].values()) == pytest.approx(1.0)
-    assert where["phases"] and where["regions"] and where["bands"]
-    assert {row["channel"] for row in where["phases"]} <= set(where["channels"])
-    assert {"mse_before", "mse_after", "reduction", "interval_90", "windows"} <= set(held)
+    assert where["regions"] and where["bands"]
+    assert {row["channel"] for row in where["phases"]} <= set(where["channels"]) == {"surge", "sway", "yaw"}
     low, high = held["interval_90"]
     assert held["windows"] == 3 + 4 and 0 < low <= held["reduction"] <= high < 1
     assert held["reduction"] == pytest.approx(1 - held["mse_after"] / held["mse_before"])
@@ -222,53 +192,6 @@ def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Pat
     assert {c["name"] for c in content["candidates"]}.isdisjoint(content["not_screened"])
 
 
-def short(folder: Path) -> list[str | Path]:
-    trial = read_trial(folder / "train" / "zigzag.csv")
-    path = folder / "short.csv"
-    write_trial(replace(trial, columns={k: v[:60] for k, v in trial.columns.items()}), path)
-    return [folder / "ship.toml", path]
-
-
-def all_fixed(folder: Path) -> list[str | Path]:
-    path = folder / "fixed.toml"
-    path.write_text(dump_ship(SHIP.fixing(list(SHIP.symbols))))
-    return [path, folder / "train"]
-
-
-BAD: list[tuple[Callable[[Path], list[str | Path]], str]] = [
-    (lambda f: [f / "ship.toml", f / "nowhere.csv"], "nowhere.csv"),
-    (lambda f: [f / "ship.toml", f / "train", "--test", f / "no_test.csv"], "no_test.csv"),
-    (lambda f: [f / "nothing", f / "train"], "nothing: no such ship"),
-    (lambda f: [f / "train", f / "train"], "train: no such ship"),
-    (lambda f: [f / "no_ship.toml", f / "train"], "no_ship.toml"),
-    (short, "10"),
-    (all_fixed, "every coefficient is fixed"),
-    (lambda f: [f / "ship.toml", f / "train", "--without", "sails"], "--without sails"),
-    (lambda f: [f / "ship.toml", f / "train", "--without", "hull"], "--without hull"),
-    (lambda f: [f / "ship.toml", f / "train", "--step", "0"], "--step 0"),
-    (lambda f: [f / "ship.toml", f / "train", "--workers", "0"], "--workers 0"),
-    (lambda f: [f / "ship.toml", f / "train", "--site", f / "no_site.toml"], "no_site.toml"),
-    (lambda f: [f / "ship.toml", f / "train", "--site", f / "ship.toml"], "unknown section"),
-    (lambda f: [f / "ship.toml", f / "train", "--between", "weather"], "--between weather"),
-    (lambda f: [f / "ship.toml", f / "train", "--between", "day"], "--between day"),
-    (lambda f: [f / "ship.toml", f / "train", "--between", "folder"], "all trials are of one group"),
-    (lambda f: [f / "ship.toml"], "TRIAL"),
-]
-
-
-@pytest.mark.parametrize(("arguments", "words"), BAD, ids=[words for _, words in BAD])
-def test_bad_input_is_one_clear_line_and_writes_nothing(
-    arguments: Callable[[Path], list[str | Path]],
-    words: str,
-    folder: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    line = refused(capsys, "diagnose", *arguments(folder), "--out", tmp_path / "run")
-    assert words.lower() in line.lower() and "Traceback" not in line
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -328,16 +251,6 @@ def test_records_without_noise_and_tests_that_are_too_short_are_concluded_from_w
     assert {"no_noise", "tests_too_short"} <= set(said) and "no_tests" not in said
     assert content["verdict"] in ("none", "named", "unknown") and content["held_out"] is None
     assert "NaN" not in (tmp_path / "run" / "diagnosis.json").read_text()
-
-
-def test_a_folder_that_exists_is_never_overwritten(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "precious.txt").write_text("mine")
-    line = refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
-    assert "--out" in line
-    assert [p.name for p in (tmp_path / "run").iterdir()] == ["precious.txt"]
 
 
 def made(monkeypatch: pytest.MonkeyPatch, verdict: str) -> None:

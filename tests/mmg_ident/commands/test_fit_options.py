@@ -39,23 +39,3 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(folder: Path) -> None:
     result = json.loads((folder / "run" / "result.json").read_text())
     assert result["settings"]["loss"] == "student" and 1 <= result["condition_number"] < 1e12
     assert len(result["starts"]) == 2 and result["starts"][1]["apart"] == {}
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--loss", "absolute"], "--loss"),
-        (["--run-weight", "0"], "--run-weight 0"),
-        (["--run-weight", "0.5", "--sigma", "1,1,1,1,1,1"], "--sigma"),
-        (["--captive", "nowhere.csv"], "nowhere.csv"),
-        (["--captive-sigma", "1,1,1"], "--captive"),
-    ],
-)
-def test_bad_options_are_one_clear_line(
-    folder: Path, options: list[str], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    capsys.readouterr()
-    assert main(["fit", "esso_osaka_3m", str(folder / "train"), "--out", str(folder / "none"), *options]) == 2
-    line = capsys.readouterr().err.strip()
-    assert words in line and "\n" not in line
-    assert not (folder / "none").exists()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import mmg_ident
-from fitting.settings import Settings
+from fitting.settings import Rules, Settings, Wish
 from mmg.errors import UnknownName
 from mmg_ident.commands.main import PANELS, VERBS, main
 from mmg_ident.settings import GONE, checked_settings, given_settings, settings_of
@@ -46,6 +46,7 @@ def test_the_first_page_has_every_verb_in_its_panel(capsys: pytest.CaptureFixtur
 def test_options_stand_in_panels_that_read_at_a_glance(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     lines = page(capsys, verb)
     found = panels(lines)
+    assert "\n".join(lines).encode("cp1252")  # on every console of Windows
     assert all(len(rows) <= MOST for rows in found.values()) and len(lines) <= 60
     assert all(len(line) <= 80 for line in lines) and any("Example:" in line for line in lines)
     options = [row for title, rows in found.items() if title != "Arguments" for row in rows]
@@ -57,7 +58,7 @@ def test_the_help_of_fit_fits_on_two_screens(capsys: pytest.CaptureFixture[str])
     assert len(lines) <= 50 and list(panels(lines)) == ["Arguments", "Options", "Model", "Estimate", "Solver"]
 
 
-@pytest.mark.parametrize("kind", [Settings, BlackBoxSettings])
+@pytest.mark.parametrize("kind", [Settings, Rules, Wish, BlackBoxSettings])
 def test_every_default_lies_within_its_limits(kind: type) -> None:
     values = {name: field.default for name, field in settings_of(kind).items()}
     assert checked_settings(kind, values) == values

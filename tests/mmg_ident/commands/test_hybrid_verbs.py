@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.support import hybrids
 from tests.support.calibrated import small_result
+from tests.support.commands import shown
 
 QUICK = ["--seeds", "1", "--epochs", "1", "--width", "4", "--step", "1", "--keep", "always"]
 
@@ -70,12 +70,9 @@ def test_a_hybrid_is_diagnosed(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_plan_of_a_hybrid_moves_the_hybrid_with_the_noise_of_her_calibration(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["--area", "60x25", "--time", "45", "--effort", "0.02", "--time-limit", "0.5", "--json"]
-    assert main(["plan", str(folder / "run"), *words, "--out", str(tmp_path / "plan.csv")]) == 0
-    content = json.loads(capsys.readouterr().out)
+def test_a_plan_of_a_hybrid_moves_the_hybrid_with_the_noise_of_her_calibration(folder: Path, tmp_path: Path) -> None:
+    words = ["--area", "60x25", "--time", "45", "--effort", "0.02", "--time-limit", "0.5"]
+    content = shown("plan", folder / "run", *words, "--out", tmp_path / "plan.csv")
     assert all(row["std_after"] <= row["std_before"] for row in content["wanted"].values())
     kept = mi.load_run(folder / "run").to_dict()["calibration"]
     fit = mi.load_run(folder / "fit").to_dict()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -14,6 +15,7 @@ from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
 
+ROOT = Path(__file__).parents[3]
 FEW = ["--only", "X_0F", "--no-next-trial", "--measurement", "none", "--window", "10", "--max-iterations", "2"]
 
 
@@ -55,6 +57,25 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
     made = run(folder, "predict", "esso_osaka_3m", "trials", "--window", "30", "--out", "full", before=small)
     assert made.returncode == 2 and len(made.stderr.strip().splitlines()) == 1 and "written" in made.stderr
     assert sorted(p.name for p in folder.iterdir()) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("ulimit -v 600000; $MMG fit esso_osaka_3m trials --out out", "586"),
+        ("$MMG ships > /dev/full", os.strerror(errno.ENOSPC)),
+        ("$MMG simulate esso_osaka_3m --maneuver turning:35 --out $(printf 'a%.0s' $(seq 300)).csv", "a" * 50),
+        ("$MMG predict esso_osaka_3m trials --out /proc/1/x", "/proc/1/"),
+    ],
+)
+def test_faults_of_the_machine_are_one_line(command: str, said: str, folder: Path) -> None:
+    environment = {**os.environ, "MMG": f"{sys.executable} -m mmg_ident.commands.main", "PYTHONPATH": str(ROOT)}
+    before = sorted(folder.iterdir())
+    done = subprocess.run(["sh", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
+    lines = done.stderr.strip().splitlines()
+    assert done.returncode == 2 and len(lines) == 1 and said in lines[0], done
+    assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.slow

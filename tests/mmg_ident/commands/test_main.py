@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +17,7 @@ import pytest
 import mmg_ident.commands.main
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import expand, main
+from tests.support.commands import refused, shown
 from tests.support.synthetic_runs import runs
 from tests.support.trial_files import motion_columns, write_csv
 
@@ -41,15 +42,6 @@ def fit(folder: Path, out: Path, *more: str | Path) -> list[str]:
     """A calibration on the training trials into the run folder ``out``, without advice on the next trial."""
     given = ["fit", "esso_osaka_3m", folder / "train", "--no-next-trial", "--out", out, *more]
     return [str(word) for word in given]
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
-    """Run a command that must be refused; returns its one line."""
-    capsys.readouterr()
-    assert main([str(a) for a in arguments]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith("mmg: "), lines
-    return lines[0]
 
 
 def test_names_of_trials_are_no_paths(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -90,21 +82,6 @@ def test_the_version_is_that_of_the_distribution(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().out.split() == ["mmg-ident", mmg_ident.__version__]
 
 
-def test_help_needs_neither_casadi_nor_torch() -> None:
-    code = (
-        "import sys; from mmg_ident.commands.main import main; main(['--help']); main(['fit', '--help']);"
-        "sys.exit(any(name in sys.modules for name in ('casadi', 'torch', 'pandas', 'scipy', 'matplotlib')))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0 and "fit" in done.stdout
-
-
-@pytest.mark.parametrize("verb", ["demo", "ships", "check", "simulate", "fit", "predict", "score", "report"])
-def test_every_verb_has_help_with_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([verb, "--help"]) == 0
-    assert "Example" in capsys.readouterr().out
-
-
 def test_a_run_folder_is_complete(folder: Path) -> None:
     run = folder / "run"
     content = json.loads((run / "result.json").read_text())
@@ -117,13 +94,6 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
     assert content["figures"] and all((run / "figures" / f["file"]).exists() or (run / f["file"]).exists()
                                       for f in content["figures"])  # fmt: skip
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
-
-
-def test_the_same_command_on_the_same_data_gives_the_same_result(folder: Path, tmp_path: Path) -> None:
-    assert main(fit(folder, tmp_path / "again")) == 0
-    first, second = (json.loads((p / "result.json").read_text()) for p in (folder / "run", tmp_path / "again"))
-    assert first["objective"] == second["objective"]
-    assert first["coefficients"] == second["coefficients"]
 
 
 def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
@@ -143,19 +113,14 @@ def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
     assert len(files) == 2 and all(file.read_text().splitlines()[0] == bare for file in files)
 
 
-def test_scores_of_several_models_come_side_by_side(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scores_of_several_models_come_side_by_side(folder: Path) -> None:
     arguments = ["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv")]
-    capsys.readouterr()
-    assert main([*arguments, "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)["models"]
+    data = shown(*arguments)["models"]
     before, after = data["esso_osaka_3m"], data[str(folder / "run")]
     assert after["window"] < before["window"] and before["sigma"] == after["sigma"]
     assert set(before["sigma"]) == {"x", "y", "psi", "u", "v", "r"}
-    assert main([*arguments, "--sigma", "1,1,1,1,1,1", "--json"]) == 0
-    other = json.loads(capsys.readouterr().out)["models"]["esso_osaka_3m"]
+    other = shown(*arguments, "--sigma", "1,1,1,1,1,1")["models"]["esso_osaka_3m"]
     assert set(other["sigma"].values()) == {1.0} and other["sigma_from"] == "--sigma"
-    assert main(arguments) == 0
-    assert "sigma" in capsys.readouterr().out
 
 
 @pytest.mark.slow
@@ -180,34 +145,6 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
     prior = {k: (v["prior_value"], v["prior_std"]) for k, v in whole["coefficients"].items()}
     assert prior == {k: (v["prior_value"], v["prior_std"]) for k, v in after["coefficients"].items()}
     assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
-
-
-def shell(command: str, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """``mmg`` as $MMG in a shell ``command`` with ``arguments``."""
-    environment = {**os.environ, "MMG": f"{sys.executable} -m mmg_ident.commands.main", "PYTHONPATH": str(ROOT)}
-    words = ["sh", "-c", command, "sh", *map(str, arguments)]
-    return subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60)
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
-@pytest.mark.parametrize(
-    ("command", "said"),
-    [
-        ("ulimit -v 600000; $MMG fit esso_osaka_3m $1 --out $2", "586"),
-        ("$MMG ships > /dev/full", os.strerror(errno.ENOSPC)),
-        (
-            "$MMG simulate esso_osaka_3m --maneuver turning:35 --out ${1%/*}/$(printf 'a%.0s' $(seq 300)).csv",
-            "a" * 50,
-        ),
-        ("$MMG predict esso_osaka_3m $1 --out /proc/1/x.csv", "/proc/1/"),
-    ],
-)
-def test_faults_of_the_machine_are_one_line(command: str, said: str, tmp_path: Path) -> None:
-    trial = write_csv(tmp_path / "a.csv", motion_columns(60.0), rows=None)
-    done = shell(command, trial, tmp_path / "out")
-    lines = done.stderr.strip().splitlines()
-    assert done.returncode == 2 and len(lines) == 1 and said in lines[0], done
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends SIGTERM")
@@ -302,31 +239,6 @@ def test_bad_trials_are_refused_in_one_line_and_nothing_is_written(change, words
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
 
 
-def test_text_in_a_number_and_unknown_units_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write_csv(tmp_path / "bad.csv", motion_columns(60.0), rows=None)
-    text = path.read_text()
-    path.write_text(text.replace("u [m/s]", "u [furlong/fortnight]"))
-    assert "furlong" in refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
-    rows = text.splitlines()
-    rows[5] = "abc" + rows[5][rows[5].index(",") :]
-    path.write_text("\n".join(rows))
-    assert "abc" in refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
-
-
-def test_bad_ships_are_refused(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    good = (ROOT / "cases" / "ships" / "esso_osaka_3m.toml").read_text()
-    cases = {
-        "unknown coefficient": good.replace("[coefficients.Y_v]", "[coefficients.Y_vvvv]"),
-        "below": good.replace("lower = 0.04203\nupper = 0.05137", "lower = 0.06\nupper = 0.05"),
-        "not a valid TOML": "ship = ",
-    }
-    for words, text in cases.items():
-        ship = tmp_path / "ship.toml"
-        ship.write_text(text)
-        assert words in refused(capsys, "fit", ship, folder / "train", "--out", tmp_path / "run")
-    refused(capsys, "fit", "nobody", folder / "train", "--out", tmp_path / "run")
-
-
 def test_bounds_that_exclude_their_value_are_repaired_with_a_notice(folder, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
     text = (ROOT / "cases" / "ships" / "esso_osaka_3m.toml").read_text()
     ship = tmp_path / "ship.toml"
@@ -334,23 +246,6 @@ def test_bounds_that_exclude_their_value_are_repaired_with_a_notice(folder, tmp_
     arguments = ["fit", str(ship), str(folder / "train"), "--out", str(tmp_path / "run"), "--max-iterations", "0"]
     main(arguments)
     assert "[0.5, 1.5]" in capsys.readouterr().err
-
-
-def test_targets_that_exist_or_cannot_be_written_are_refused(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
-    refused(capsys, "fit", "esso_osaka_3m", folder / "train", "--out", folder / "run")
-    (tmp_path / "file").write_text("x")
-    refused(capsys, "fit", "esso_osaka_3m", folder / "train", "--out", tmp_path / "file" / "run")
-    assert (tmp_path / "file").read_text() == "x"
-
-
-def test_wrong_usage_exits_2_in_one_line(capsys: pytest.CaptureFixture[str], folder: Path, tmp_path: Path) -> None:
-    assert "no-such-option" in refused(capsys, "fit", "--no-such-option")
-    refused(capsys, "nonsense")
-    refused(capsys, "score", folder / "held_out.csv")
-    refused(capsys, "score", "esso_osaka_3m")
-    for option, value in (("--window", "-3"), ("--fix", "Z_z"), ("--without", "sails"), ("--sigma", "1,2")):
-        refused(capsys, "fit", "esso_osaka_3m", folder / "train", option, value, "--out", tmp_path / "run")
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow
@@ -363,8 +258,6 @@ def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_role_in_the_sidecar_keeps_a_trial_out_of_the_training(folder: Path, tmp_path: Path) -> None:
-    import shutil
-
     shutil.copytree(folder / "train", tmp_path / "train")
     files = sorted((tmp_path / "train").glob("*.csv"))
     (tmp_path / "train" / "trials.toml").write_text(f'[files."{files[0].name}"]\nrole = "test"\n')
@@ -384,15 +277,37 @@ def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tm
     assert verdicts["broken"] == "contradictory" and verdicts["held_out"] == "ok" and len(err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("verb", ["check", "fit"])
+def test_all_problems_of_a_folder_stand_in_one_table(verb: str, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    good = motion_columns(60.0)
+    (tmp_path / "set").mkdir()
+    write_csv(tmp_path / "set" / "good.csv", good, rows=None)
+    write_csv(tmp_path / "set" / "short.csv", {name: column[:1] for name, column in good.items()}, rows=None)
+    rows = (tmp_path / "set" / "good.csv").read_text().splitlines()
+    rows[5] = "abc" + rows[5][rows[5].index(",") :]
+    (tmp_path / "set" / "text.csv").write_text("\n".join(rows))
+    given = [verb, *(["esso_osaka_3m", "--out", str(tmp_path / "run")] if verb == "fit" else []), str(tmp_path / "set")]
+    assert main(given) == 2
+    heads, short, text, *_, last = capsys.readouterr().err.splitlines()
+    place, problem = heads.index("place"), heads.index("problem")
+    assert short.startswith("short.csv") and not short[place:problem].strip() and short[problem:]
+    assert text.startswith("text.csv") and "row 5" in text[place:problem] and "abc" in text[problem:]
+    assert "2 of 3" in last
+    assert main([*given, "--json"]) == 2 and len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_run_of_another_schema_is_refused_with_key_and_version(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+    content = json.loads((folder / "run" / "result.json").read_text())
+    (tmp_path / "ship.toml").write_bytes((folder / "run" / "ship.toml").read_bytes())
+    (tmp_path / "result.json").write_text(json.dumps(content | {"schema_version": 2}))
+    for words in (["predict", tmp_path, folder / "train", "--out", tmp_path / "p"], ["report", tmp_path]):
+        line = refused(capsys, *words)
+        assert "result.json" in line and "schema_version = 2" in line
+
+
 def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held_out = folder / "held_out.csv"
     out = tmp_path / "p.csv"
     refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "500", "--stride", "10", "--out", out)
     assert "--window" in refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "nan", "--out", out)
     assert not out.exists()
-
-
-def test_a_demo_that_cannot_be_written_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").write_text("x")
-    refused(capsys, "demo", "--out", tmp_path / "file" / "demo")
-    refused(capsys, "demo", "--out", tmp_path)

@@ -11,9 +11,11 @@ import pytest
 
 from mmg.effects import EFFECTS
 from mmg_ident.commands.main import main
+from tests.support.commands import shown
 from tests.support.operation_logs import sailed, write_log
 
 HOURS, CHANGED = 6.0, 3.0
+OPTIONS = ["--ship", "esso_osaka_3m", "--no-fit", "--out"]
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +30,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def run(log: Path) -> Path:
     out = log.parent / "run"
-    assert main(["months", str(log), "--ship", "esso_osaka_3m", "--out", str(out), "--no-fit"]) == 0
+    shown("months", log, *OPTIONS, out)
     return out
 
 
@@ -40,16 +42,14 @@ def test_a_change_is_named_and_dated(run: Path) -> None:
     assert len(content["log"]["left_out"]) == 1 and "day=05" in content["log"]["left_out"][0]
 
 
-def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path) -> None:
     columns, late = sailed(HOURS, seed=5), 0.8
     after = columns["t"] >= 3600 * CHANGED
     about = SimpleNamespace(T=late, share=0.0)
     motion = [columns[name][after] for name in ("x", "y", "psi", "u", "v", "r")]
     columns["r"][after] = EFFECTS["gyro"].samples(columns["t"][after], motion, None, about, None)[5]  # type: ignore[arg-type]
     write_log(tmp_path / "log", columns, 3)
-    words = ["months", str(tmp_path / "log"), "--ship", "esso_osaka_3m", "--out", str(tmp_path / "run"), "--no-fit"]
-    assert main([*words, "--json"]) == 0
-    first = json.loads(capsys.readouterr().out)["changes"][0]
+    first = shown("months", tmp_path / "log", *OPTIONS, tmp_path / "run")["changes"][0]
     assert (first["name"], first["kind"]) == ("gyro.T", "step") and abs(24 * first["begin_day"] - CHANGED) < 0.2
     assert first["size"] == pytest.approx(late, rel=0.15)
 
@@ -64,10 +64,9 @@ def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_command_finds_the_same(log: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["months", str(log), "--ship", "esso_osaka_3m", "--out", str(log.parent / "again"), "--no-fit", "--json"]
-    assert main(words) == 0
-    again, first = json.loads(capsys.readouterr().out), json.loads((run / "months.json").read_text())
+def test_the_same_command_finds_the_same(log: Path, run: Path) -> None:
+    again = shown("months", log, *OPTIONS, log.parent / "again")
+    first = json.loads((run / "months.json").read_text())
     assert again["changes"] == first["changes"] and again["scores"] == first["scores"]
 
 
@@ -80,27 +79,3 @@ def test_windows_that_tell_most_are_fitted(log: Path) -> None:
     assert len(content["subset"]["windows"]) <= 6 and content["subset"]["log_det"] < content["subset"]["log_det_all"]
     assert content["scores"]["after"]["u"] < 1.2 * content["scores"]["before"]["u"]
     assert {"ship.toml", "result.json", "report.html", "months.html"} <= {path.name for path in out.iterdir()}
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["absent"], "absent"),
-        (["."], ".parquet"),
-        ([".", "--windows", "0"], "--windows"),
-        ([".", "--time-limit", "-1"], "--time-limit -1"),
-    ],
-)
-def test_bad_input_is_one_line(
-    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["months", *words, "--ship", "esso_osaka_3m", "--out", "run"]) == 2
-    err = capsys.readouterr().err
-    assert said in err and len(err.strip().splitlines()) == 1 and not (tmp_path / "run").exists()
-
-
-def test_a_log_of_other_units_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    columns = sailed(0.5)
-    write_log(tmp_path / "log", {**columns, "delta": 57.3 * columns["delta"]}, 1)
-    assert main(["months", str(tmp_path / "log"), "--ship", "esso_osaka_3m", "--out", str(tmp_path / "run")]) == 2

@@ -17,7 +17,7 @@ from cases.shipfiles.ship_json import dump_ship_json
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from fitting.result import read_fit
-from mmg.errors import BadValue, UserError
+from mmg.errors import BadValue
 from mmg.ship import CalibrationMark
 from mmg_ident.commands.main import app
 
@@ -94,14 +94,6 @@ def test_files_without_a_mark_are_read_and_marks_come_back_whole() -> None:
     assert ship.mark is None and ship.title == "esso_osaka_3m" and "[calibration]" not in dump_ship(ship)
     marked = replace(ship, mark=CalibrationMark("first", "2026-11-23", "1a2b" * 16, "esso_osaka_3m"))
     assert parse_ship(dump_ship(marked)) == marked
-    content = json.loads(dump_ship_json(marked))
-    assert content["calibration"]["name"] == "first"
-
-
-@pytest.mark.parametrize("name", ["../x", "a/b", "\x07"])
-def test_a_name_that_is_a_path_is_refused_before_anything_is_read(name: str, tmp_path: Path) -> None:
-    words = ["fit", "esso_osaka_3m", str(tmp_path / "none.csv"), "--out", str(tmp_path / "run"), "--name", name]
-    error = CliRunner().invoke(app, words).exception
-    assert isinstance(error, UserError) and str(error).startswith("--name") and not (tmp_path / "run").exists()
+    assert json.loads(dump_ship_json(marked))["calibration"]["name"] == "first"
     with pytest.raises(BadValue):
-        CalibrationMark(name)
+        CalibrationMark("a/b")

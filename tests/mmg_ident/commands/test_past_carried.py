@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,6 +26,7 @@ from residual.result import read_training
 from residual.settings import TrainSettings
 from tests.fitting.prediction.test_worth_of_past import PAID, runs
 from tests.support.calibrated import small_result
+from tests.support.commands import shown
 from tests.support.figures import unrendered
 
 KNOWN = ("coefficients", "correlation", "bands", "adaptation", "campaigns")
@@ -53,13 +53,6 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def shown(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    """The document that a command prints with --json."""
-    capsys.readouterr()
-    assert main([*(str(a) for a in arguments), "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def breaks_down(*given: object) -> None:
     """In place of a fit that takes long: a diagnosis then says that nothing can be said."""
     raise BrokenModelError("it explodes")
@@ -76,14 +69,12 @@ def test_a_training_has_what_its_calibration_knows_of_predictions(root: Path, ou
     assert {key: read_result(saved).get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
 
 
-def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(
-    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(root: Path, tmp_path: Path) -> None:
     common = (root / "trials" / "run0.csv", "--window", "30", "--stride", "15", "--out")
     tables, pasts = {}, {}
     for name in ("run", "declined", "declined/hybrid", "always", "always/calibrated"):
         out = tmp_path / f"{name.replace('/', '_')}.csv"
-        pasts[name] = shown(capsys, "predict", root / name, *common, out)["past_s"]
+        pasts[name] = shown("predict", root / name, *common, out)["past_s"]
         tables[name] = out.read_text()
     assert set(pasts.values()) == {30.0}
     assert tables["run"] == tables["declined"] == tables["always/calibrated"]
@@ -92,16 +83,13 @@ def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(
     assert len(header) == 1 and "x_std" in header.pop(), "bands go along"
 
 
-def test_score_compares_models_with_as_much_past(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_score_compares_models_with_as_much_past(root: Path) -> None:
     models = ("esso_osaka_3m", str(root / "run"), str(root / "declined" / "hybrid"))
-    found = shown(capsys, "score", *models, root / "trials" / "run0.csv")
+    found = shown("score", *models, root / "trials" / "run0.csv")
     assert found["past_s"] == 30.0
     past = {name: score["past_s"] for name, score in found["models"].items()}
     assert past == {name: 0.0 for name in models} | {f"{name} --adapt 30": 30.0 for name in models}
-    assert main(["score", *models, str(root / "trials" / "run0.csv")]) == 0
-    words = " ".join(capsys.readouterr().out.split())
-    assert "esso_osaka_3m --adapt 30" in words
-    bare = shown(capsys, "score", *models, root / "trials" / "run0.csv", "--adapt", "0")
+    bare = shown("score", *models, root / "trials" / "run0.csv", "--adapt", "0")
     assert bare["past_s"] == 0.0 and set(bare["models"]) == set(models)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
+from tests.support.commands import shown
 
 
 @pytest.fixture(scope="module")
@@ -19,13 +21,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_plan_stays_inside_and_simulate_follows_it(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_stays_inside_and_simulate_follows_it(run: Path, tmp_path: Path) -> None:
     out, again = tmp_path / "next.csv", tmp_path / "again.csv"
-    words = ["plan", str(run), "--area", "60x25", "--time", "60", "--effort", "0.05", "--out", str(out), "--json"]
-    assert main(words) == 0
-    plan = json.loads(capsys.readouterr().out)
+    plan = shown("plan", run, "--area", "60x25", "--time", "60", "--effort", "0.05", "--out", out)
     assert plan["calibration"]["name"] == "run"
     assert plan["mean_log_variance"] < 0 and (tmp_path / "next.png").stat().st_size > 10_000
     assert all(row["std_after"] <= row["std_before"] for row in plan["wanted"].values())
@@ -38,37 +36,7 @@ def test_a_plan_stays_inside_and_simulate_follows_it(
     assert np.abs(followed[["x", "y"]].to_numpy() - table[["x", "y"]].to_numpy()).max() < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--area", "2x1"], "--area 2x1"),
-        (["--area", "sixty"], "length x width"),
-        (["--coefficients", "Y_vvv"], "Y_vvv"),
-        (["--coefficients", "A_1"], "A_1"),
-        (["--figures", "beauty"], "beauty"),
-        (["--coefficients", "Y_v", "--figures", "advance"], "--figures"),
-        (["--time", "1"], "--time"),
-        (["--speed-limit", "90"], "--speed-limit"),
-        (["--start", "5:12"], "x:y:heading"),
-        (["--start", "90:5:0"], "--start"),
-        (["--rudder-limit", "90"], "--rudder-limit"),
-        (["--time-limit", "0"], "--time-limit"),
-        (["--effort", "0"], "--effort"),
-    ],
-)
-def test_bad_input_is_one_line(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
-) -> None:
-    given = ["plan", str(run), "--out", str(tmp_path / "a.csv"), "--area", "60x25", "--time", "60", *words]
-    assert main(given) == 2
-    told = capsys.readouterr().err.strip().splitlines()
-    assert len(told) == 1 and said in told[0]
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_run_without_covariance_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import shutil
-
+def test_a_run_without_covariance_is_refused(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, tmp_path / "run")
     path = tmp_path / "run" / "result.json"
     content = json.loads(path.read_text())

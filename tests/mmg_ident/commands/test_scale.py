@@ -14,6 +14,7 @@ from cases.simulation.simulate import write_trial
 from fitting.result import read_fit
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
+from tests.support.commands import shown
 
 
 @pytest.fixture(scope="module")
@@ -71,41 +72,15 @@ def test_the_ship_is_predicted_and_exported(folder: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path) -> None:
     run = str(folder / "ship")
-    assert main(["imo", run, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["ship"] == "esso_osaka_3m_325m"
+    assert shown("imo", run)["ship"] == "esso_osaka_3m_325m"
     assert main(["report", run, "--no-imo", "--out", str(tmp_path / "page.html")]) == 0
     assert main(["simulate", run, "--maneuver", "turning:35", "--scatter", "4"]) == 0
 
 
-def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["scale", "kvlcc2_l7", "--length", "320", "--name", "KVLCC2", "--json", "--out", str(tmp_path / "run")]
-    assert main(arguments) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path) -> None:
+    found = shown("scale", "kvlcc2_l7", "--length", "320", "--name", "KVLCC2", "--out", tmp_path / "run")
     assert found["ship"] == "KVLCC2" and found["scaling"]["model"]["trials"] == []
     assert found["scaling"]["model"]["status"] == "not calibrated"
     assert set(found["correlation"]["symbols"]) == set(found["coefficients"])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["mariner", "--length", "5"], "--froude-only"),
-        (["nothing", "--length", "5"], "nothing"),
-        (["kvlcc2_l7", "--length", "-3"], "--length -3"),
-        (["kvlcc2_l7", "--length", "320", "--form-factor", "7"], "--form-factor 7"),
-        (["kvlcc2_l7", "--length", "320", "--name", "../x"], "name"),
-    ],
-)
-def test_bad_input_is_one_line(
-    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["scale", *arguments, "--out", str(tmp_path / "run")]) == 2
-    told = capsys.readouterr().err.strip()
-    assert words in told and "\n" not in told
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_existing_folder_is_kept(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["scale", "kvlcc2_l7", "--length", "320", "--out", str(folder / "ship")]) == 2

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from mmg_ident.commands.main import main
+from tests.support.commands import shown
 
 
 def test_the_list_has_the_counts_of_the_paper(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["select", "vectwin_3m", "--list", "--json"]) == 0
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["candidates"]}
+    rows = {row["name"]: row for row in shown("select", "vectwin_3m", "--list")["candidates"]}
     counts = {name: rows[name]["unknowns"] for name in rows if name.startswith(("sm2", "sm3", "sm4"))}
     wanted = {"sm2-order2": 133, "sm3-order2": 193, "sm4-order2": 253, "sm2-order3": 413, "sm3-order3": 613}
     assert wanted.items() <= counts.items()
@@ -27,8 +26,7 @@ def test_terms_are_printed_with_their_monomials(capsys: pytest.CaptureFixture[st
     assert main(["select", "esso_osaka_3m", "--terms", "quadrants-order1"]) == 0
     text = capsys.readouterr().out
     assert "X: 12 terms" in text
-    assert main(["select", "esso_osaka_3m", "--terms", "quadrants-order1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = shown("select", "esso_osaka_3m", "--terms", "quadrants-order1")
     assert len(found["terms"]) == 36 and found["unknowns"] == 49
 
 
@@ -40,26 +38,3 @@ def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> N
     assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]) == 2
     assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--hard", "--out", str(out), "--force"]) == 0
     assert load_ship(out).components == {"expansion": "hard_submodels"}
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["esso_osaka_3m"], "trials"),
-        (["esso_osaka_3m", "--terms", "sm9"], "'sm9'"),
-        (["esso_osaka_3m", "--write", "sm1-order1"], "--out"),
-        (["vectwin_3m", "--list", "--actuators", "n, delta_port"], "1 of 2"),
-        (["vectwin_3m", "--list", "--actuators", "n, sail"], "'sail'"),
-        (["vectwin_3m", "--list", "--order", "0"], "order 0"),
-        (["vectwin_3m", "--list", "--order", "40"], "monomials"),
-        (["esso_osaka_3m", "--list", "--order", "99999999"], "27131"),
-        (["esso_osaka_3m", "--terms", ""], "''"),
-        (["vectwin_3m", "--list", "--actuators", "n, " * 2000], "2000"),
-        (["vectwin_3m", "--list", "--actuators", "q" * 2000], "qqq ..."),
-        (["vectwin_3m", "--list", "--duplicates", "some"], "'some'"),
-    ],
-)
-def test_bad_input_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["select", *arguments]) == 2
-    told = capsys.readouterr().err.strip()
-    assert words in told and "\n" not in told and len(told) < 600

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import json
 import shutil
 import signal
 import subprocess
@@ -28,8 +27,8 @@ from mmg_ident.commands.main import main
 from residual.pipeline import train
 from residual.result import headline, page_of, read_training
 from residual.settings import TrainSettings
-from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
+from tests.support.commands import refused, shown
 from tests.support.interrupted_commands import interrupted
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
@@ -60,14 +59,12 @@ def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
         assert (folder / "run" / name).is_file()
 
 
-def test_a_hybrid_is_a_ship(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hybrid_is_a_ship(folder: Path) -> None:
     ship = load_ship(folder / "run")
     assert ship.network is not None and len(ship.network.members) == 2
     bound = read_result(folder / "run")["bound"]
     np.testing.assert_allclose([bound[a] for a in ("du", "dv", "dr")], ship.network.bound)
-    capsys.readouterr()
-    assert main(["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
-    models = json.loads(capsys.readouterr().out)["models"]
+    models = shown("score", "esso_osaka_3m", folder / "run", folder / "held_out.csv")["models"]
     assert models[str(folder / "run")]["window"] < models["esso_osaka_3m"]["window"]
 
 
@@ -103,7 +100,7 @@ def declined(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_a_declined_residual_is_not_recommended_and_can_still_be_used(
-    folder: Path, declined: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, declined: Path, tmp_path: Path
 ) -> None:
     run = declined / "run"
     content = read_result(run)
@@ -112,9 +109,7 @@ def test_a_declined_residual_is_not_recommended_and_can_still_be_used(
     assert not (run / "network.safetensors").exists() and load_ship(run).network is None
     assert load_ship(run / "hybrid").network is not None
     trial, out = str(folder / "held_out.csv"), str(tmp_path / "out.csv")
-    capsys.readouterr()
-    assert main(["score", str(run), str(run / "hybrid"), trial, "--json"]) == 0
-    assert len({m["window"] for m in json.loads(capsys.readouterr().out)["models"].values()}) == 2
+    assert len({m["window"] for m in shown("score", run, run / "hybrid", trial)["models"].values()}) == 2
     assert main(["predict", str(run / "hybrid"), trial, "--out", out]) == 0
     assert main(["simulate", str(run / "hybrid"), "--maneuver", "turning:20"]) == 0
     assert "<code>hybrid/</code>" in (run / "report.html").read_text()
@@ -190,24 +185,6 @@ def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_pa
     assert {e.task for e in events} == {"seed 0", "seed 1", "seeds"} and max(e.step for e in events) == 12
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--keep", "never"], "--keep"),
-        (["--model", "oracle"], "--model"),
-        (["--seeds", "0"], "--seeds 0"),
-        (["--rate", "-1"], "--rate -1"),
-        (["--penalty", "-1"], "--penalty -1"),
-        (["--time-limit", "0"], "--time-limit 0"),
-    ],
-)
-def test_options_that_make_no_sense(
-    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", *options, "--out", tmp_path / "run")
-    assert words in line and not (tmp_path / "run").exists()
-
-
 @pytest.mark.slow
 def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
     arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
@@ -281,13 +258,10 @@ def test_a_folder_without_a_training_is_not_resumed(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "notes.txt").write_text(
-        "mine"
-    )  # an empty folder is what a run leaves that was killed at once
+    (tmp_path / "other" / "notes.txt").write_text("mine")  # empty: what a run leaves that was killed at once
     refused(capsys, "train", "esso_osaka_3m", folder / "trials", "--out", tmp_path / "other", "--resume")
-    assert (tmp_path / "other" / "notes.txt").read_text() == "mine" and not (
-        tmp_path / "other" / "result.json"
-    ).exists()
+    left = tmp_path / "other"
+    assert (left / "notes.txt").read_text() == "mine" and not (left / "result.json").exists()
 
 
 @pytest.mark.slow
@@ -330,17 +304,6 @@ def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path
     content |= {"kept": False, "recommended": "calibrated"}
     found = headline(content)
     assert found["state"] == "declined" and "1%" in found["sentence"]
-
-
-def test_bad_input_is_one_line_and_leaves_nothing(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "run"
-    write_trial(hybrids.trials(hybrids.ship(), 1, 25)[0], tmp_path / "short.csv")
-    refused(capsys, "train", "esso_osaka_3m", tmp_path / "short.csv", "--out", out)
-    refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", folder / "run")
-    refused(capsys, "train", "nothing", folder / "held_out.csv", "--out", out)
-    assert list(tmp_path.iterdir()) == [tmp_path / "short.csv"]
 
 
 def test_a_torch_that_cannot_be_imported_is_one_line(

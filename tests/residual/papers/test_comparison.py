@@ -44,8 +44,8 @@ from residual.papers.comparison import (
     subset_of,
     tables_text,
 )
-from tests.mmg_ident.commands.test_main import refused
 from tests.support import hybrids
+from tests.support.commands import refused
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 

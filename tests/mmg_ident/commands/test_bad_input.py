@@ -1,0 +1,140 @@
+"""Bad input of every verb: exit code 2, one line that names what is wrong, and nothing written."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cases.shipfiles.ship_file import dump_ship
+from cases.simulation.demo_trials import demo_trials
+from cases.simulation.simulate import write_trial
+from mmg_ident import load_ship
+from tests.support.calibrated import small_result
+from tests.support.commands import refused
+from tests.support.diagnosis_cases import FEW, SHIP
+from tests.support.operation_logs import sailed, write_log
+from tests.support.trial_files import motion_columns, write_csv
+
+INPUTS = "t [s],n [rps],delta [rad]\n{},10,0\n{},{},0\n"
+LONG = f"'{'n, ' * 2000}'"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ships, trials, inputs, a log, a run and a folder of somebody else, by names that the commands below use."""
+    place = tmp_path_factory.mktemp("bad")
+    esso = dump_ship(load_ship("esso_osaka_3m"))
+    ships = {
+        "few": dump_ship(FEW),
+        "fixed": dump_ship(SHIP.fixing(list(SHIP.symbols))),
+        "unknown": esso.replace("[coefficients.Y_v]", "[coefficients.Y_vvvv]"),
+        "reversed": esso.replace("lower = 0.04203\nupper = 0.05137", "lower = 0.06\nupper = 0.05"),
+        "broken": "ship = ",
+    }
+    for name, text in ships.items():
+        (place / f"{name}.toml").write_text(text, encoding="utf-8")
+    for name, rows in {"inputs": (0, 1, 10), "words": (0, 1, "full ahead"), "backwards": (1, 0, 10)}.items():
+        (place / f"{name}.csv").write_text(INPUTS.format(*rows))
+    (place / "nothing.csv").write_text("t [s],speed [kn]\n0,10\n1,10\n")
+    good = motion_columns(60.0)
+    path = write_csv(place / "furlong.csv", good, rows=None)
+    path.write_text(path.read_text().replace("u [m/s]", "u [furlong/fortnight]"))
+    (place / "trials").mkdir()
+    for trial in demo_trials(3, dt=0.5)[0][:2]:
+        write_trial(trial, place / "trials" / f"{trial.name}.csv")
+    write_trial(replace(trial, columns={k: v[:20] for k, v in trial.columns.items()}), place / "short.csv")
+    small_result().save(place / "run")
+    (place / "taken").mkdir()
+    (place / "taken" / "precious.txt").write_text("mine")
+    write_log(place / "log", {**(log := sailed(0.5)), "delta": 57.3 * log["delta"]}, 1)  # degrees that are called rad
+    (place / "empty").mkdir()
+    return place
+
+
+BAD = {
+    "fit esso_osaka_3m trials": [
+        "--window -3", "--fix Z_z | Z_z", "--without sails", "--sigma 1,2", "--loss absolute", "--run-weight 0",
+        "--run-weight 0.5 --sigma 1,1,1,1,1,1 | --sigma", "--captive nowhere.csv | nowhere", "--captive-sigma 1,1,1",
+        "--no-such-option", "--name ../x | --name", "--name a/b | --name", "--out taken", "--out nothing.csv/run |",
+    ],
+    "fit": [
+        "nobody trials", "unknown.toml trials | Y_vvvv", "reversed.toml trials | below", "broken.toml trials | TOML",
+        "esso_osaka_3m furlong.csv | furlong", "esso_osaka_3m empty | empty",
+    ],
+    "train esso_osaka_3m trials": [
+        "--keep never", "--model oracle", "--seeds 0", "--rate -1", "--penalty -1", "--time-limit 0", "--out taken",
+    ],
+    "train": ["esso_osaka_3m short.csv | 10 s", "nobody trials"],
+    "diagnose few.toml trials": [
+        "--without sails", "--without hull", "--step 0", "--workers 0", "--site no_site.toml | no_site",
+        "--site few.toml | section", "--between weather", "--between day", "--between folder | group",
+        "--test no_test.csv | no_test", "--time-limit -1", "--out taken",
+    ],
+    "diagnose": [
+        "few.toml nowhere.csv | nowhere", "nobody trials", "trials trials | no such ship", "no_ship.toml trials",
+        "few.toml short.csv | 10", "fixed.toml trials | every coefficient is fixed", "few.toml | TRIAL",
+    ],
+    "plan run --area 60x25 --time 60": [
+        "--area 2x1", "--area sixty | length x width", "--coefficients Y_vvv | Y_vvv", "--coefficients A_1 | A_1",
+        "--figures beauty | beauty", "--coefficients Y_v --figures advance", "--time 1", "--speed-limit 90",
+        "--start 5:12 | x:y:heading", "--start 90:5:0 | --start", "--rudder-limit 90", "--time-limit 0", "--effort 0",
+    ],
+    "scale": [
+        "mariner --length 5 | --froude-only", "nobody --length 5 | nobody", "kvlcc2_l7 --length -3",
+        "kvlcc2_l7 --length 320 --form-factor 7", "kvlcc2_l7 --length 320 --name ../x | name",
+        "kvlcc2_l7 --length 320 --out taken",
+    ],
+    "months": [
+        "absent --ship esso_osaka_3m | absent", "empty --ship esso_osaka_3m | .parquet",
+        "empty --ship esso_osaka_3m --windows 0", "empty --ship esso_osaka_3m --time-limit -1",
+        "log --ship esso_osaka_3m | rad",
+    ],
+}  # fmt: skip
+"""A command -> its faults, each as options | what the line names, by default the last option or else the first word.
+Where a command writes, --out is new unless they name another."""
+PLAIN = {
+    "select": [
+        "esso_osaka_3m | trials", "esso_osaka_3m --terms sm9 | 'sm9'", "esso_osaka_3m --write sm1-order1 | --out",
+        "vectwin_3m --list --actuators 'n, delta_port' | 1 of 2", "vectwin_3m --list --actuators 'n, sail' | 'sail'",
+        "vectwin_3m --list --order 0 | order 0", "vectwin_3m --list --order 40 | monomials",
+        "esso_osaka_3m --list --order 99999999 | 27131", "esso_osaka_3m --terms '' | ''",
+        f"vectwin_3m --list --actuators {LONG} | 2000", f"vectwin_3m --list --actuators {'q' * 2000} | qqq ...",
+        "vectwin_3m --list --duplicates some | 'some'",
+    ],
+    "simulate esso_osaka_3m": [
+        " | either", "--maneuver straight --controls a.csv | either", "--maneuver pirouette | unknown manoeuvre",
+        "--maneuver zigzag:20 | rudder/heading", "--maneuver straight --wind gale | speed:direction",
+        "--maneuver straight --wind 500:10 | 500 m/s", "--maneuver turning:35 --rudder-rate -1 | = -1 deg/s",
+        "--maneuver straight --effect current:x=0.01,x=0.02 | x", "--maneuver straight --dt 0 | dt",
+        "--maneuver straight --duration -5 | duration", "--maneuver straight --seed -1 | seed",
+        "--maneuver straight --out run.xlsx | .csv", "--maneuver straight --out missing_folder/run.csv | folder",
+        "--controls missing.csv | missing.csv", "--controls words.csv | not a number",
+        "--controls nothing.csv | missing column",
+        "--controls backwards.csv | row 2", "--controls inputs.csv --speed 1 | --speed",
+        "--maneuver straight --out inputs.csv | exists", "--maneuver zigzag:20/20 --scatter 8 --noise | --noise",
+    ],
+    "ships": ["titanic", "--new |"],
+    "score": ["trials |", "esso_osaka_3m |", "esso_osaka_3m short.csv | 30"],
+    "demo": ["--out taken", "--out nothing.csv/demo |"],
+    "nonsense": [" |"],
+}  # fmt: skip
+"""The same of verbs that write nothing unless they are told where."""
+CASES = [(verb, fault) for some in (BAD, PLAIN) for verb in some for fault in some[verb]]
+
+
+@pytest.mark.parametrize(("command", "fault"), CASES, ids=[" ".join(case)[:70] for case in CASES])
+def test_bad_input_is_one_line_and_writes_nothing(
+    command: str, fault: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(place)
+    text, mark, said = fault.partition(" |")
+    words = [*command.split(), *(own := shlex.split(text))]
+    out = ["--out", "new.csv"] if command in BAD and "--out" not in words else []
+    before = sorted(place.rglob("*"))
+    told = refused(capsys, *words, *out)
+    named = said.strip() if mark else [*own[:1], *(word for word in own if word.startswith("--"))][-1]
+    assert named in told and len(told) < 700
+    assert sorted(place.rglob("*")) == before
