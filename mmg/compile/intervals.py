@@ -23,13 +23,16 @@ class _IntervalRun(ctypes.Structure):
     """The struct Run of the C code."""
 
     _fields_ = (
-        [(name, ctypes.c_longlong) for name in ("lanes", "steps", "groups", "extra", "middle")]
+        [
+            (name, ctypes.c_longlong)
+            for name in ("lanes", "steps", "groups", "extra", "middle", "changes", "tall", "wide")
+        ]
         + [
             (name, ctypes.c_void_p)
-            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval")
+            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval", "given")
         ]
-        + [(name, ctypes.c_void_p) for name in ("end", "interior", "pull", "ends", "slope", "cost", "weight", "own")]
-        + [(name, ctypes.c_void_p) for name in ("rows", "shared")]
+        + [(name, ctypes.c_void_p) for name in ("end", "interior", "states", "columns", "pull", "ends", "slope")]
+        + [(name, ctypes.c_void_p) for name in ("cost", "weight", "own", "rows", "shared")]
     )
 
 
@@ -38,7 +41,8 @@ class Lanes:
     """M intervals in the order in which they are calculated, in whole vectors.
 
     interval: (lanes,) number of the interval of each lane; steps: (lanes,) of it, 0 where a lane only fills a vector;
-    controls: (K, C, lanes) held over each step; group: (lanes,) which coefficients it has; slot: (lanes,) where what
+    controls: (K, C, lanes) held over each step, or where an interval has ``changes`` means and changes over it (K, 2 C,
+    lanes); group: (lanes,) which coefficients it has; slot: (lanes,) where what
     belongs to the coefficients is added up, -1 for none; shares: first and last block of each share of the work, at
     the borders of slots; M: number of intervals; h: step [s].
     """
@@ -51,10 +55,20 @@ class Lanes:
     shares: tuple[tuple[int, int], ...]
     M: int
     h: float
+    changes: bool = False
 
     @classmethod
-    def of(cls, steps: np.ndarray, controls: np.ndarray, h: float, group: np.ndarray, slot: np.ndarray) -> Lanes:
-        """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, and the step h [s]."""
+    def of(
+        cls,
+        steps: np.ndarray,
+        controls: np.ndarray,
+        h: float,
+        group: np.ndarray,
+        slot: np.ndarray,
+        changes: bool = False,
+    ) -> Lanes:
+        """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, the step h [s] and
+        whether the controls have changes behind them."""
         M = len(steps)
         order = np.lexsort((-steps, slot))
         borders = np.flatnonzero(np.diff(slot[order])) + 1
@@ -79,6 +93,7 @@ class Lanes:
             tuple(shares),
             M,
             float(h),
+            changes,
         )
 
     @cached_property
@@ -135,9 +150,16 @@ class IntervalKernel:
         library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
         return (None if library is None else made(library)), reason
 
-    def values(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
+    def values(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all).
+
+        given: (K, S, M) states that replace those after each step, NaN for none, or None.
+        """
         run = self._states(lanes, start, theta)
+        if given is not None:
+            run["given"] = lanes.spread(given)
         self._work("values", lanes, run)
         return self._ends(lanes, run)
 
@@ -151,6 +173,19 @@ class IntervalKernel:
         run = self._sensitivities(lanes, start, theta, pull)
         self._work("linearise", lanes, run)
         return run["ends"], run["slope"]
+
+    def some_sensitivities(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, states: np.ndarray, columns: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """End states (S, M), and sensitivities (M, A, n) of the A ``states`` of them to n ``columns`` of start and free
+        coefficients; start, theta: as of ``values``."""
+        M, n = lanes.M, len(columns)
+        run = self._states(lanes, start, theta)
+        run |= {"pull": np.zeros((len(lanes.controls) - 1, self.S, len(lanes.interval)))}
+        run |= {"states": np.ascontiguousarray(states, np.int64), "columns": np.ascontiguousarray(columns, np.int64)}
+        run |= {"ends": np.empty((M, len(states), n)), "slope": np.empty((M, n))}
+        self._work("linearise", lanes, run)
+        return run["end"][:, lanes.position], run["ends"]
 
     def curve(
         self,
@@ -214,6 +249,9 @@ class IntervalKernel:
             "groups": arrays["theta"].shape[1],
             "extra": len(arrays.get("own", ())),
             "middle": middle,
+            "changes": lanes.changes,
+            "tall": len(arrays.get("states", ())),
+            "wide": len(arrays.get("columns", ())),
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
 
