@@ -204,9 +204,9 @@ class TransitionModel:
         exist = np.flatnonzero(np.arange(K)[:, None] < (K if count is None else count) * np.ones(R))
         start, held, push = (a.reshape(K * R, -1)[exist].T for a in (z[:-1], inputs, force))
         lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
-        wanted = np.concatenate([active, S + each])
-        ends = self._intervals.some_sensitivities(lanes, start, np.atleast_2d(theta.T), active, wanted)
-        end, J = np.zeros((K * R, S)), np.zeros((K * R, A, len(wanted)))
+        wanted = active, np.concatenate([active, S + each])
+        ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
+        end, J = np.zeros((K * R, S)), np.zeros((K * R, A, A + len(each)))
         end[exist], J[exist] = ends[0].T, ends[1]
         F, G, by_force = (
             np.take(J, at, axis=2).reshape(K, R, A, -1) for at in (np.arange(A), A + where[:P], A + where[P:])
@@ -290,9 +290,9 @@ def _faults(whole: ca.Function, kernel: IntervalKernel) -> str:
     lanes = Lanes.of(np.full(M, 2), controls, 1e-3, np.arange(M), np.zeros(M, dtype=int), True)
     given = np.full((2, S, M), np.nan)
     given[0, 0] = q[0]
-    states, wanted = np.arange(S), np.arange(S + kernel.P)
+    pull = np.random.default_rng(0).standard_normal((1, S, M))
     found = [
-        [*way.values(lanes, q, theta.T, given), *way.some_sensitivities(lanes, q, theta.T, states, wanted)]
+        [*way.values(lanes, q, theta.T, given), *way.linearise(lanes, q, theta.T, pull)]
         for way in (kernel, PortableIntervals(whole))
     ]
     wrong = differences(found[0], found[1], 1e-9)  # by rounding

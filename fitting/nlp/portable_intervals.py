@@ -13,7 +13,7 @@ import numpy as np
 
 from fitting.nlp.group_sums import group_sums
 from mmg.compile.batch import BatchFunction
-from mmg.compile.intervals import Lanes
+from mmg.compile.intervals import Lanes, Wanted
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 
 
@@ -52,19 +52,13 @@ class PortableIntervals:
         return z, np.array(after[:-1]).reshape(-1, self.S, lanes.M)
 
     def linearise(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
-        ends, slope = self._run(lanes, ("slopes",), start, theta, pull)
-        return _matrices(ends, self.S), slope.T
-
-    def some_sensitivities(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, states: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """As of ``IntervalKernel``."""
-        kind = ("some", tuple(states.tolist()), tuple(columns.tolist()), lanes.changes)
-        end, ends = self._run(lanes, kind, start, theta)
-        return end, _matrices(ends, len(states))
+        rows, columns = (np.arange(self.S), np.arange(self.S + self.P)) if wanted is None else wanted
+        kind = ("slopes", tuple(rows.tolist()), tuple(columns.tolist()), lanes.changes)
+        end, ends, slope = self._run(lanes, kind, start, theta, pull)
+        return end, _matrices(ends, len(rows)), slope.T
 
     def curve(
         self,
@@ -134,20 +128,16 @@ class PortableIntervals:
             steps.append(stages)
         return z, after, steps
 
-    def _some(self, states: Sequence[int], columns: Sequence[int], changes: bool) -> ca.Function:
-        """Of the arguments: end (S,), and of the end the sensitivities of ``states`` to ``columns``."""
-        arguments = self._arguments(changes)
+    def _slopes(self, rows: Sequence[int], columns: Sequence[int], changes: bool) -> ca.Function:
+        """Of the arguments and the gradient to the interior states: end (S,), rows and columns of its sensitivities,
+        and columns of the gradient (1, N)."""
+        arguments, pull = self._arguments(changes), ca.MX.sym("pull", self.S, self.K - 1)
         end, after, _ = self._sweep(arguments, columns)
-        return ca.Function("some", arguments, [ca.densify(end), ca.densify(after[-1][list(states), :])])
-
-    def _slopes(self) -> ca.Function:
-        """Of the arguments and the gradient to the interior states: sensitivities of the end, gradient (1, N)."""
-        arguments, pull = self._arguments(), ca.MX.sym("pull", self.S, self.K - 1)
-        _, after, _ = self._sweep(arguments)
-        return ca.Function("slopes", [*arguments, pull], [ca.densify(after[-1]), self._slope(after, pull)])
+        found = [end, after[-1][list(rows), :], self._slope(after, pull)]
+        return ca.Function("slopes", [*arguments, pull], [ca.densify(a) for a in found])
 
     def _slope(self, after: Sequence[ca.MX], pull: ca.MX) -> ca.MX:
-        return ca.densify(sum((pull[:, k].T @ after[k] for k in range(self.K - 1)), ca.MX(1, self.S + self.P)))
+        return ca.densify(sum((pull[:, k].T @ after[k] for k in range(self.K - 1)), ca.MX(1, after[-1].size2())))
 
     def _curvature(self, own: Sequence[int], weighted: bool, middle: bool) -> ca.Function:
         """Of those and the samples' Hessians, upper triangles by rows, and of the weight of the end where it is

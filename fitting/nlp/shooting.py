@@ -115,7 +115,7 @@ class Shooting:
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
-        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
+        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)[1:]
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.

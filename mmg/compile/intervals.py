@@ -19,6 +19,10 @@ SHARE = 16
 """Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7)."""
 
 
+Wanted = tuple[np.ndarray, np.ndarray]
+"""Rows (states) and columns (states, then free coefficients) of sensitivities, by number."""
+
+
 class _IntervalRun(ctypes.Structure):
     """The struct Run of the C code."""
 
@@ -164,28 +168,17 @@ class IntervalKernel:
         return self._ends(lanes, run)
 
     def linearise(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Sensitivities of the end (M, S, S + P) to start and free coefficients; and (M, S + P) of the samples' cost.
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """End states (S, M), their sensitivities (M, S, S + P) to start and free coefficients, and (M, S + P) of the
+        samples' cost.
 
-        start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states.
+        start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states; wanted: rows
+        and columns of the sensitivities (default: all).
         """
-        run = self._sensitivities(lanes, start, theta, pull)
+        run = self._sensitivities(lanes, start, theta, pull, wanted)
         self._work("linearise", lanes, run)
-        return run["ends"], run["slope"]
-
-    def some_sensitivities(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, states: np.ndarray, columns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """End states (S, M), and sensitivities (M, A, n) of the A ``states`` of them to n ``columns`` of start and free
-        coefficients; start, theta: as of ``values``."""
-        M, n = lanes.M, len(columns)
-        run = self._states(lanes, start, theta)
-        run |= {"pull": np.zeros((len(lanes.controls) - 1, self.S, len(lanes.interval)))}
-        run |= {"states": np.ascontiguousarray(states, np.int64), "columns": np.ascontiguousarray(columns, np.int64)}
-        run |= {"ends": np.empty((M, len(states), n)), "slope": np.empty((M, n))}
-        self._work("linearise", lanes, run)
-        return run["end"][:, lanes.position], run["ends"]
+        return run["end"][:, lanes.position], run["ends"], run["slope"]
 
     def curve(
         self,
@@ -198,8 +191,8 @@ class IntervalKernel:
         slot: np.ndarray,
         middle: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
-        nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
+        """The sensitivities that ``linearise`` gives, then the Hessian of weight . end + cost of the interior states:
+        rows of the start nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
 
         cost: upper triangles (K - 1, n (n + 1) / 2, M), row by row, of the cost's Hessian to the n = S + O of states
         and O of the free coefficients, and the positions (O,) of these; weight: (S, M), or None for the cost's Hessian
@@ -227,11 +220,14 @@ class IntervalKernel:
         }
 
     def _sensitivities(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
     ) -> dict[str, np.ndarray]:
-        M, N = lanes.M, self.S + self.P
-        more = {"pull": lanes.spread(pull), "ends": np.empty((M, self.S, N)), "slope": np.empty((M, N))}
-        return self._states(lanes, start, theta) | more
+        run = self._states(lanes, start, theta) | {"pull": lanes.spread(pull)}
+        rows, columns = self.S, self.S + self.P
+        if wanted is not None:
+            run["states"], run["columns"] = (np.ascontiguousarray(a, dtype=np.int64) for a in wanted)
+            rows, columns = map(len, wanted)
+        return run | {"ends": np.empty((lanes.M, rows, columns)), "slope": np.empty((lanes.M, columns))}
 
     def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         interior = run["interior"][:, :, lanes.position]
