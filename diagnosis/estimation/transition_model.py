@@ -206,11 +206,11 @@ class TransitionModel:
         lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
         wanted = active, np.concatenate([active, S + each])
         ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
-        end, J = np.zeros((K * R, S)), np.zeros((K * R, A, A + len(each)))
-        end[exist], J[exist] = ends[0].T, ends[1]
-        F, G, by_force = (
-            np.take(J, at, axis=2).reshape(K, R, A, -1) for at in (np.arange(A), A + where[:P], A + where[P:])
-        )
+        end, J = ends[0].T, ends[1]
+        if len(exist) < K * R:
+            end, J = (_spread_rows(a, exist, K * R) for a in (end, J))
+        J = J.reshape(K, R, A, -1)
+        F, G, by_force = J[..., :A], np.take(J, A + where[:P], axis=3), J[..., A + where[P:]]
         y, H, D, observing = self._observed(z, theta, columns, active)
         return LinearModel(end.reshape(K, R, S), F, G, by_force, y, H, D, observing)
 
@@ -275,6 +275,13 @@ def _weights(weight: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndar
     source = np.where((row >= 0) & (column >= 0), row * weight.shape[3] + column, -1)
     flat = weight.reshape(weight.shape[0] * weight.shape[1], -1)
     return np.where(source >= 0, flat[:, source], 0.0).T
+
+
+def _spread_rows(rows: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """An array of ``count`` rows that has ``rows`` at these places, and 0 elsewhere."""
+    whole = np.zeros((count, *rows.shape[1:]))
+    whole[at] = rows
+    return whole
 
 
 def _groups(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
