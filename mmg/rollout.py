@@ -55,17 +55,13 @@ class Simulator:
         return batch if batch.library else None
 
     @cached_property
-    def _many(self) -> Rollout | None:
-        return compile_rollout(self._function, self.model.first, LANES, self._named) if self.compiled else None
-
-    @cached_property
-    def _single(self) -> Rollout | None:
-        return compile_rollout(self._function, self.model.first, 1, self._named) if self.compiled else None
+    def _rollout(self) -> Rollout | None:
+        return compile_rollout(self._function, self.model.first, self._named) if self.compiled else None
 
     @property
     def is_stepwise(self) -> bool:
         """Whether it goes step by step in Python, for want of compiled code: fast with many points side by side."""
-        return self._many is None
+        return self._rollout is None
 
     @property
     def interpreted_because(self) -> str:
@@ -132,15 +128,14 @@ class Simulator:
             start = settled(self.model, start, controls[0], theta)
         if M * N == 0:
             return np.repeat(start[None], 1 + int(keep.sum()), axis=0)
-        rollout = self._single if M == 1 else self._many
-        if rollout is None:
+        if self._rollout is None:
             return self._stepwise(start, controls, steps, theta, keep, method, linear)
         given = [start, controls, steps, theta]
         per_point = (True, controls.ndim == 3, steps.ndim == 2, theta.ndim == 2)
         start, controls, steps, theta = (
-            filled(a, rollout.lanes) if own else a for a, own in zip(given, per_point, strict=True)
+            filled(a, LANES) if own else a for a, own in zip(given, per_point, strict=True)
         )
-        return rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
+        return self._rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
 
     def _stepwise(
         self,

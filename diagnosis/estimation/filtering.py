@@ -16,10 +16,9 @@ import numpy as np
 from diagnosis.estimation import kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.kalman import Filtered, LinearSystem
-from mmg.compile.batch import differences
+from mmg.compile.batch import LOOP_FLAGS, differences
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import c_file, prelude
-from mmg.compile.paths import FLAGS
 
 
 def filtered(s: LinearSystem) -> Filtered:
@@ -158,7 +157,7 @@ def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
 @cache
 def _library() -> ctypes.CDLL | None:
     """The compiled functions, or None where they do not compile or do not agree with numpy."""
-    return load_library(source(), FLAGS, _faults, "the Kalman filter")[0]
+    return load_library(source(), LOOP_FLAGS, _faults, "the Kalman filter")[0]
 
 
 def _faults(library: ctypes.CDLL) -> str:

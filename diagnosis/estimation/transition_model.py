@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from mmg.compile import paths as along
-from mmg.compile.batch import batch_functions
-from mmg.compile.paths import Entries, WindowPaths, advanced, pushed, spread_over
+from fitting.nlp.portable_intervals import PortableIntervals
+from mmg.compile.batch import batch_functions, differences, finite_points
+from mmg.compile.codegen import LANES
+from mmg.compile.interval_source import derivatives
+from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.effects import EFFECTS
-from mmg.model import Model, assemble, settled, states_behind
+from mmg.model import Model, assemble, columns, settled, states_behind
 from mmg.ship import Ship
 
 FORCE = ("tow.X", "tow.Y", "tow.N")
@@ -67,45 +70,45 @@ class TransitionModel:
         self.S, self.C, self.P = len(self.model.states), len(self.model.controls), len(self.symbols)
         self.force = np.array([ship.symbols.index(s) for s in FORCE])
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
-        q, c, every = (ca.SX.sym(name, n) for name, n in (("q", self.S), ("c", self.C), ("theta", len(ship.symbols))))
-        rates = self._derivatives("rates", self.model.rates(q, c, every), [q, c, every], self.force)
-        logged = self._derivatives("logged", self.model.columns(q, every), [q, every], [])
-        (functions, (self._rows, self._columns), self._rate_hessian_at) = rates
-        functions, self._logged_at, self._logged_hessian_at = [*functions, *logged[0]], logged[1], logged[2]
-        batch, self.interpreted_because = batch_functions(
-            functions, compiled, f"the equations of {ship.name} with all effects"
+        every = ca.SX.sym("theta", len(ship.symbols))
+        q, c, force = (ca.SX.sym(name, n) for name, n in (("q", self.S), ("c", self.C), ("force", len(FORCE))))
+        pushed = ca.SX(every)
+        pushed[self.force.tolist()] += force
+        what = f"the equations of {ship.name} with all effects"
+        whole = derivatives(
+            ca.cse(self.model.rates(q, c, pushed)), q, ca.vertcat(c, force), every, self.at, second=False
         )
-        (
-            self._rates,
-            self._jacobian,
-            self._rate_hessian,
-            self._logged_columns,
-            self._logged_jacobian,
-            self._logged_hessian,
-        ) = batch
+        kernel, self.interpreted_because = None, "compilation switched off"
+        if compiled:
+            kernel, self.interpreted_because = IntervalKernel.of(whole, partial(_faults, whole), what)
+        self._intervals = kernel or PortableIntervals(whole)
+        rates, self._rates_at = self._derivatives(self.model.rates(q, c, every), [q, c, every], self.force)
+        logged, self._logged_at = self._derivatives(self.model.columns(q, every), [q, every], self.at)
+        functions = [
+            ca.Function(f"{name}_{order}", *f, {"cse": True})
+            for name, pair in (("rates", rates), ("logged", logged))
+            for order, f in zip(("jacobian", "hessian"), pair, strict=True)
+        ]
+        (self._rates, self._rates_hessian, self._logged, self._logged_hessian), _ = batch_functions(
+            functions, kernel is not None, what
+        )
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""
         return TransitionModel, self._made_of
 
     def _derivatives(
-        self, name: str, value: ca.SX, given: Sequence[ca.SX], by: Sequence[int] | np.ndarray
-    ) -> tuple[list[ca.Function], tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Functions of what is ``given``, states first and all coefficients last: a ``value``; that and its Jacobian by
-        states and columns; the gradient by columns of a weighted sum of its Jacobian by states and the coefficients
-        ``by``. Returns them with the rows and columns of the nonzeros of both Jacobians."""
+        self, value: ca.SX, given: Sequence[ca.SX], by: np.ndarray
+    ) -> tuple[list[tuple[Sequence[ca.SX], list[ca.SX]]], tuple[np.ndarray, np.ndarray]]:
+        """Arguments and results of two functions of what is ``given``, states first and all coefficients last: a
+        ``value`` and its Jacobian by states and the coefficients ``by``; the gradient by columns of a weighted sum of
+        the nonzeros of that Jacobian. Returns them with the rows and columns of these nonzeros."""
         states, theta = given[0], given[-1]
-        own = ca.vertcat(*[theta[int(i)] for i in self.at])
-        J = ca.jacobian(value, ca.vertcat(states, own))
-        B = ca.jacobian(value, ca.vertcat(states, *[theta[int(i)] for i in by]))
-        weight = ca.SX.sym("weight", B.nnz())
-        gradient = ca.densify(ca.gradient(ca.dot(weight, B.nz[:]), own))
-        functions = [
-            ca.Function(f"d_{name}", given, [value], {"cse": True}),
-            ca.Function(f"d_{name}_jacobian", given, [value, J], {"cse": True}),
-            ca.Function(f"d_{name}_hessian", [*given, weight], [gradient], {"cse": True}),
-        ]
-        return functions, _nonzeros_at(J), _nonzeros_at(B)
+        J = ca.jacobian(value, ca.vertcat(states, *[theta[int(i)] for i in by]))
+        weight = ca.SX.sym("weight", J.nnz())
+        gradient = ca.gradient(ca.dot(weight, J.nz[:]), ca.vertcat(*[theta[int(i)] for i in self.at]))
+        rows, places = (np.array(a, dtype=int) for a in J.sparsity().get_triplet())
+        return [(given, [value, J]), ([*given, weight], [ca.densify(gradient)])], (rows, places)
 
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
@@ -117,19 +120,27 @@ class TransitionModel:
 
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
-        return pushed(theta, force, self.force, force.shape[1])
+        every = spread(theta, force.shape[1]).copy()
+        every[self.force] += force
+        return every
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) a step after z (S, M) under ``controls``, inputs (C, M) or with their changes behind (2 C, M);
         theta: coefficients (all,) or (all, M)."""
-        return advanced(self._rates, z, controls, theta, self.h, self.C)
+        lanes = self._lanes(controls[None], np.zeros((1, 3, z.shape[1])), _groups(theta, np.arange(z.shape[1])))
+        return self._intervals.values(lanes, z, np.atleast_2d(theta.T))[0]
+
+    def _lanes(self, inputs: np.ndarray, force: np.ndarray, group: np.ndarray) -> Lanes:
+        """M intervals of K steps with ``inputs`` (K, C, M), or with their changes behind them (K, 2 C, M), and latent
+        ``force`` (K, 3, M); group: (M,) which coefficients each has."""
+        M, changes = len(group), inputs.shape[1] > self.C
+        parts = [inputs[:, : self.C], force, *([inputs[:, self.C :], np.zeros_like(force)] if changes else [])]
+        steps, slot = np.full(M, len(inputs)), np.zeros(M, dtype=int)
+        return Lanes.of(steps, np.concatenate(parts, axis=1), self.h, group, slot, changes)
 
     def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
-        rows, R = z.shape[:2]
-        every = spread(theta, rows * R) if theta.ndim > 1 else theta
-        (y,) = self._logged_columns.at(np.ascontiguousarray(z.reshape(rows * R, -1).T), every)
-        return y.T.reshape(rows, R, 6)
+        return columns(self.model, z.swapaxes(1, 2), theta).swapaxes(1, 2)
 
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray
@@ -159,11 +170,17 @@ class TransitionModel:
         [N, N, N m], or None.
         """
         K, R = inputs.shape[:2]
-        marked = np.full(self.S, carried is None)
-        marked[[] if carried is None else carried] = True
-        marks = np.zeros((K, R), dtype=bool) if whole is None else whole
-        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
-        return along.follow(paths, self._rates, marked, marks)
+        given = None
+        if carried is not None:
+            calculated = np.zeros((K, R, self.S), dtype=bool)
+            calculated[..., carried] = True
+            if whole is not None:
+                calculated[whole] = True
+            given = np.where(calculated, np.nan, z[1:]).swapaxes(1, 2)
+        push = np.zeros((K, 3, R)) if force is None else force.swapaxes(1, 2)
+        lanes = self._lanes(inputs.swapaxes(1, 2), push, _groups(theta, np.arange(R)))
+        end, interior = self._intervals.values(lanes, z[0].T, np.atleast_2d(theta.T), given)
+        return np.concatenate([z[:1], interior.swapaxes(1, 2), end.T[None]])
 
     def linearise(
         self,
@@ -182,28 +199,41 @@ class TransitionModel:
         positions of states, which must not depend on the others; count: (R,) steps of each window that are wanted, of
         the others it says nothing (default: all).
         """
+        (K, R), A, P, S = inputs.shape[:2], len(active), len(columns), self.S
         each, where = np.unique(np.concatenate([columns, self._force_columns]), return_inverse=True)
-        sensed = np.intersect1d(columns, self._logged_at[1] - self.S)
-        observing = np.flatnonzero(np.isin(columns, sensed))
-        A, P, S = len(active), len(columns), self.S
-        of_steps, of_logged = (_places(S, self.P, active, some) for some in (each, sensed))
-        steps = Entries.chosen((self._rows, self._columns), *of_steps)
-        logged = Entries.chosen(self._logged_at, np.arange(6), of_logged[1])
-        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force, count)
-        end, F, G, by_force = along.steps(paths, self._jacobian, steps, A, A + where[:P], A + where[P:])
-        y, H, D = along.logged(paths, self._logged_jacobian, logged, A, len(sensed))
-        D = D[..., np.searchsorted(sensed, columns[observing])]
-        return LinearModel(end, F, G, by_force, y, H, D, observing)
+        exist = np.flatnonzero(np.arange(K)[:, None] < (K if count is None else count) * np.ones(R))
+        start, held, push = (a.reshape(K * R, -1)[exist].T for a in (z[:-1], inputs, force))
+        lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
+        wanted = active, np.concatenate([active, S + each])
+        ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
+        end, J = ends[0].T, ends[1]
+        if len(exist) < K * R:
+            end, J = (_spread_rows(a, exist, K * R) for a in (end, J))
+        J = J.reshape(K, R, A, -1)
+        F, G, by_force = J[..., :A], np.take(J, A + where[:P], axis=3), J[..., A + where[P:]]
+        y, H, D, observing = self._observed(z, theta, columns, active)
+        return LinearModel(end.reshape(K, R, S), F, G, by_force, y, H, D, observing)
+
+    def _observed(
+        self, z: np.ndarray, theta: np.ndarray, columns: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``logged``, ``H``, ``observed`` and ``observing`` of a ``LinearModel`` along the path z (K + 1, R, S)."""
+        (K1, R), (rows, places) = z.shape[:2], self._logged_at
+        observing = np.flatnonzero(np.isin(self.S + columns, places))
+        wanted = np.concatenate([active, self.S + columns[observing]])
+        at, kept = np.nonzero(places[:, None] == wanted)
+        y, nonzeros = self._logged.at(z.reshape(K1 * R, -1).T, spread(theta, K1 * R))
+        J = np.zeros((K1 * R, 6, len(wanted)))
+        J[:, rows[at], kept] = nonzeros[at].T
+        J = J.reshape(K1, R, 6, -1)
+        return y.T.reshape(K1, R, 6), J[..., : len(active)], J[..., len(active) :], observing
 
     def rates(self, z: np.ndarray, c: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates (M, S), and their Jacobian (M, S, S + 3) by states and latent force, at z (S, M), inputs c (C, M),
         theta (all, M)."""
-        rate, nonzeros = self._jacobian.at(z, c, theta)
-        place = np.full(self.S + self.P, -1)
-        place[: self.S], place[self.S + self._force_columns] = np.arange(self.S), self.S + np.arange(3)
-        own = np.flatnonzero(place[self._columns] >= 0)
+        rate, nonzeros = self._rates.at(z, c, theta)
         J = np.zeros((z.shape[1], self.S, self.S + 3))
-        J[:, self._rows[own], place[self._columns[own]]] = nonzeros[own].T
+        J[(slice(None), *self._rates_at)] = nonzeros.T
         return rate.T, J
 
     def logdet_gradient(
@@ -223,36 +253,61 @@ class TransitionModel:
         weight: (K, R, A, A + 3) of the Jacobian d rates / d (active states, latent force) at the middle of each step;
         weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
-        A, S = len(active), self.S
-        place = np.full(S + 3, -1)
-        place[active], place[S:] = np.arange(A), A + np.arange(3)
-        result = np.zeros((z.shape[1], self.P))
-        paths = WindowPaths(z, inputs, theta, self.h, self.C, force, self.force)
-        for function, of_rates, at, given in (
-            (self._rate_hessian, True, self._rate_hessian_at, weight),
-            (self._logged_hessian, False, self._logged_hessian_at, weight_logged),
-        ):
-            row, column = place[at[0]] if of_rates else at[0], place[at[1]]
-            source = np.where((row >= 0) & (column >= 0), row * given.shape[3] + column, -1)
-            result += along.weighted(paths, function, of_rates, given, source)
-        return result[:, columns]
+        (K, R), A, S = inputs.shape[:2], len(active), self.S
+        place = np.full(S + self.P, -1)
+        place[active], place[S : S + 3] = np.arange(A), A + np.arange(3)
+        middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, S).T
+        held, push = inputs.reshape(K * R, -1).T[: self.C], force.reshape(K * R, 3).T
+        rows, places = self._rates_at
+        of_rates = _weights(weight, place[rows], place[places])
+        rates = self._rates_hessian.at(middle, held, self.coefficients(theta, push), of_rates)[0]
+        rows, places = self._logged_at
+        of_logged = _weights(weight_logged, rows, np.where(places < S, place[places], -1))
+        states = z.reshape(len(z) * R, S).T
+        logged = self._logged_hessian.at(states, spread(theta, states.shape[1]), of_logged)[0]
+        result = sum(found.reshape(self.P, -1, R).sum(axis=1).T for found in (rates, logged))
+        return np.asarray(result)[:, columns]
 
 
-def _places(S: int, P: int, active: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Place of each of S states among the ``active`` ones, and of each of them and of P coefficients among the active
-    states and ``columns``; -1: not among them."""
-    row, column = np.full(S, -1), np.full(S + P, -1)
-    row[active] = column[active] = np.arange(len(active))
-    column[S + columns] = len(active) + np.arange(len(columns))
-    return row, column
+def _weights(weight: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """Of ``weight`` (K, R, rows, columns) at each point those of the nonzeros at ``row`` and ``column``, (nonzeros,
+    K R); 0 where one of these is -1."""
+    source = np.where((row >= 0) & (column >= 0), row * weight.shape[3] + column, -1)
+    flat = weight.reshape(weight.shape[0] * weight.shape[1], -1)
+    return np.where(source >= 0, flat[:, source], 0.0).T
+
+
+def _spread_rows(rows: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
+    """An array of ``count`` rows that has ``rows`` at these places, and 0 elsewhere."""
+    whole = np.zeros((count, *rows.shape[1:]))
+    whole[at] = rows
+    return whole
+
+
+def _groups(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """Which coefficients each interval of a ``window`` has, of ``theta`` (all,) or by window (all, R)."""
+    return window if theta.ndim > 1 else np.zeros_like(window)
+
+
+def _faults(whole: ca.Function, kernel: IntervalKernel) -> str:
+    """What is wrong with two steps of a new ``kernel`` of the function ``whole``, "" for nothing."""
+    M, S = LANES + 1, kernel.S
+    (q, c, theta), _ = finite_points(whole, M, 0)
+    controls = np.repeat(np.vstack([c, 0.1 * c])[None], 2, axis=0)
+    lanes = Lanes.of(np.full(M, 2), controls, 1e-3, np.arange(M), np.zeros(M, dtype=int), True)
+    given = np.full((2, S, M), np.nan)
+    given[0, 0] = q[0]
+    pull = np.random.default_rng(0).standard_normal((1, S, M))
+    found = [
+        [*way.values(lanes, q, theta.T, given), *way.linearise(lanes, q, theta.T, pull)]
+        for way in (kernel, PortableIntervals(whole))
+    ]
+    wrong = differences(found[0], found[1], 1e-9)  # by rounding
+    return f"its steps differ from those without compiled code {wrong}" if wrong else ""
 
 
 def spread(theta: np.ndarray, points: int) -> np.ndarray:
     """Coefficients (all, points) from ``theta`` (all,), or from (all, R) of R windows that repeat up to ``points``."""
-    return spread_over(theta, points)
-
-
-def _nonzeros_at(matrix: ca.SX) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the structural nonzeros."""
-    rows, columns = (np.array(a, dtype=int) for a in matrix.sparsity().get_triplet())
-    return rows, columns
+    return (
+        np.tile(theta, (1, points // theta.shape[1])) if theta.ndim > 1 else np.repeat(theta[:, None], points, axis=1)
+    )

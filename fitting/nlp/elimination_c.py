@@ -12,9 +12,9 @@ from functools import cache
 
 import numpy as np
 
+from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import EXPORT, c_file
-from mmg.compile.paths import FLAGS
 
 
 @dataclass(frozen=True)
@@ -83,5 +83,5 @@ class Elimination:
 @cache
 def elimination(compiled: bool) -> Elimination | None:
     """The functions, compiled or from the cache; None where that is not possible or not wanted."""
-    library = load_library(EXPORT + c_file(__file__, "elimination.c"), FLAGS)[0] if compiled else None
+    library = load_library(EXPORT + c_file(__file__, "elimination.c"), LOOP_FLAGS)[0] if compiled else None
     return Elimination(library) if library else None

@@ -6,43 +6,59 @@ The compiled kernel (``mmg.compile.interval_source``, which has the same chain r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from fitting.nlp.group_sums import group_sums
 from mmg.compile.batch import BatchFunction
-from mmg.compile.intervals import Lanes
+from mmg.compile.intervals import Lanes, Wanted
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 
 
 class PortableIntervals:
     """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return, N = S + P.
 
-    whole: as of ``mmg.compile.interval_source.interval_source``.
+    whole: as of ``mmg.compile.interval_source.derivatives``.
     """
 
     def __init__(self, whole: ca.Function) -> None:
         self.S, self.Q, self.P = whole.size1_out(0), whole.size1_in(0), whole.size2_out(1) - whole.size1_in(0)
         self._sizes = whole.numel_in(1), whole.numel_in(2)
         given = whole.sx_in()
-        k, J, H = whole(*given)
-        self._rates = ca.Function("rates", given[:3], [k], {"cse": True})
+        k, J, *H = whole(*given)
+        self._rates = BatchFunction(ca.Function("rates", given[:3], [k], {"cse": True}), None)
         self._jacobian = ca.Function("jacobian", given[:3], [k, J], {"cse": True})
-        self._hessian = ca.Function("hessian", given, [ca.triu2symm(H)], {"cse": True})
+        if H:
+            self._hessian = ca.Function("hessian", given, [ca.triu2symm(H[0])], {"cse": True})
         self._made: dict[tuple, BatchFunction] = {}
 
-    def values(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As of ``IntervalKernel``."""
-        end, interior = self._run(lanes, ("values",), start, theta)
-        return end, interior.reshape(-1, self.S, lanes.M)
-
-    def linearise(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
+    def values(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
-        ends, slope = self._run(lanes, ("slopes",), start, theta, pull)
-        return _matrices(ends, self.S), slope.T
+        held, exist, by_interval = self._held(lanes, theta)
+        z, after = start, []
+        for k, controls in enumerate(held):
+
+            def rates(at: np.ndarray, part: float, controls: np.ndarray = controls) -> np.ndarray:
+                return self._rates.at(at[-self.Q :], _during(controls, part, self._sizes[0]), by_interval)[0]
+
+            z = np.where(exist[k] > 0, rk4_step(rates, z, lanes.h), z)
+            if given is not None:
+                z = np.where(np.isnan(given[k]), z, given[k])
+            after.append(exist[k] * z)
+        return z, np.array(after[:-1]).reshape(-1, self.S, lanes.M)
+
+    def linearise(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As of ``IntervalKernel``."""
+        rows, columns = (np.arange(self.S), np.arange(self.S + self.P)) if wanted is None else wanted
+        kind = ("slopes", tuple(rows.tolist()), tuple(columns.tolist()), lanes.changes)
+        end, ends, slope = self._run(lanes, kind, start, theta, pull)
+        return end, _matrices(ends, len(rows)), slope.T
 
     def curve(
         self,
@@ -66,65 +82,69 @@ class PortableIntervals:
         self, lanes: Lanes, kind: tuple, start: np.ndarray, theta: np.ndarray, *more: np.ndarray
     ) -> list[np.ndarray]:
         """Outputs (elements, M) of the function of this ``kind``, which is made when it is first asked for."""
-        (K, C, _), at, M = lanes.controls.shape, lanes.position, lanes.M
+        K, M = len(lanes.controls), lanes.M
         if (kind, K, lanes.h) not in self._made:
             self.K, self.h = K, lanes.h
             name, *rest = kind
             self._made[kind, K, lanes.h] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
+        held, *rest = self._held(lanes, theta)
+        return self._made[kind, K, lanes.h](start, held.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
+
+    def _held(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M) as numbers, and coefficients (all,) or
+        (all, M)."""
+        at = lanes.position
         by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[lanes.group[at]].T)
-        exist = (np.arange(K)[:, None] < lanes.steps[at]).astype(float)
-        held = lanes.controls[..., at].reshape(K * C, M)
-        return self._made[kind, K, lanes.h](start, held, exist, by_interval, *(a.reshape(-1, M) for a in more))
+        exist = (np.arange(len(lanes.controls))[:, None] < lanes.steps[at]).astype(float)
+        return lanes.controls[..., at], exist, by_interval
 
-    def _arguments(self) -> list[ca.MX]:
-        """Start (S, 1), inputs (C, K), which steps exist (K, 1), and coefficients (all, 1) of one interval."""
+    def _arguments(self, changes: bool = False) -> list[ca.MX]:
+        """Start (S, 1), inputs (C, K) or with their changes (2 C, K), which steps exist (K, 1), and coefficients
+        (all, 1) of one interval."""
         C, every = self._sizes
-        shapes = {"start": (self.S, 1), "inputs": (C, self.K), "exists": (self.K, 1), "theta": (every, 1)}
-        return [ca.MX.sym(name, *shape) for name, shape in shapes.items()]
+        shapes = {"start": (self.S, 1), "exists": (self.K, 1), "theta": (every, 1)}
+        z, exists, theta = (ca.MX.sym(name, *shape) for name, shape in shapes.items())
+        return [z, ca.MX.sym("inputs", 2 * C if changes else C, self.K), exists, theta]
 
-    def _values(self) -> ca.Function:
-        """Of the arguments: end and interior states."""
-        z, c, exists, theta = arguments = self._arguments()
-        found = []
+    def _sweep(
+        self, arguments: Sequence[ca.MX], columns: Sequence[int] | None = None
+    ) -> tuple[ca.MX, list[ca.MX], list[list]]:
+        """End (S,); sensitivities (S, N) after each step; and by step and stage the arguments (Q,) of the rates, their
+        sensitivities (Q, N) and the Jacobian (S, Q) of the rates. columns: of the N, those wanted (default: all)."""
+        (z, c, exists, theta), S, Q, P = arguments, self.S, self.Q, self.P
+        wanted = list(range(S + P) if columns is None else columns)
+        Z, after, steps = ca.MX(ca.horzcat(ca.DM.eye(S), ca.DM(S, P))[:, wanted]), [], []
         for k in range(self.K):
-            end = rk4_step(lambda at, _, k=k: self._rates(at[-self.Q :], c[:, k], theta), z, self.h)  # type: ignore[misc]
-            z = z + exists[k] * (end - z)
-            found.append(exists[k] * z)
-        return ca.Function("values", arguments, [z, ca.horzcat(ca.MX(self.S, 0), *found[:-1])])
-
-    def _sweep(self, z: ca.MX, c: ca.MX, exists: ca.MX, theta: ca.MX) -> tuple[list[ca.MX], list[list]]:
-        """Sensitivities (S, N) after each step; and by step and stage the arguments (Q,) of the rates, their
-        sensitivities (Q, N) and the Jacobian (S, Q) of the rates."""
-        S, Q, P = self.S, self.Q, self.P
-        Z, after, steps = ca.MX(ca.horzcat(ca.DM.eye(S), ca.DM(S, P))), [], []
-        for k in range(self.K):
-            rate, slope, stages = ca.MX(S, 1), ca.MX(S, S + P), []
+            rate, slope, stages = ca.MX(S, 1), ca.MX(S, len(wanted)), []
             total, summed = rate, slope
             for node, weight in zip(NODES, WEIGHTS, strict=True):
                 q, G = (a[-Q:, :] + node * self.h * b[-Q:, :] for a, b in ((z, rate), (Z, slope)))
-                rate, J = self._jacobian(q, c[:, k], theta)
-                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])
+                rate, J = self._jacobian(q, _during(c[:, k], node, self._sizes[0]), theta)
+                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]
                 total, summed = total + weight * rate, summed + weight * slope
                 stages.append((q, G, J[:, :Q]))
             z, Z = z + exists[k] * self.h * total, Z + exists[k] * self.h * summed
             after.append(Z)
             steps.append(stages)
-        return after, steps
+        return z, after, steps
 
-    def _slopes(self) -> ca.Function:
-        """Of the arguments and the gradient to the interior states: sensitivities of the end, gradient (1, N)."""
-        arguments, pull = self._arguments(), ca.MX.sym("pull", self.S, self.K - 1)
-        after, _ = self._sweep(*arguments)
-        return ca.Function("slopes", [*arguments, pull], [ca.densify(after[-1]), self._slope(after, pull)])
+    def _slopes(self, rows: Sequence[int], columns: Sequence[int], changes: bool) -> ca.Function:
+        """Of the arguments and the gradient to the interior states: end (S,), rows and columns of its sensitivities,
+        and columns of the gradient (1, N)."""
+        arguments, pull = self._arguments(changes), ca.MX.sym("pull", self.S, self.K - 1)
+        end, after, _ = self._sweep(arguments, columns)
+        found = [end, after[-1][list(rows), :], self._slope(after, pull)]
+        return ca.Function("slopes", [*arguments, pull], [ca.densify(a) for a in found])
 
     def _slope(self, after: Sequence[ca.MX], pull: ca.MX) -> ca.MX:
-        return ca.densify(sum((pull[:, k].T @ after[k] for k in range(self.K - 1)), ca.MX(1, self.S + self.P)))
+        return ca.densify(sum((pull[:, k].T @ after[k] for k in range(self.K - 1)), ca.MX(1, after[-1].size2())))
 
     def _curvature(self, own: Sequence[int], weighted: bool, middle: bool) -> ca.Function:
         """Of those and the samples' Hessians, upper triangles by rows, and of the weight of the end where it is
         ``weighted``: the same, and the Hessian's rows of the start and block of the coefficients."""
         arguments, pull = self._arguments(), ca.MX.sym("pull", self.S, self.K - 1)
-        (after, steps), S, N, n = self._sweep(*arguments), self.S, self.S + self.P, self.S + len(own)
+        _, after, steps = self._sweep(arguments)
+        S, N, n = self.S, self.S + self.P, self.S + len(own)
         rows, columns = np.triu_indices(n)
         cost, weight = ca.MX.sym("cost", len(rows), self.K - 1), ca.MX.sym("weight", S)
         at, chosen = np.empty((n, n), dtype=int), ca.DM(len(own), N)
@@ -171,3 +191,8 @@ class PortableIntervals:
 def _matrices(values: np.ndarray, rows: int) -> np.ndarray:
     """Matrices (M, rows, columns) from their elements by columns (rows columns, M)."""
     return np.ascontiguousarray(values.reshape(-1, rows, values.shape[1]).transpose(2, 1, 0))
+
+
+def _during(controls: Any, part: float, C: int) -> Any:
+    """Inputs (C, ...) after a ``part`` of a step: the ``controls`` (C, ...), or their means and changes (2 C, ...)."""
+    return controls[:C] if controls.shape[0] == C else controls[:C] + (part - 0.5) * controls[C:]

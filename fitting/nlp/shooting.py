@@ -19,6 +19,7 @@ from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.measurement import Measurement
 from fitting.nlp.sample_cost import Curved, SampleCost
 from mmg.compile.batch import MORE, BatchFunction, differences, finite_at
+from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
 
@@ -38,11 +39,9 @@ class Kernels:
         self.model, self.free = model, np.asarray(free, dtype=int)
         self.S, self.first = len(model.states), model.first
         q, c = ca.SX.sym("q", self.S - self.first), ca.SX.sym("c", len(model.controls))
-        theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", self.S)
-        k = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
-        z = ca.vertcat(q, *[theta[int(i)] for i in free])
-        J, H = ca.jacobian(k, z), ca.triu(ca.hessian(ca.dot(mu, k), z)[0])
-        self.whole = ca.Function("whole", [q, c, theta, mu], [ca.densify(k), J, H])
+        theta = ca.SX.sym("theta", len(model.symbols))
+        rates = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
+        self.whole = derivatives(rates, q, c, theta, self.free, second=True)
         self.interval: IntervalKernel | None = None
         self.interpreted_because = "compilation switched off"
         if compiled:
@@ -116,7 +115,7 @@ class Shooting:
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
-        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)
+        return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)[1:]
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.

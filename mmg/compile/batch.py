@@ -25,6 +25,10 @@ FLAGS: tuple[str, ...] = (
 )  # fmt: skip
 """-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
+LOOP_FLAGS = (
+    "-O2", "-ftree-vectorize", "-ffp-contract=fast", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
+)  # fmt: skip
+"""Of loops over matrices that are written by hand, the filter's and the elimination's."""
 
 GENERATORS = (sys.modules[__name__], codegen, stages)
 """Modules that the source of batch kernels comes from."""

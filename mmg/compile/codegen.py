@@ -104,18 +104,15 @@ def c_file(module: str, name: str, **values: object) -> str:
     return text
 
 
-def prelude(lanes: int = LANES) -> str:
-    """What all C files begin with: the type V of ``lanes`` points (LANES or 1) and the functions on it."""
+def prelude() -> str:
+    """What all C files begin with: the type V of LANES points and the functions on it."""
     one, two = (sorted(set(names) - set(_OWN)) for names in (OF_ONE, OF_TWO))
-    if lanes == 1:
-        calls = [f"#define v_{f} {f}" for f in (*one, *two)]
-    else:
-        calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
-        calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
-    kind = c_file(__file__, "scalar.h") if lanes == 1 else c_file(__file__, "vector.h", lanes=lanes)
+    calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
+    calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
     polynomials = {"expm1": _EXPM1, "sin": _SIN, "cos": _COS, "arc": _horner(list(ARC))}
     reduced = {"per_ln2": 1 / math.log(2), "per_quarter": 2 / math.pi}
-    return _COMMON + kind + c_file(__file__, "functions.h", **polynomials, **reduced) + "\n".join(calls) + "\n"
+    functions = c_file(__file__, "functions.h", **polynomials, **reduced)
+    return _COMMON + c_file(__file__, "vector.h", lanes=LANES) + functions + "\n".join(calls) + "\n"
 
 
 def expression(operation: int, operands: list[str]) -> str:

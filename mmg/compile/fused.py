@@ -1,8 +1,7 @@
 """C code that integrates whole trajectories: the right-hand side fused with its Runge-Kutta loop, no Python between.
 
 The instructions of the rates (q, c, theta) are sorted by what they depend on: those of the coefficients alone run once
-per trajectory, those of the inputs once per step (or per node), the rest in every stage. The same source serves
-vectors of LANES points and single points (``lanes`` 1).
+per trajectory, those of the inputs once per step (or per node), the rest in every stage.
 """
 
 from __future__ import annotations
@@ -21,12 +20,9 @@ import numpy as np
 from mmg import runge_kutta
 from mmg.compile.batch import FLAGS, GENERATORS, BatchFunction, differences, finite_points, points
 from mmg.compile.cache import LateSource, load_library
-from mmg.compile.codegen import c_file, prelude
+from mmg.compile.codegen import LANES, c_file, prelude
 from mmg.compile.stages import Program, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
-
-FLAGS_OF_ONE = (*FLAGS, "-O2")
-"""-O2 makes single points a fifth faster than -O1, vectors a twentieth; they would compile half as long again."""
 
 _INPUTS_AT = {0.5: "m", 1.0: "1"}
 
@@ -42,11 +38,10 @@ def _stages() -> str:
     return "\n        ".join([*lines, f"EACH(s, @S@) z[s] = z[s] + h / {float(sum(PARTS))} * ({total});"])
 
 
-def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
+def rollout_source(rates: ca.Function, first: int) -> str:
     """C file with ``void rollout(const Run*, long long begin, long long end)`` for points begin .. end.
 
     rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
-    lanes: points per vector.
     """
     program = Program.of(rates, (3, 2, 1))
     bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d")
@@ -54,7 +49,7 @@ def rollout_source(rates: ca.Function, first: int, lanes: int) -> str:
     parts: dict[str, str | int] = {name: bodies[i].text for i, name in enumerate(names, 1)}
     parts |= {"K": bodies[1].handed, "H": bodies[2].handed, "first": first}
     parts |= {"S": rates.size1_out(0), "C": rates.size1_in(1), "P": rates.size1_in(2)}
-    return prelude(lanes) + c_file(__file__, "rollout.c", stages=_stages(), **parts)
+    return prelude() + c_file(__file__, "rollout.c", stages=_stages(), **parts)
 
 
 class _RunArguments(ctypes.Structure):
@@ -72,10 +67,9 @@ class _RunArguments(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Rollout:
-    """A compiled rollout for blocks of ``lanes`` points."""
+    """A compiled rollout for blocks of LANES points."""
 
     library: ctypes.CDLL
-    lanes: int
 
     def __call__(
         self,
@@ -88,7 +82,7 @@ class Rollout:
         linear: bool,
         threads: int,
     ) -> np.ndarray:
-        """States (1 + kept, S, M) from start (S, M), M >= lanes; see ``Simulator.run`` for the other arguments.
+        """States (1 + kept, S, M) from start (S, M), M >= LANES; see ``Simulator.run`` for the other arguments.
 
         dt: (), (N,) or (N, M); keep: (N,) bool.
         """
@@ -105,8 +99,8 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        parts = max(1, min(threads, os.cpu_count() or 1, M // self.lanes))
-        borders = [M // self.lanes * i // parts * self.lanes for i in range(parts)] + [M]
+        parts = max(1, min(threads, os.cpu_count() or 1, M // LANES))
+        borders = [M // LANES * i // parts * LANES for i in range(parts)] + [M]
 
         def work(begin: int, end: int) -> None:  # whole blocks for each thread, what is left for the last one
             self.library.rollout(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end))
@@ -116,20 +110,19 @@ class Rollout:
         return out
 
 
-def compile_rollout(rates: ca.Function, first: int, lanes: int, what: str = "equations") -> Rollout | None:
-    """The rollout of these rates, compiled or from the cache; None where that is not possible. first, lanes: as for
+def compile_rollout(rates: ca.Function, first: int, what: str = "equations") -> Rollout | None:
+    """The rollout of these rates, compiled or from the cache; None where that is not possible. first: as for
     ``rollout_source``; what: they are, for people."""
-    make, flags = partial(rollout_source, rates, first, lanes), FLAGS_OF_ONE if lanes == 1 else FLAGS
     made_by = (*GENERATORS, runge_kutta, sys.modules[__name__])
-    text = LateSource.of([rates], make, *made_by, kind=f"rollout from {first} of {lanes}")
-    library, _ = load_library(text, flags, lambda new: _faults(Rollout(new, lanes), rates, first), what)
-    return None if library is None else Rollout(library, lanes)
+    text = LateSource.of([rates], partial(rollout_source, rates, first), *made_by, kind=f"rollout from {first}")
+    library, _ = load_library(text, FLAGS, lambda new: _faults(Rollout(new), rates, first), what)
+    return None if library is None else Rollout(library)
 
 
 def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
     """What is wrong with two steps of a new ``rollout`` by its ``rates``, which do not see the ``first`` states; "" for
     nothing."""
-    h, M = 1e-3, rollout.lanes
+    h, M = 1e-3, LANES
     (q, c, theta), _ = finite_points(rates, M, 1)
     start, controls = np.vstack([points(first, M, 0), q]), np.array([c, 0.9 * c])
     machine, z, expected = BatchFunction(rates, None), start, [start]

@@ -12,7 +12,10 @@ rates. Where asked, the stage in the middle of a step stands for all four in the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import casadi as ca
+import numpy as np
 
 from mmg.compile.cache import LONG, UNIT
 from mmg.compile.codegen import HIDDEN, c_file, prelude
@@ -36,23 +39,39 @@ _ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
 _ARRAYS = {1: "K", 2: "H"}
 
 
+def derivatives(
+    rates: ca.SX, q: ca.SX, inputs: ca.SX, coefficients: ca.SX, free: Sequence[int] | np.ndarray, second: bool
+) -> ca.Function:
+    """What an interval is made of: (q (Q,), inputs (C,), coefficients, multipliers (S,)) -> dense rates (S,), their
+    Jacobian (S, Q + P) to q and the P ``free`` coefficients, upper triangle of the Hessian (Q + P, Q + P) of
+    multipliers . rates. Multipliers and Hessian are there where ``second`` derivatives are wanted.
+
+    rates: (S,) expression of the other arguments, of whose states q are the last; free: positions of coefficients.
+    """
+    z, mu = ca.vertcat(q, *[coefficients[int(i)] for i in free]), ca.SX.sym("mu", rates.numel())
+    given, found = [q, inputs, coefficients], [ca.densify(rates), ca.jacobian(rates, z)]
+    if second:
+        given, found = [*given, mu], [*found, ca.triu(ca.hessian(ca.dot(mu, rates), z)[0])]
+    return ca.Function("whole", given, found)
+
+
 def interval_source(whole: ca.Function) -> str:
     """C source, in units, with ``values``, ``linearise`` and ``curve``, all ``(const Run*, long long begin, long long
     end)`` for the blocks of LANES intervals from begin to end.
 
-    whole: SXFunction (q (Q,), inputs (C,), coefficients, multipliers (S,)) -> dense rates (S,) of which q are the last
-    states, their Jacobian (S, Q + P) to q and the P free coefficients, upper triangle of the Hessian (Q + P, Q + P) of
-    multipliers . rates. Raises NotImplementedError for an operation without C.
+    whole: as of ``derivatives``; without second ones there is no ``curve``. Raises NotImplementedError for an operation
+    without C.
     """
-    S, Q, J, H = whole.size1_out(0), whole.size1_in(0), whole.sparsity_out(1), whole.sparsity_out(2)
+    S, Q, J, second = whole.size1_out(0), whole.size1_in(0), whole.sparsity_out(1), whole.n_out() > 2
+    H = whole.sparsity_out(2) if second else ca.Sparsity(0, 0)
     sizes = {
         "S": S, "FIRST": S - Q, "Q": Q, "P": J.size2() - Q, "C": whole.size1_in(1), "ALL": whole.size1_in(2),
         "NJ": J.nnz(), "NH": H.nnz(), "N": S + J.size2() - Q, "W": -(-(S + J.size2() - Q) // TILE) * TILE, "TILE": TILE,
-        "MIDDLE": MIDDLE, "STACK": STACK,
+        "MIDDLE": MIDDLE, "STACK": STACK, "CURVE": int(second),
     }  # fmt: skip
-    program = Program.of(whole, (3, 2, 1, 3))  # of the state, inputs, coefficients, multipliers
+    program = Program.of(whole, (3, 2, 1, 3)[: whole.n_in()])  # of the state, inputs, coefficients, multipliers
     head, units, known, kept = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
-    for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2])):
+    for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2]))[: whole.n_out()]:
         code = divided_code(name, program, outputs, _ARGUMENTS, _ARRAYS)
         kept = [max(a, code.early[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
         early = {line.format(name): code.early[i].text for i, line in enumerate(_DECLARED, 1)}
@@ -61,7 +80,8 @@ def interval_source(whole: ca.Function) -> str:
         known += [*(f"{line};\n" for line in early), code.declared]
         known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
-    text += [c_file(__file__, "intervals.h"), _through(J, S, Q), _bent(H, Q, S), _multiply()]
+    text += [c_file(__file__, "intervals.h"), _through(J, S, Q), _bent(H, Q, S)]
+    text += [_multiply()] if second else []
     return UNIT.join(["".join([*text, c_file(__file__, "intervals.c")]), *units])
 
 
@@ -109,13 +129,15 @@ def _through(J: ca.Sparsity, S: int, Q: int) -> str:
     pulled = [f"b[{c}] = {' + '.join(terms) or 'fill(0.0)'};" for c, terms in enumerate(back)]
     line, inner = "\n    ", "\n      "
     return f"""#define MIXED {len(mixed)}
-static void through(Work* w, long long k, V h, M active, const V* pull, V* slope) {{
+static void through(const Run* r, Work* w, long long k, V h, M active, const V* pull, V* slope) {{
   for (int g = 0; g < 4; g++) {{
     const V* J = w->J + (k * 4 + g) * NJ;
     V* own = w->own + g * MIXED * W;
     {line.join(own)}
   }}
-  for (int j = 0; j < W; j++) {{
+  const long long wide = r->columns ? r->wide : W;
+  for (long long n = 0; n < wide; n++) {{
+    const long long j = r->columns ? r->columns[n] : n;
     {line.join(begin)}
     for (int g = 0; g < 4; g++) {{
       const V *J = w->J + (k * 4 + g) * NJ, *own = w->own + g * MIXED * W;

@@ -4,10 +4,15 @@ static void begin_block(const Run* r, long long i, Block* b, int order) {
   for (int l = 0; l < LANES; l++) b->steps[l] = (double)r->count[i + l];
   for (int s = 0; s < S; s++) b->z[s] = load(r->start + s * r->lanes + i);
   if (order == 0) rates_shared(b->p, b->shared_r); else jacobian_shared(b->p, b->shared_j);
+#if CURVE
   if (order == 2) hessian_shared(b->p, b->shared_h);
+#endif
 }
-static void read_inputs(const Run* r, long long k, long long i, V* c) {
-  for (int j = 0; j < C; j++) c[j] = load(r->controls + (k * C + j) * r->lanes + i);
+/* Inputs of step k after a part of it: those held over it, or their means and, behind these, their changes over it. */
+static void read_inputs(const Run* r, long long k, long long i, double part, V* c) {
+  const double* from = r->controls + k * (r->changes ? 2 * C : C) * r->lanes + i;
+  for (int j = 0; j < C; j++) c[j] = load(from + j * r->lanes);
+  if (r->changes) for (int j = 0; j < C; j++) c[j] += (part - 0.5) * load(from + (C + j) * r->lanes);
 }
 static void keep_states(const Run* r, long long k, long long i, const V* z) {
   double* to = k == r->steps - 1 ? r->end : r->interior + k * S * r->lanes;
@@ -29,15 +34,21 @@ EXPORT int values(const Run* r, long long begin, long long end) {
     begin_block(r, i, b, 0);
     for (long long k = 0; k < r->steps; k++) {
       const M active = b->steps > (double)k;
-      read_inputs(r, k, i, c);
-      rates_inputs(c, b->p, b->shared_r, held);
       for (int s = 0; s < S; s++) rate[s] = total[s] = fill(0.0);
       for (int g = 0; g < 4; g++) {
+        if (!g || r->changes) {
+          read_inputs(r, k, i, AT[g], c);
+          rates_inputs(c, b->p, b->shared_r, held);
+        }
         for (int s = 0; s < S; s++) q[s] = b->z[s] + AT[g] * h * rate[s];
         rates_at(q + FIRST, c, b->p, q, b->shared_r, held, rate);
         for (int s = 0; s < S; s++) total[s] = total[s] + PART[g] * rate[s];
       }
       for (int s = 0; s < S; s++) b->z[s] = choose(active, b->z[s] + h * total[s], b->z[s]);
+      if (r->given) for (int s = 0; s < S; s++) {
+        const V given = load(r->given + (k * S + s) * r->lanes + i);
+        b->z[s] = choose(given == given, given, b->z[s]);
+      }
       keep_states(r, k, i, b->z);
     }
   }
@@ -46,12 +57,14 @@ EXPORT int values(const Run* r, long long begin, long long end) {
 }
 
 static V* room(V** at, long long size) { V* here = *at; *at += size; return here; }
-/* A row of N vectors of the lanes from i on, to the row at of each of their intervals, which has ``all`` rows. */
-static void give_rows(const Run* r, long long i, const V* from, double* to, int at, int all) {
+/* A row of vectors of the lanes from i on, of the wanted columns, to the row at of each of their intervals, which has
+   ``all`` rows. */
+static void give_rows(const Run* r, long long i, const V* from, double* to, long long at, long long all) {
+  const long long wide = r->columns ? r->wide : N;
   for (int l = 0; l < LANES; l++) {
     if (r->slot[i + l] < 0) continue;
-    double* row = to + (r->interval[i + l] * all + at) * N;
-    for (int j = 0; j < N; j++) row[j] = from[j][l];
+    double* row = to + (r->interval[i + l] * all + at) * wide;
+    for (long long n = 0; n < wide; n++) row[n] = from[r->columns ? r->columns[n] : n][l];
   }
 }
 
@@ -80,10 +93,12 @@ static void one_step(const Run* r, Work* w, long long k, long long i) {
   const V h = fill(*r->h);
   const M active = w->b.steps > (double)k;
   V held[HELD], rate[S], total[S], d[S + NJ], *c = w->c + k * C;
-  read_inputs(r, k, i, c);
-  jacobian_inputs(c, w->b.p, w->b.shared_j, held);
   for (int s = 0; s < S; s++) rate[s] = total[s] = fill(0.0);
   for (int g = 0; g < 4; g++) {
+    if (!g || r->changes) {
+      read_inputs(r, k, i, AT[g], c);
+      jacobian_inputs(c, w->b.p, w->b.shared_j, held);
+    }
     V* q = w->q + (k * 4 + g) * Q;
     for (int s = 0; s < Q; s++) q[s] = w->b.z[FIRST + s] + AT[g] * h * rate[FIRST + s];
     jacobian_at(q, c, w->b.p, q, w->b.shared_j, held, d);
@@ -106,10 +121,11 @@ static void sweep(const Run* r, Work* w, long long i, int order) {
     one_step(r, w, k, i);
     const int inside = k < r->steps - 1;
     if (inside) for (int s = 0; s < S; s++) pull[s] = load(r->pull + (k * S + s) * r->lanes + i);
-    through(w, k, fill(*r->h), w->b.steps > (double)k, inside ? pull : 0, slope);
+    through(r, w, k, fill(*r->h), w->b.steps > (double)k, inside ? pull : 0, slope);
   }
   if (order == 2) memcpy(w->F + r->steps * FIRST * W, w->Z, sizeof(V) * FIRST * W);
-  for (int s = 0; s < S; s++) give_rows(r, i, w->Z + s * W, r->ends, s, S);
+  if (r->columns) for (long long n = 0; n < r->tall; n++) give_rows(r, i, w->Z + r->states[n] * W, r->ends, n, r->tall);
+  else for (int s = 0; s < S; s++) give_rows(r, i, w->Z + s * W, r->ends, s, S);
   give_rows(r, i, slope, r->slope, 0, 1);
 }
 
@@ -121,6 +137,7 @@ EXPORT int linearise(const Run* r, long long begin, long long end) {
   return w == 0;
 }
 
+#if CURVE
 static const V* sensitivity(const Work* w, long long k, int s) {
   return s < FIRST ? w->F + (k * FIRST + s) * W : w->G + (k * 4 * Q + s - FIRST) * W;
 }
@@ -234,3 +251,4 @@ EXPORT int curve(const Run* r, long long begin, long long end) {
   free(base);
   return w == 0;
 }
+#endif

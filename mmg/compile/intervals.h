@@ -1,22 +1,26 @@
 /* What the ship's own functions need: arguments, vectors, scratch, places of the product. */
 #include <stdlib.h>
 typedef struct {
-  long long lanes, steps, groups, extra, middle;
+  long long lanes, steps, groups, extra, middle, changes, tall, wide;
   const double *start, *controls, *theta, *h;
   const long long *count, *group, *slot, *interval;
+  const double* given;
   double *end, *interior;
+  const long long *states, *columns;
   const double *pull;
   double *ends, *slope;
   const double *cost, *weight;
   const long long* own;
   double *rows, *shared;
 } Run;
-/* start S x lanes, controls steps x C x lanes, theta ALL x groups; count, group, slot, interval by lane; a slot of -1:
-   none, of a lane that only fills a vector; end S x lanes, interior (steps - 1) x S x lanes; pull (steps - 1) x S x
-   lanes: gradient of the samples' cost; ends intervals x S x N and slope intervals x N; cost (steps - 1) x (S + extra)
-   (S + extra + 1) / 2 x lanes: upper triangle by rows of their Hessian to the state and to the coefficients own[extra];
-   weight S x lanes of the end, or null for none; rows intervals x S x N; shared slots x P x P, upper triangle; middle:
-   whether second derivatives are taken once a step, in its middle. */
+/* start S x lanes, controls steps x C x lanes, or steps x 2 C x lanes where they have changes, theta ALL x groups;
+   count, group, slot, interval by lane; a slot of -1: none, of a lane that only fills a vector; given steps x S x
+   lanes: states that replace those after each step, NaN for none, or null; end S x lanes, interior (steps - 1) x S x
+   lanes; pull (steps - 1) x S x lanes: gradient of the samples' cost; ends intervals x S x N and slope intervals x N,
+   or of the wanted states[tall] and columns[wide]; cost (steps - 1) x (S + extra) (S + extra + 1) / 2 x lanes: upper
+   triangle by rows of their Hessian to the state and to the coefficients own[extra]; weight S x lanes of the end, or
+   null for none; rows intervals x S x N; shared slots x P x P, upper triangle; middle: whether second derivatives are
+   taken once a step, in its middle. */
 
 typedef struct { V p[ALL + 1], z[S], steps, shared_r[KEPT], shared_j[KEPT], shared_h[KEPT]; } Block;
 

@@ -19,17 +19,24 @@ SHARE = 16
 """Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7)."""
 
 
+Wanted = tuple[np.ndarray, np.ndarray]
+"""Rows (states) and columns (states, then free coefficients) of sensitivities, by number."""
+
+
 class _IntervalRun(ctypes.Structure):
     """The struct Run of the C code."""
 
     _fields_ = (
-        [(name, ctypes.c_longlong) for name in ("lanes", "steps", "groups", "extra", "middle")]
+        [
+            (name, ctypes.c_longlong)
+            for name in ("lanes", "steps", "groups", "extra", "middle", "changes", "tall", "wide")
+        ]
         + [
             (name, ctypes.c_void_p)
-            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval")
+            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval", "given")
         ]
-        + [(name, ctypes.c_void_p) for name in ("end", "interior", "pull", "ends", "slope", "cost", "weight", "own")]
-        + [(name, ctypes.c_void_p) for name in ("rows", "shared")]
+        + [(name, ctypes.c_void_p) for name in ("end", "interior", "states", "columns", "pull", "ends", "slope")]
+        + [(name, ctypes.c_void_p) for name in ("cost", "weight", "own", "rows", "shared")]
     )
 
 
@@ -38,7 +45,8 @@ class Lanes:
     """M intervals in the order in which they are calculated, in whole vectors.
 
     interval: (lanes,) number of the interval of each lane; steps: (lanes,) of it, 0 where a lane only fills a vector;
-    controls: (K, C, lanes) held over each step; group: (lanes,) which coefficients it has; slot: (lanes,) where what
+    controls: (K, C, lanes) held over each step, or where an interval has ``changes`` means and changes over it (K, 2 C,
+    lanes); group: (lanes,) which coefficients it has; slot: (lanes,) where what
     belongs to the coefficients is added up, -1 for none; shares: first and last block of each share of the work, at
     the borders of slots; M: number of intervals; h: step [s].
     """
@@ -51,10 +59,20 @@ class Lanes:
     shares: tuple[tuple[int, int], ...]
     M: int
     h: float
+    changes: bool = False
 
     @classmethod
-    def of(cls, steps: np.ndarray, controls: np.ndarray, h: float, group: np.ndarray, slot: np.ndarray) -> Lanes:
-        """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, and the step h [s]."""
+    def of(
+        cls,
+        steps: np.ndarray,
+        controls: np.ndarray,
+        h: float,
+        group: np.ndarray,
+        slot: np.ndarray,
+        changes: bool = False,
+    ) -> Lanes:
+        """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, the step h [s] and
+        whether the controls have changes behind them."""
         M = len(steps)
         order = np.lexsort((-steps, slot))
         borders = np.flatnonzero(np.diff(slot[order])) + 1
@@ -79,6 +97,7 @@ class Lanes:
             tuple(shares),
             M,
             float(h),
+            changes,
         )
 
     @cached_property
@@ -135,22 +154,31 @@ class IntervalKernel:
         library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
         return (None if library is None else made(library)), reason
 
-    def values(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all)."""
+    def values(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and coefficients (G, all).
+
+        given: (K, S, M) states that replace those after each step, NaN for none, or None.
+        """
         run = self._states(lanes, start, theta)
+        if given is not None:
+            run["given"] = lanes.spread(given)
         self._work("values", lanes, run)
         return self._ends(lanes, run)
 
     def linearise(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Sensitivities of the end (M, S, S + P) to start and free coefficients; and (M, S + P) of the samples' cost.
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """End states (S, M), their sensitivities (M, S, S + P) to start and free coefficients, and (M, S + P) of the
+        samples' cost.
 
-        start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states.
+        start, theta: as of ``values``; pull: (K - 1, S, M) gradient of the cost to the interior states; wanted: rows
+        and columns of the sensitivities (default: all).
         """
-        run = self._sensitivities(lanes, start, theta, pull)
+        run = self._sensitivities(lanes, start, theta, pull, wanted)
         self._work("linearise", lanes, run)
-        return run["ends"], run["slope"]
+        return run["end"][:, lanes.position], run["ends"], run["slope"]
 
     def curve(
         self,
@@ -163,8 +191,8 @@ class IntervalKernel:
         slot: np.ndarray,
         middle: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What ``linearise`` gives, then the Hessian of weight . end + cost of the interior states: rows of the start
-        nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
+        """The sensitivities that ``linearise`` gives, then the Hessian of weight . end + cost of the interior states:
+        rows of the start nodes (M, S, S + P) and, summed by slot, the block of the coefficients (slots, P, P).
 
         cost: upper triangles (K - 1, n (n + 1) / 2, M), row by row, of the cost's Hessian to the n = S + O of states
         and O of the free coefficients, and the positions (O,) of these; weight: (S, M), or None for the cost's Hessian
@@ -192,11 +220,14 @@ class IntervalKernel:
         }
 
     def _sensitivities(
-        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
     ) -> dict[str, np.ndarray]:
-        M, N = lanes.M, self.S + self.P
-        more = {"pull": lanes.spread(pull), "ends": np.empty((M, self.S, N)), "slope": np.empty((M, N))}
-        return self._states(lanes, start, theta) | more
+        run = self._states(lanes, start, theta) | {"pull": lanes.spread(pull)}
+        rows, columns = self.S, self.S + self.P
+        if wanted is not None:
+            run["states"], run["columns"] = (np.ascontiguousarray(a, dtype=np.int64) for a in wanted)
+            rows, columns = map(len, wanted)
+        return run | {"ends": np.empty((lanes.M, rows, columns)), "slope": np.empty((lanes.M, columns))}
 
     def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         interior = run["interior"][:, :, lanes.position]
@@ -214,6 +245,9 @@ class IntervalKernel:
             "groups": arrays["theta"].shape[1],
             "extra": len(arrays.get("own", ())),
             "middle": middle,
+            "changes": lanes.changes,
+            "tall": len(arrays.get("states", ())),
+            "wide": len(arrays.get("columns", ())),
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
 

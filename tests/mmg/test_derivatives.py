@@ -140,12 +140,6 @@ def test_hessian_agrees_with_finite_differences_of_the_jacobian(kind: str, seed:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_hessian_is_symmetric(kind: str, derivatives: tuple) -> None:
-    hessian = np.array(derivatives[2](point(kind, 7))).reshape((6, ARGUMENTS, ARGUMENTS), order="F")
-    np.testing.assert_allclose(hessian, hessian.transpose(0, 2, 1), rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_coefficients_put_in_as_numbers_give_the_same_rates(kind: str) -> None:
     """A model whose arguments are a few coefficients equals the one with all as arguments."""
     chosen = ("Y_v", "w_P0", "gamma_N")

@@ -77,17 +77,6 @@ def test_rates_are_those_of_the_forces_plus_the_mean_of_the_members():
     np.testing.assert_allclose(added[:3], 0.0, atol=0)
 
 
-def test_compiled_and_interpreted_simulations_agree():
-    state, controls = scattered(HYBRID, 9)
-    held = np.repeat(controls[None], 20, axis=0)
-    runs = [Simulator(HYBRID, compiled).run(state, held, 0.1) for compiled in (True, False)]
-    np.testing.assert_allclose(runs[0], runs[1], rtol=1e-10, atol=1e-12)
-    single = Simulator(HYBRID).run(state[:, :1], held[:, :, :1], 0.1)
-    np.testing.assert_allclose(single[:, :, 0], runs[0][:, :, 0], rtol=1e-10, atol=1e-12)
-    plain = Simulator(ESSO).run(state, held, 0.1)
-    assert np.abs(plain - runs[0]).max() > 1e-3
-
-
 def test_second_derivatives_are_finite_at_rest():
     model = assemble(HYBRID, ())
     z, c = ca.SX.sym("z", 6), ca.SX.sym("c", 4)

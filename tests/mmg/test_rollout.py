@@ -15,6 +15,7 @@ from mmg.effects import effect
 from mmg.model import columns
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.networks import random_network
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 ESSO = load_ship("esso_osaka_3m")
@@ -35,6 +36,7 @@ SHIPS = {
     "with memory": with_effects("rudder_lag", "hull_memory", "control_delay"),
     "that feels where it is": with_effects("current", "bank"),
     "with two rudders": load_ship("vectwin_3m"),
+    "with a network": ESSO.with_network(random_network(ESSO, members=2)),
 }
 
 
@@ -211,11 +213,10 @@ def shuffled_rates() -> ca.Function:
 
 
 @needs_compiler
-@pytest.mark.parametrize("lanes", [1, LANES])
-def test_rows_may_depend_on_anything_or_nothing(lanes: int) -> None:
+def test_rows_may_depend_on_anything_or_nothing() -> None:
     rates, rng = shuffled_rates(), np.random.default_rng(3)
-    start, controls, p = rng.random((5, lanes)), rng.random((4, 2, lanes)), rng.random((2, lanes))
-    rollout = compile_rollout(rates, 2, lanes)
+    start, controls, p = rng.random((5, LANES)), rng.random((4, 2, LANES)), rng.random((2, LANES))
+    rollout = compile_rollout(rates, 2)
     assert rollout is not None
     got = rollout(start, controls, np.asarray(0.5), p, np.ones(4, dtype=bool), True, False, 1)
     z = start
@@ -228,7 +229,7 @@ def test_rows_may_depend_on_anything_or_nothing(lanes: int) -> None:
 def test_equations_without_c_are_said_once(caplog: pytest.LogCaptureFixture) -> None:
     q, c, p = (ca.SX.sym(name) for name in "qcp")
     for _ in range(2):
-        assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, 1, "such equations") is None
+        assert compile_rollout(ca.Function("f", [q, c, p], [ca.asinh(q)]), 0, "such equations") is None
     assert len([r for r in caplog.records if "such equations" in r.message]) == 1
 
 

@@ -16,15 +16,15 @@ from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import filtered_by, source, whitened_by
 from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
 from diagnosis.estimation.transition_model import LinearModel
+from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
-from mmg.compile.paths import FLAGS
 
 RUNS, STEPS = 3, 11
 
 
 @pytest.fixture(scope="module")
 def code() -> ctypes.CDLL:
-    library, why = load_library(source(), FLAGS)
+    library, why = load_library(source(), LOOP_FLAGS)
     if library is None:
         pytest.skip(why)
     return library

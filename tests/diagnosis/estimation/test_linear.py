@@ -237,11 +237,26 @@ def test_steps_travel_to_another_process(steps: TransitionModel) -> None:
     assert np.array_equal(again.advance(z, c, theta), steps.advance(z, c, theta))
 
 
-def test_without_a_compiler_it_is_the_same(steps: TransitionModel) -> None:
+@pytest.mark.parametrize("changes", [False, True])
+def test_without_a_compiler_it_is_the_same(steps: TransitionModel, changes: bool) -> None:
     slow = full_steps(compiled=False)
     assert slow.interpreted_because and not steps.interpreted_because
     states, inputs, force = path(steps)
-    theta = off_neutral(steps)
-    a, b = (s.linearise(states, inputs, theta, force, every_column(s), np.arange(s.S)) for s in (steps, slow))
+    inputs = np.concatenate([inputs, 0.3 * inputs[:, ::-1]], axis=2) if changes else inputs
+    theta, count = off_neutral(steps), (np.arange(POINTS) != 2).astype(int)
+    a, b, part = (
+        s.linearise(states, inputs, theta, force, every_column(s), np.arange(s.S), n)
+        for s, n in ((steps, None), (slow, None), (steps, count))
+    )
     for name in ("end", "F", "G", "force", "logged", "H", "D"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-10)
+    for name in ("end", "F", "G", "force"):  # a step that does not exist is left out
+        whole, found = getattr(a, name), getattr(part, name)
+        assert not found[:, 2].any() and np.array_equal(found[:, count > 0], whole[:, count > 0])
+    long, held = np.repeat(states[:1], 5, axis=0), np.repeat(inputs, 4, axis=0)
+    whole = np.random.default_rng(0).random((4, POINTS)) < 0.5
+    for given in ((), (np.arange(6, steps.S), whole)):
+        fast, expected = (s.follow(long, held, theta, *given, force=np.repeat(force, 4, axis=0)) for s in (steps, slow))
+        np.testing.assert_allclose(fast, expected, rtol=1e-9, atol=1e-11)
+        if given:
+            assert np.array_equal(fast[1:][~whole][:, :6], long[1:][~whole][:, :6]), "given states were overwritten"

@@ -72,6 +72,9 @@ def script(folder: Path, body: str) -> str:
             "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
             "failed: c.c:1: error: why",
         ),
+        (r"printf 'error: \351\377 \033[2J\n' >&2; exit 1", "cc.sh failed: error"),
+        ("exit 0", "cc.sh made no library"),
+        pytest.param("kill -9 $$", "signal 9", marks=pytest.mark.skipif(os.name != "posix", reason="signals")),
     ],
 )
 def test_a_broken_compiler_is_reported_in_one_sentence(
@@ -223,13 +226,6 @@ def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> No
     assert library is None and "MMG_CACHE" in why
 
 
-def test_a_compiler_may_answer_in_any_encoding(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MMG_CC", script(tmp_path, r"printf 'error: \351\377 \033[2J\n' >&2; exit 1"))
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    path, reason = compile_library(SEVEN, FLAGS)
-    assert path is None and str(tmp_path) in reason
-
-
 WRONG = r"""for text; do
 case "$text" in *.c) sed -i 's/void store(double. p, V x) {{/& x *= 1.001;/' "$text";; esac
 done
@@ -250,32 +246,6 @@ def test_code_that_gives_wrong_numbers_is_not_used(monkeypatch: pytest.MonkeyPat
     assert "cc.sh" in reason
     np.testing.assert_allclose(got, expected, rtol=1e-12)
     assert not list((tmp_path / "cache").glob("*.so"))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_a_compiler_that_is_killed_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("MMG_CC", script(tmp_path, "kill -9 $$"))
-    expected, _ = short_run(compiled=False)
-    got, reason = short_run()
-    assert "cc.sh" in reason
-    np.testing.assert_allclose(got, expected, rtol=1e-12)
-
-
-def test_a_compiler_that_makes_nothing_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("MMG_CC", script(tmp_path, "exit 0"))
-    library, why = compile_library(SEVEN, FLAGS)
-    assert library is None and f"{tmp_path}/cc.sh " in why
-
-
-@needs_compiler
-def test_any_number_of_threads_gives_the_same_run() -> None:
-    simulator = Simulator(load_ship("esso_osaka_3m"))
-    start = np.tile(np.array([[0.0], [0.0], [0.0], [0.2], [0.01], [0.02]]), (1, 700)) * np.linspace(0.5, 1.5, 700)
-    inputs = np.tile(np.array([8.0, 0.3, 0.5, 0.0]), (10, 1))
-    one, many = (simulator.run(start, inputs, 0.1, threads=n) for n in (1, 256))
-    np.testing.assert_array_equal(one, many)
 
 
 @needs_compiler

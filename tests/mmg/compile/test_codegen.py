@@ -8,13 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from cases.shipfiles.ship_file import load_ship
 from mmg.compile import batch, codegen
 from mmg.compile.batch import batch_functions, padded
 from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
-from mmg.compile.fused import compile_rollout
-from mmg.rollout import Simulator
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -163,23 +160,6 @@ def test_derivatives_and_sparse_results_come_out_as_nonzeros_in_order() -> None:
         np.testing.assert_allclose(values[:, k], np.array(value).ravel(), rtol=1e-14)
 
 
-@needs_compiler
-def test_one_point_gets_the_same_bits_as_many() -> None:
-    """All operations in one rollout of a single Euler step, as vectors and point by point."""
-    q, c, p = ca.SX.sym("q"), ca.SX.sym("c"), ca.SX.sym("p")
-    rows = ca.vertcat(*[f(q, c * p) for f in OPERATIONS.values()])
-    rates = ca.Function("all", [q, c, p], [ca.densify(rows)])
-    many, single = (compile_rollout(rates, len(OPERATIONS) - 1, lanes) for lanes in (LANES, 1))
-    assert many is not None and single is not None
-    x, y = arguments()
-    start = np.repeat(x, len(OPERATIONS), axis=0)
-    rest = (np.asarray(1.0), np.ones(1), np.ones(1, dtype=bool), True, False, 1)
-    together = many(start, y[None], *rest)
-    for k in range(POINTS):
-        alone = single(start[:, [k]], y[None, :, [k]], *rest)
-        np.testing.assert_array_equal(together[:, :, [k]], alone)
-
-
 # Points
 
 
@@ -196,14 +176,3 @@ def test_a_number_of_points_that_fills_no_vector_is_refused(points: int) -> None
 def test_padding_goes_to_the_next_multiple(points: int, expected: int) -> None:
     assert LANES == 8
     assert padded(points) == expected
-
-
-@pytest.mark.parametrize("count", [1, 3, 8, 11])
-def test_the_simulator_takes_any_number_of_ships(count: int) -> None:
-    simulator = Simulator(load_ship("esso_osaka_3m"))
-    rng = np.random.default_rng(1)
-    state, controls = rng.uniform(-0.2, 0.2, (6, count)), rng.uniform(-0.5, 0.5, (4, count))
-    got = simulator.rates(state, controls)
-    assert got.shape == (6, count)
-    for k in range(count):
-        np.testing.assert_array_equal(got[:, [k]], simulator.rates(state[:, [k]], controls[:, [k]]))

@@ -11,11 +11,7 @@ from cases.shipfiles.ship_file import load_ship
 from mmg.components.hull import abkowitz
 from mmg.model import assemble
 from mmg.motion.flow import Flow
-from mmg.motion.smooth import Exact
 from tests.support.force_numbers import (
-    as_function,
-    assert_derivatives_are_right,
-    assert_finite_everywhere,
     particulars_and_coefficients,
     smooth,
     xyn,
@@ -76,30 +72,6 @@ def test_rudder_to_starboard_turns_to_starboard() -> None:
     neutral = xyn(abkowitz.force(Flow(u=U_0, v=0.0, r=0.0), P, C, s))
     turned = xyn(abkowitz.force(Flow(u=U_0, v=0.0, r=0.0, delta=0.2), P, C, s)) - neutral
     assert turned[0] < 0 and turned[1] < 0 and turned[2] > 0
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.floats(-8, 8), st.floats(-3, 3), st.floats(-0.02, 0.02), st.floats(-0.7, 0.7))
-def test_mirrored_motion_gives_mirrored_forces_without_the_bias_of_one_screw(u, v, r, delta) -> None:
-    bias = {f"{letter}_{term}": 0.0 for letter in "YN" for term in ("0", "0u", "0uu")}
-    p, c = particulars_and_coefficients("mariner", **bias)
-    one = xyn(abkowitz.force(Flow(u=u, v=v, r=r, delta=delta), p, c, smooth(p)))
-    other = xyn(abkowitz.force(Flow(u=u, v=-v, r=-r, delta=-delta), p, c, smooth(p)))
-    np.testing.assert_allclose(other, one * (1, -1, -1), rtol=1e-10, atol=1e-6)
-
-
-@pytest.mark.parametrize("delta", [0.0, 0.5])
-@pytest.mark.parametrize("s", [Exact(), smooth(P)])
-def test_nothing_at_rest(s, delta: float) -> None:
-    np.testing.assert_array_equal(xyn(abkowitz.force(Flow(u=0.0, v=0.0, r=0.0, delta=delta), P, C, s)), 0.0)
-
-
-def test_derivatives_are_finite_everywhere() -> None:
-    assert_finite_everywhere(as_function(lambda flow: abkowitz.force(flow, P, C, smooth(P))))
-
-
-def test_derivatives_agree_with_finite_differences() -> None:
-    assert_derivatives_are_right(as_function(lambda flow: abkowitz.force(flow, P, C, smooth(P))), 1)
 
 
 def run(delta: float, seconds: float, dt: float = 1.0) -> np.ndarray:

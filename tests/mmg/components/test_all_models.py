@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,9 +15,10 @@ from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import library, load_ship
 from mmg.components.catalogue import FORCES, MODELS, coefficient_table, module
 from mmg.components.coefficients import names
+from mmg.components.rigid_body import accelerations, inertia
 from mmg.model import assemble
-from mmg.motion.flow import INPUTS, Flow
-from mmg.motion.smooth import Smooth
+from mmg.motion.flow import INPUTS, Flow, Force
+from mmg.motion.smooth import Exact, Smooth, Smoothing
 from mmg.ship import Ship
 
 PARTICULARS = {
@@ -25,31 +29,33 @@ PARTICULARS = {
 }  # fmt: skip
 """A ship of everything."""
 
-FORCE_MODELS = [(role, name) for role in FORCES if role != "expansion" for name in MODELS[role]]
-"""All but the polynomials, which have no terms of their own: ``test_expansion``."""
+PROPELLERS = ("standard", "standard_kijima", "standard_hirano", "kang", "cpp")
+FORCE_MODELS = [(role, name, "hachii") for role in FORCES if role != "expansion" for name in MODELS[role]]
+FORCE_MODELS += [("rudder", "vectwin" if name == "kang" else "standard", name) for name in PROPELLERS]
+FORCE_MODELS += [("rudder", name, "standard") for name in ("lindenburg", "single")]
+"""Role, model, and the propeller before a rudder. All but the polynomials, which have no terms of their own:
+``test_expansion``."""
 SIZES = {"u": 0.5, "v": 0.2, "r": 0.1, "a_x": 3.0, "a_y": 3.0, "psi": 3.0}
 ACTUATORS = {name: 12.0 if unit == "rps" else 0.6 for name, (_, unit) in INPUTS.items()}
-NEEDED_BY = {"rudder": "hachii"}
+SCALE = np.array([*SIZES.values(), *ACTUATORS.values()])
 
 
 def symbolic(
-    role: str, name: str, particulars: dict[str, float] = PARTICULARS
-) -> tuple[ca.Function, ca.Function, ca.Function, int]:
-    """Force, first and second derivatives of a model as functions of motion and actuators."""
-    components = {"propeller": NEEDED_BY[role]} if role in NEEDED_BY else {}
-    components[role] = name
+    role: str, name: str, propeller: str, particulars: dict[str, float] = PARTICULARS, s: Smoothing | None = None
+) -> ca.Function:
+    """Force (3,), and for a rudder the sine of its blades, with first and second derivatives by motion and
+    actuators."""
+    components = ({"propeller": propeller} if role == "rudder" else {}) | {role: name}
     c = names({s: row.value for s, row in coefficient_table(components, particulars).items()})
-    p, s = names(particulars), Smooth.for_length(3.0)
-    keys = [*SIZES, *ACTUATORS]
-    x = ca.SX.sym("x", len(keys))
-    flow = Flow(**{key: x[i] for i, key in enumerate(keys)})
-    if role in NEEDED_BY:
-        flow = flow.with_(slipstream=module("propeller", NEEDED_BY[role]).force(flow, p, c, s).slipstream)
+    p, s = names(particulars), s or Smooth.for_length(3.0)
+    x = ca.SX.sym("x", len(SCALE))
+    flow = Flow(**{key: x[i] for i, key in enumerate([*SIZES, *ACTUATORS])})
+    if role == "rudder":
+        flow = flow.with_(slipstream=module("propeller", propeller).force(flow, p, c, s).slipstream)
     force = module(role, name).force(flow, p, c, s)
-    y = ca.vertcat(force.X, force.Y, force.N)
-    jacobian = ca.jacobian(y, x)
-    hessian = ca.jacobian(ca.densify(ca.vec(jacobian)), x)
-    return (*(ca.Function("f", [x], [e]) for e in (y, jacobian, hessian)), len(keys))
+    y = ca.vertcat(force.X, force.Y, force.N, *[blade.sin2_alpha for blade in force.blades])
+    J = ca.densify(ca.jacobian(y, x))
+    return ca.Function("f", [x], [y, J, ca.densify(ca.jacobian(ca.vec(J), x))], {"cse": True})
 
 
 LOW_RUDDER = {**PARTICULARS, "aspect_ratio": 0.25 * PARTICULARS["aspect_ratio"]}
@@ -57,55 +63,83 @@ LOW_RUDDER = {**PARTICULARS, "aspect_ratio": 0.25 * PARTICULARS["aspect_ratio"]}
 
 
 @pytest.mark.parametrize(
-    ("role", "name", "particulars"),
+    ("role", "name", "propeller", "particulars"),
     [(*model, PARTICULARS) for model in FORCE_MODELS]
     + [(*model, LOW_RUDDER) for model in FORCE_MODELS if model[0] == "rudder"],
 )
 def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(
-    role: str, name: str, particulars: dict[str, float]
+    role: str, name: str, propeller: str, particulars: dict[str, float]
 ) -> None:
     """On a grid of zero and non-zero speeds, all quadrants, actuators stopped and moving, wind and calm."""
-    f, J, H, size = symbolic(role, name, particulars)
-    scale = np.array([*SIZES.values(), *ACTUATORS.values()])
+    f, size = symbolic(role, name, propeller, particulars), len(SCALE)
     rng = np.random.default_rng(0)
     points = [np.zeros(size)]
     for signs in np.array(np.meshgrid(*[(-1, 0, 1)] * 4)).reshape(4, -1).T:
         point = rng.uniform(-1, 1, size)
         point[:3] = signs[:3]
         point[len(SIZES) :] *= abs(signs[3])
-        points += [point * scale, np.where(rng.random(size) < 0.5, 0.0, point * scale), 1e-5 * point * scale]
+        points += [point * SCALE, np.where(rng.random(size) < 0.5, 0.0, point * SCALE), 1e-5 * point * SCALE]
+        points.append(np.where(np.arange(size) < 3, point * SCALE, 0.0))
     for point in points:
-        for function in (f, J, H):
-            assert np.isfinite(np.array(function(point))).all(), (function.name(), point)
+        for part in f(point):
+            assert np.isfinite(np.array(part)).all(), point
 
 
-@pytest.mark.parametrize(("role", "name"), FORCE_MODELS)
-def test_first_derivatives_agree_with_finite_differences(role: str, name: str) -> None:
-    f, J, _, size = symbolic(role, name)
-    scale = np.array([*SIZES.values(), *ACTUATORS.values()])
+@pytest.mark.parametrize(("role", "name", "propeller"), FORCE_MODELS)
+def test_first_and_second_derivatives_agree_with_finite_differences(role: str, name: str, propeller: str) -> None:
+    """At full speed and near rest, by central differences of fourth order."""
+    f = symbolic(role, name, propeller)
     rng = np.random.default_rng(1)
-    for _ in range(15):
-        point, direction = rng.uniform(-1, 1, size) * scale, rng.normal(size=size) * scale
-        h = 1e-6
-        slope = np.array(f(point + h * direction) - f(point - h * direction)).ravel() / (2 * h)
-        exact = np.array(J(point)) @ direction
-        np.testing.assert_allclose(exact, slope, rtol=2e-5, atol=2e-5 * np.abs(exact).max() + 1e-8)
+    for k in range(15):
+        size = 1.0 if k % 3 else 0.03
+        point, direction = rng.uniform(-1, 1, len(SCALE)) * SCALE * size, rng.normal(size=len(SCALE)) * SCALE
+        h = 1e-6 * size
+        ahead, behind, twice, back = (f(point + share * h * direction) for share in (1, -1, 2, -2))
+        for order in (0, 1):
+            slope = np.array(8 * (ahead[order] - behind[order]) - (twice[order] - back[order])).ravel("F") / (12 * h)
+            exact = np.array(f(point)[order + 1]) @ direction
+            largest = np.abs(exact).max()
+            np.testing.assert_allclose(exact, slope, rtol=2e-5, atol=2e-5 * largest + 1e-8)
+
+
+@pytest.mark.parametrize(("role", "name", "propeller"), FORCE_MODELS)
+def test_nothing_acts_at_rest(role: str, name: str, propeller: str) -> None:
+    """Exactly; the smooth rudders creep by 1e-5 N, as their inflow is held above a few mm/s."""
+    at = np.where(
+        np.arange(len(SCALE)) < len(SIZES), 0.0, SCALE * [not n.startswith("n") for n in [*SIZES, *ACTUATORS]]
+    )
+    for s, most in ((Exact(), 0.0), (Smooth.for_length(3.0), 1e-4)):
+        assert np.abs(np.array(symbolic(role, name, propeller, PARTICULARS, s)(at)[0]))[:3].max() <= most
 
 
 TWIN = new_ship("twin", {"L": 3.0, "B": 0.5, "d": 0.17, "C_b": 0.6, "y_P": 0.12, "D_P": 0.07, "U_0": 1.0})
 
 
+def equipped(name: str, **components: str) -> Ship:
+    """A ship of the library with other force models, at their default coefficients."""
+    ship = load_ship(name)
+    components = {**ship.components, **components}
+    table = coefficient_table(components, ship.particulars)
+    return replace(
+        ship, components=components, coefficients={s: ship.coefficients.get(s, row) for s, row in table.items()}
+    )
+
+
 def whole_ships() -> list[Ship]:
     """All but those with an Abkowitz hull: a polynomial about a service speed holds the propeller's push too."""
-    ships = [*(load_ship(name) for name in library()), TWIN]
+    ships = [*(load_ship(name) for name in library()), TWIN, equipped("esso_osaka_3m", propeller="four_quadrant")]
     return [ship for ship in ships if ship.components.get("hull") != "abkowitz"]
 
 
+@pytest.mark.parametrize("size", [1.0, 0.07, 0.003])
 @pytest.mark.parametrize("ship", whole_ships(), ids=lambda ship: ship.name)
-def test_a_coasting_ship_loses_energy(ship: Ship) -> None:
-    """Propeller and thrusters stopped, rudder midships, no wind: power of all forces is negative in any direction."""
+def test_a_coasting_ship_loses_energy(ship: Ship, size: float) -> None:
+    """Propeller and thrusters stopped, any rudders, no wind: power of all forces is negative in any direction.
+
+    Below 2 cm/s a rudder over creeps: u_R is held above a few mm/s, which is worth 1e-7 m/s^2.
+    """
     model = assemble(ship)
-    k = np.sqrt(ship.particulars["L"] / 3)
+    k = size * np.sqrt(ship.particulars["L"] / 3)
     rng = np.random.default_rng(2)
     velocity = rng.normal(size=(3, 400))
     velocity[:, :60] *= rng.random((3, 60)) < 0.5
@@ -118,6 +152,9 @@ def test_a_coasting_ship_loses_energy(ship: Ship) -> None:
     velocity[2] /= ship.particulars["L"] / 2
     state = np.vstack([np.zeros((3, 400)), velocity])
     controls = np.zeros((len(model.controls), 400))
+    if size > 0.01:
+        rudders = [i for i, name in enumerate(model.controls) if name.startswith("delta")]
+        controls[rudders] = rng.uniform(-0.6, 0.6, (len(rudders), 400)) * (rng.random(400) < 0.7)
     forces = np.array(model.forces(state, controls, ship.values)).reshape(len(model.roles), 400, 3)
     total = forces.sum(axis=0)
     lost = (total * velocity.T).sum(axis=1)
@@ -125,6 +162,85 @@ def test_a_coasting_ship_loses_energy(ship: Ship) -> None:
     munk *= ship.particulars["L"] ** 2 * ship.particulars["d"] * np.prod(velocity, axis=0)
     moving = np.abs(velocity).max(axis=0) > 0
     assert (lost[moving] + munk[moving] < 0).all(), velocity[:, moving][:, lost[moving] + munk[moving] >= 0][:, :3]
+
+
+EVEN = {"gamma_R_plus": 0.5, "gamma_R_minus": 0.5, "C_2_plus": 1.4, "C_2_minus": 1.4, "gamma_P": 0.4, "gamma_N": 0.4}
+EVEN |= {f"{letter}_{i}": 0.0 for letter in "AB" for i in range(1, 9)}
+EVEN |= {f"{letter}_{term}": 0.0 for letter in "YN" for term in ("0", "0u", "0uu")}
+"""Values at which nothing tells port from starboard: no propeller walk, no bias of one screw, one gamma_R, one C_2."""
+SYMMETRIC = [load_ship(name) for name in ("esso_osaka_3m", "mariner", "kvlcc2_l7")]
+SYMMETRIC += [
+    equipped("kvlcc2_l7", propeller=f"standard{of}", rudder=rudder)
+    for of, rudder in (("_kijima", "lindenburg"), ("_hirano", "single"), ("_hirano", "standard"), ("", "single"))
+]
+
+
+@pytest.mark.parametrize("exact", [True, False])
+@pytest.mark.parametrize("ship", SYMMETRIC, ids=lambda ship: " ".join([ship.name, *ship.components.values()]))
+def test_mirrored_motion_gives_mirrored_forces(ship: Ship, exact: bool) -> None:
+    """F(u, -v, -r, -delta, mirrored wind) = (X, -Y, -N); as published ships do tell the sides apart."""
+    model, rng, L = assemble(ship, exact=exact), np.random.default_rng(3), ship.particulars["L"]
+    even = ship.with_values({name: value for name, value in EVEN.items() if name in ship.symbols}).values
+    uneven = []
+    for _ in range(150):
+        u, v, r = rng.uniform(-1, 1, 3) * [0.2, 0.1, 0.2 / L] * np.sqrt(9.81 * L) * (rng.random(3) < 0.9)
+        inputs = rng.uniform(-1, 1, 4) * (15.0, 0.7, 3.0, 3.0) * (rng.random(4) < 0.9)
+        controls = inputs[4 - len(model.controls) :]
+        mirror = np.array([1, -1, 1, -1])[4 - len(model.controls) :]
+        for theta, found in ((even, None), (ship.values, uneven)):
+            one = np.array(model.forces([0, 0, 0, u, v, r], controls, theta))
+            other = np.array(model.forces([0, 0, 0, u, -v, -r], controls * mirror, theta)) * (1, -1, -1)
+            if found is None:
+                np.testing.assert_allclose(other, one, rtol=1e-9, atol=1e-10 * (1 + np.abs(one).max()))
+            else:
+                found.append(np.abs(other - one).max() / np.abs(one).max())
+    assert max(uneven) > 1e-3 or ship not in SYMMETRIC[:3]
+
+
+@pytest.mark.parametrize("name", ["esso_osaka_3m", "kvlcc2_l7", "mariner"])
+def test_derivatives_by_state_controls_and_coefficients_are_finite(name: str) -> None:
+    """First and second, at rest, on axes, in all quadrants and at creeping speed, in wind and calm."""
+    ship = load_ship(name)
+    controls, count = len(ship.actuators) + 2, len(ship.symbols)
+    x = ca.SX.sym("x", 6 + controls + count)
+    rates = assemble(ship).rates(x[:6], x[6 : 6 + controls], x[6 + controls :])
+    first = ca.jacobian(rates, x)
+    second = ca.jacobian(ca.vertcat(*first.nonzeros()), x)
+    every = ca.Function("d", [x], [rates, ca.vertcat(*first.nonzeros()), ca.vertcat(*second.nonzeros())])
+    scale = np.array([1.0, 0.3, 0.1, 10.0, 0.4])[: 3 + controls - 2] if controls == 4 else np.array([7.0, 1, 0.01, 0.4])
+    for number, sign in enumerate(itertools.product((-1.0, 0.0, 1.0), repeat=len(scale))):
+        for size in (1.0, 1e-3):
+            motion, wind = size * scale * np.array(sign), [(0, 0), (1.0, -2.0)][number % 2]
+            point = np.concatenate([[0, 0, 0.4], motion, wind, ship.values])
+            for part in every(point):
+                assert np.isfinite(np.array(part)).all(), motion
+
+
+@pytest.mark.parametrize("psi", [0.0, 0.7, -2.0, 3.0])
+def test_accelerations_do_not_depend_on_heading_when_the_wind_turns_along(psi: float) -> None:
+    ship = load_ship("esso_osaka_3m")
+    state, controls = np.array([5, -3, 0, 0.2, -0.05, 0.03]), np.array([8, 0.2, 1.0, 0.5])
+    turned_state, turned = state.copy(), controls.copy()
+    turned_state[2] = psi
+    turned[2:] = [np.cos(psi) - 0.5 * np.sin(psi), np.sin(psi) + 0.5 * np.cos(psi)]
+    own, other = (
+        np.array(assemble(ship).rates(*pair, ship.values)).ravel()[3:]
+        for pair in ((state, controls), (turned_state, turned))
+    )
+    np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-14)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))
+def test_without_forces_only_the_munk_term_does_work(u: float, v: float, r: float) -> None:
+    """dE/dt = (m_y - m_x) u v r exactly: the rest of the Coriolis terms does no work."""
+    ship = load_ship("esso_osaka_3m")
+    p, c = names(dict(ship.particulars)), names({name: c.value for name, c in ship.coefficients.items()})
+    unit = 0.5 * p.rho * p.L**2 * p.d
+    mass = np.diag([p.m + c.m_x * unit, p.m + c.m_y * unit, c.I_J_z * unit * p.L**2 + p.x_G**2 * p.m])
+    mass[1, 2] = mass[2, 1] = p.x_G * p.m
+    work = np.array([u, v, r]) @ mass @ np.array(accelerations(u, v, r, Force(), inertia(p, c)))
+    assert work == pytest.approx((c.m_y - c.m_x) * unit * u * v * r, rel=1e-9, abs=1e-12)
 
 
 @settings(max_examples=60, deadline=None)

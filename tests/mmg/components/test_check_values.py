@@ -20,7 +20,6 @@ from mmg.model import Model, assemble
 from mmg.motion.flow import Flow
 from mmg.motion.frames import wind_vector
 from mmg.motion.smooth import Exact, Smooth
-from mmg.rollout import Simulator
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -190,12 +189,6 @@ def test_wind_force_in_true_wind_from_60_degrees(exact: bool, tolerance: float) 
     np.testing.assert_allclose(wind, (-0.13406, -0.70057, -0.20012), rtol=0, atol=tolerance)
 
 
-def test_published_wind_direction_is_where_the_wind_comes_from() -> None:
-    """Read as going-to it would give a force of the other sign."""
-    wind = components(1, True, wind=(1.5, np.radians(240.0)))["wind"]
-    assert wind[1] > 0.5
-
-
 @pytest.mark.parametrize(
     ("symbol", "value"),
     [
@@ -251,25 +244,3 @@ def test_cross_flow_closed_form_check_values(
     I_Y, I_N = (float(ca.DM(value)) for value in cross_flow(a, b, width))
     assert published_Y == pytest.approx(I_Y, abs=tolerance)
     assert published_N == pytest.approx(I_N, abs=tolerance)
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_batch_kernel_agrees_with_the_virtual_machine(compiled: bool) -> None:
-    """The six rows and 58 random points, coefficients shared and one set per point."""
-    simulator = Simulator(SHIP, compiled=compiled)
-    if compiled and simulator.interpreted_because:
-        pytest.skip(simulator.interpreted_because)
-    rng = np.random.default_rng(4)
-    state, controls = np.zeros((6, 64)), np.zeros((4, 64))
-    state[3:] = rng.uniform(-1, 1, (3, 64)) * np.array([[0.4], [0.2], [0.1]])
-    controls[:] = rng.uniform(-1, 1, (4, 64)) * np.array([[12], [0.6], [2], [2]])
-    state[2] = rng.uniform(-np.pi, np.pi, 64)
-    for row in range(6):
-        state[:, row], controls[:, row], _ = arguments(row)
-    theta = SHIP.values[:, None] * (1 + 0.05 * rng.normal(size=(len(SHIP.values), 64)))
-    for coefficients in (SHIP.values, theta):
-        got = simulator.rates(state, controls, coefficients)
-        for k in range(64):
-            own = coefficients if coefficients.ndim == 1 else coefficients[:, k]
-            expected = np.array(model(False).rates(state[:, k], controls[:, k], own)).ravel()
-            np.testing.assert_allclose(got[:, k], expected, rtol=1e-10, atol=1e-14)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import cache
 
-import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
@@ -19,7 +15,6 @@ from mmg.components.rudder import standard as rudder
 from mmg.model import Model, assemble
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact
-from mmg.rollout import Simulator
 from tests.support.force_numbers import number, particulars_and_coefficients, smooth, xyn
 
 SHIPS = ("kvlcc2_l7", "kvlcc2_full")
@@ -109,103 +104,7 @@ def test_advance_and_thrust_coefficient_at_self_propulsion() -> None:
     assert number(push.slipstream.loading) / nD**2 == pytest.approx(0.2060, abs=5e-5)
 
 
-# Symmetry, rest, energy of the assembled ship
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.floats(-1.5, 1.5), st.floats(-1, 1), st.floats(-0.5, 0.5), st.floats(-15, 15), st.floats(-0.7, 0.7))
-def test_mirrored_motion_gives_mirrored_accelerations(u, v, r, n, delta) -> None:
-    ship = load_ship("kvlcc2_l7")
-    even = {"gamma_R_plus": 0.5, "gamma_R_minus": 0.5, "C_2_plus": 1.4, "C_2_minus": 1.4}
-    theta = ship.with_values(even).values
-    rates = model("kvlcc2_l7", False).rates
-    one = np.array(rates([0, 0, 0, u, v, r], [n, delta, 0, 0], theta)).ravel()[3:]
-    other = np.array(rates([0, 0, 0, u, -v, -r], [n, -delta, 0, 0], theta)).ravel()[3:]
-    np.testing.assert_allclose(other, one * (1, -1, -1), rtol=1e-9, atol=1e-12)
-
-
-def mass_matrix(name: str) -> np.ndarray:
-    """Masses with added mass about midship (3, 3)."""
-    ship = load_ship(name)
-    p, c = ship.particulars, {symbol: row.value for symbol, row in ship.coefficients.items()}
-    unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
-    mass = np.diag([p["m"] + c["m_x"] * unit, p["m"] + c["m_y"] * unit, c["I_J_z"] * unit * p["L"] ** 2])
-    mass[2, 2] += p["x_G"] ** 2 * p["m"]
-    mass[1, 2] = mass[2, 1] = p["x_G"] * p["m"]
-    return mass
-
-
-@cache
-def simulator(name: str) -> Simulator:
-    return Simulator(load_ship(name))
-
-
-def power(name: str, velocity: np.ndarray, delta: np.ndarray) -> np.ndarray:
-    """d(kinetic energy)/dt [W] with the propeller stopped; velocity (3, N), delta (N,)."""
-    state, controls = np.zeros((6, len(delta))), np.zeros((4, len(delta)))
-    state[3:], controls[1] = velocity, delta
-    acceleration = simulator(name).rates(state, controls)[3:]
-    return np.einsum("ik,ij,jk->k", velocity, mass_matrix(name), acceleration)
-
-
-@pytest.mark.parametrize("name", SHIPS)
-@settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 10**6), size=st.sampled_from([1e-3, 0.02, 0.1, 1.0]), zero=st.sampled_from(range(8)))
-def test_a_coasting_ship_loses_energy_in_every_direction(name: str, seed: int, size: float, zero: int) -> None:
-    """n = 0, any rudder from 1 cm/s of a 7 m model on; rudder midships at any speed; zeros of u, v, r included.
-
-    Below that a rudder over creeps: u_R is held above a few mm/s, which is worth 1e-7 m/s^2.
-    """
-    rng = np.random.default_rng(seed)
-    L = load_ship(name).particulars["L"]
-    velocity = rng.normal(size=(3, 200)) * np.array([[1], [1], [4 / L]])
-    velocity[[k for k in range(3) if zero >> k & 1]] = 0.0
-    norm = np.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + (velocity[2] * L / 4) ** 2)
-    velocity *= size * np.sqrt(L / 7.0) / np.maximum(norm, 1e-300)
-    delta = rng.uniform(-0.6, 0.6, 200) if size >= 0.02 else np.zeros(200)
-    lost = power(name, velocity, delta)
-    assert (lost < 0).all() if zero < 7 else (lost == 0).all()
-
-
-@pytest.mark.parametrize("name", SHIPS)
-def test_energy_falls_along_256_runs_with_the_propeller_stopped(name: str) -> None:
-    """At every step; 1 % or more in 60 s of the model, as the slowest start at a few cm/s."""
-    rng, L = np.random.default_rng(3), load_ship(name).particulars["L"]
-    scale = np.sqrt(L / 7.0)
-    start, controls = np.zeros((6, 256)), np.zeros((4, 256))
-    start[3:] = rng.uniform(-1, 1, (3, 256)) * np.array([[1.2], [0.5], [0.3 / scale**2]]) * scale
-    controls[1] = rng.uniform(-0.6, 0.6, 256)
-    path = simulator(name).run(start, np.tile(controls, (300, 1, 1)), 0.2 * scale)
-    energy = np.einsum("tik,ij,tjk->tk", path[:, 3:], mass_matrix(name), path[:, 3:])
-    assert (np.diff(energy, axis=0) < 0).all()
-    assert (energy[-1] < 0.99 * energy[0]).all()
-
-
-@pytest.mark.parametrize("delta", [0.0, 0.5])
-def test_nothing_moves_at_rest(delta: float) -> None:
-    theta = load_ship("kvlcc2_l7").values
-    at_rest = ([0.0] * 6, [0.0, delta, 0.0, 0.0], theta)
-    np.testing.assert_array_equal(np.array(model("kvlcc2_l7", True).rates(*at_rest)), 0.0)
-    np.testing.assert_allclose(np.array(model("kvlcc2_l7", False).rates(*at_rest)), 0.0, atol=1e-7)
-
-
-@pytest.mark.parametrize("name", ["kvlcc2_l7", "mariner"])
-def test_derivatives_by_state_controls_and_coefficients_are_finite(name: str) -> None:
-    """First and second, at rest, on axes, in all quadrants and at creeping speed."""
-    ship = load_ship(name)
-    controls, count = len(ship.actuators) + 2, len(ship.symbols)
-    x = ca.SX.sym("x", 6 + controls + count)
-    rates = assemble(ship).rates(x[:6], x[6 : 6 + controls], x[6 + controls :])
-    first = ca.jacobian(rates, x)
-    second = ca.jacobian(ca.vertcat(*first.nonzeros()), x)
-    every = ca.Function("d", [x], [rates, ca.vertcat(*first.nonzeros()), ca.vertcat(*second.nonzeros())])
-    scale = np.array([1.0, 0.3, 0.1, 10.0, 0.4])[: 3 + controls - 2] if controls == 4 else np.array([7.0, 1, 0.01, 0.4])
-    for sign in itertools.product((-1.0, 0.0, 1.0), repeat=len(scale)):
-        for size in (1.0, 1e-3):
-            motion = size * scale * np.array(sign)
-            point = np.concatenate([[0, 0, 0.4], motion, [0, 0], ship.values])
-            for part in every(point):
-                assert np.isfinite(np.array(part)).all(), motion
+# The ship file
 
 
 @pytest.mark.parametrize("name", SHIPS)

@@ -11,9 +11,6 @@ from mmg.components.hull import polynomial
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smoothing
 from tests.support.force_numbers import (
-    as_function,
-    assert_derivatives_are_right,
-    assert_finite_everywhere,
     particulars_and_coefficients,
     smooth,
     xyn,
@@ -64,13 +61,6 @@ def test_the_smooth_polynomial_is_the_published_one_where_it_holds(U: float, deg
 @pytest.mark.parametrize("s", [Exact(), SMOOTH])
 @settings(max_examples=200, deadline=None)
 @given(u=speeds, v=sways, r=yaw_rates)
-def test_port_and_starboard_mirror(s: Smoothing, u: float, v: float, r: float) -> None:
-    np.testing.assert_allclose(hull(u, -v, -r, s), hull(u, v, r, s) * (1, -1, -1), rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("s", [Exact(), SMOOTH])
-@settings(max_examples=200, deadline=None)
-@given(u=speeds, v=sways, r=yaw_rates)
 def test_bow_and_stern_mirror(s: Smoothing, u: float, v: float, r: float) -> None:
     """A hull symmetric fore and aft: F(-u, v, -r) = (-X, Y, -N)."""
     np.testing.assert_allclose(hull(-u, v, -r, s), hull(u, v, r, s) * (-1, 1, -1), rtol=1e-12, atol=1e-12)
@@ -113,17 +103,3 @@ def test_turning_on_the_spot_is_braked_without_bound_on_r() -> None:
     assert two / one == pytest.approx(4, rel=0.02)
     expected = 0.5 * P.rho * P.L**2 * P.d * 2 * C.N_rrr * (0.1 * P.L) ** 2
     assert one == pytest.approx(expected, rel=0.05)
-
-
-@pytest.mark.parametrize("s", [Exact(), SMOOTH])
-def test_nothing_at_rest(s: Smoothing) -> None:
-    np.testing.assert_array_equal(hull(0, 0, 0, s), 0.0)
-
-
-def test_derivatives_are_finite_everywhere() -> None:
-    assert_finite_everywhere(as_function(lambda flow: polynomial.force(flow, P, C, SMOOTH)))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_derivatives_agree_with_finite_differences(seed: int) -> None:
-    assert_derivatives_are_right(as_function(lambda flow: polynomial.force(flow, P, C, SMOOTH)), seed)

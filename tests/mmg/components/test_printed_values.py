@@ -115,11 +115,3 @@ def test_the_side_force_of_one_right_handed_screw_is_the_printed_one() -> None:
     B = [3.50e-5, -3.17e-3, 1.96e-3, 2.33e-3, 2.25e-4, -2.16e-3, 6.27e-5, 6.25e-5]
     assert [values[f"A_{i}"] for i in range(1, 9)] == A
     assert [values[f"B_{i}"] for i in range(1, 9)] == B
-
-
-def test_a_propeller_that_reverses_at_rest_pushes_the_stern_to_port_and_the_bow_to_starboard() -> None:
-    """As every right-handed single screw does."""
-    p = SimpleNamespace(L=3.0, d=0.2, rho=1000.0, D_P=0.084, pitch_ratio=0.72)
-    c = names({row.symbol: row.value for row in hachii.COEFFICIENTS})
-    force = hachii.force(Flow(u=0.0, v=0.0, r=0.0, n=-10.0), p, c, Exact())
-    assert float(force.Y) < 0 < float(force.N) and float(force.X) < 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mmg.components.catalogue import module
@@ -14,9 +13,6 @@ from mmg.motion.flow import Flow, Force, Slipstream
 from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Exact, Smoothing
 from tests.support.force_numbers import (
-    as_function,
-    assert_derivatives_are_right,
-    assert_finite_everywhere,
     defaults,
     number,
     particulars_and_coefficients,
@@ -30,10 +26,6 @@ PROPELLERS = ("standard", "standard_kijima", "standard_hirano")
 RUDDERS = ("standard", "lindenburg", "single")
 WAKES = {"yasukawa_2015": wake.yasukawa_2015, "kijima": wake.kijima, "hirano": wake.hirano}
 
-speeds = st.floats(-1.5, 1.5) | st.just(0.0)
-sways = st.floats(-1.0, 1.0) | st.just(0.0)
-yaw_rates = st.floats(-0.5, 0.5) | st.just(0.0)
-revolutions = st.floats(-15, 15) | st.just(0.0)
 rudders = st.floats(-0.7, 0.7) | st.just(0.0)
 
 
@@ -178,56 +170,3 @@ def test_the_slipstream_holds_what_the_rudder_needs() -> None:
     assert number(push.X) == pytest.approx((1 - C.t_P) * P.rho * P.D_P**2 * number(wash.loading), rel=1e-12)
     assert number(wash.ahead) == 1.0
     assert number(standard.force(flow.with_(n=-10.0), P, C, Exact()).slipstream.ahead) == 0.0
-
-
-# All together
-
-
-@pytest.mark.parametrize("propeller", PROPELLERS)
-@pytest.mark.parametrize("steering", RUDDERS)
-@settings(max_examples=20, deadline=None)
-@given(u=speeds, v=sways, r=yaw_rates, n=revolutions, delta=rudders, exact=st.booleans())
-def test_mirrored_motion_gives_mirrored_forces(propeller, steering, u, v, r, n, delta, exact) -> None:
-    """With one gamma_R and one C_2 nothing tells port from starboard."""
-    c = everything(gamma_R_plus=0.5, gamma_R_minus=0.5, C_2_plus=1.4, C_2_minus=1.4, gamma_P=0.4, gamma_N=0.4)
-    s: Smoothing = Exact() if exact else SMOOTH
-    flow = Flow(u=u, v=v, r=r, n=n, delta=delta)
-    one = behind(flow, propeller, steering, c, s)
-    other = behind(flow.with_(v=-v, r=-r, delta=-delta), propeller, steering, c, s)
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_allclose(xyn(b), xyn(a) * (1, -1, -1), rtol=1e-9, atol=1e-9)
-
-
-def test_gamma_R_and_C_2_do_tell_port_from_starboard() -> None:
-    flow = Flow(u=0.9, v=-0.2, r=0.05, n=10.0)
-    push, turn = behind(flow, "standard", "standard", ALL, SMOOTH)
-    push_2, turn_2 = behind(flow.with_(v=0.2, r=-0.05), "standard", "standard", ALL, SMOOTH)
-    assert abs(xyn(push)[0] - xyn(push_2)[0]) > 1
-    assert abs(xyn(turn)[1] + xyn(turn_2)[1]) > 1
-
-
-@pytest.mark.parametrize("propeller", PROPELLERS)
-@pytest.mark.parametrize("steering", RUDDERS)
-def test_derivatives_are_finite_everywhere(propeller: str, steering: str) -> None:
-    def total(flow: Flow) -> Force:
-        push, turn = behind(flow, propeller, steering, ALL, SMOOTH)
-        return push + turn
-
-    assert_finite_everywhere(as_function(total))
-
-
-@pytest.mark.parametrize("steering", RUDDERS)
-def test_the_angle_of_a_blade_has_finite_derivatives(steering: str) -> None:
-    def angle(flow: Flow) -> Force:
-        return Force(behind(flow, "standard", steering, ALL, SMOOTH)[1].blades[0].sin2_alpha)
-
-    assert_finite_everywhere(as_function(angle))
-
-
-@pytest.mark.parametrize(("propeller", "steering"), [*zip(PROPELLERS, RUDDERS, strict=True), ("standard", "standard")])
-def test_derivatives_agree_with_finite_differences(propeller: str, steering: str) -> None:
-    def total(flow: Flow) -> Force:
-        push, turn = behind(flow, propeller, steering, ALL, SMOOTH)
-        return push + turn
-
-    assert_derivatives_are_right(as_function(total), 2)

@@ -70,13 +70,6 @@ def test_the_single_blade_is_the_whole_force(name: str, s: Smoothing) -> None:
     assert number(blade.sin2_alpha) == pytest.approx(np.sin(0.4 - np.arctan2(v_R, u_R)) ** 2, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", RUDDERS)
-def test_a_blade_at_rest_has_a_finite_angle(name: str) -> None:
-    for s in (Exact(), SMOOTH):
-        _, force = behind(Flow(u=0.0, v=0.0, r=0.0, delta=0.5), "standard", name, ALL, s)
-        assert 0 <= number(force.blades[0].sin2_alpha) <= 1
-
-
 def test_lindenburgs_normal_force() -> None:
     """C_N at Lambda = 2.208: worked by hand with 1 - exp(-17/Lambda) = 0.999546; slope 2.7243 at zero."""
     for degrees, by_hand in ((10.0, 0.39935), (20.0, 0.67562), (35.0, 0.93256), (90.0, 1.16857)):

@@ -1,4 +1,4 @@
-"""Tunnel thrusters at bow and stern, azimuth thruster: laws, limits, derivatives."""
+"""Tunnel thrusters at bow and stern, azimuth thruster: laws, limits."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from mmg.components.thruster.kobayashi import effectiveness
 from mmg.model import assemble
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth
-from tests.support.force_derivatives import Derivatives, defaults, values
+from tests.support.force_numbers import table_values, xyn
 
 TAKAOKI = load_ship("vectwin_3m")
 P = names({**TAKAOKI.particulars, "D_ST": 0.05, "x_ST": -1.30, "D_az": 0.06, "x_az": -1.4, "y_az": 0.12})
 BOW = names({name: c.value for name, c in TAKAOKI.coefficients.items()})
-STERN, AZIMUTH = defaults(stern.COEFFICIENTS), defaults(azimuth.COEFFICIENTS)
+STERN, AZIMUTH = table_values(stern.COEFFICIENTS), table_values(azimuth.COEFFICIENTS)
 EXACT, SMOOTH = Exact(), Smooth.for_length(P.L)
 BOTH = pytest.mark.parametrize("s", [EXACT, SMOOTH])
 
@@ -33,7 +33,7 @@ A_Y, A_N = (0.2352, -12.701, 67.116), (0.2231, -6.5716, 79.614)
 
 
 def push(u: float, n: float, s: Exact | Smooth = EXACT, c: SimpleNamespace = BOW) -> np.ndarray:
-    return values(bow.force(Flow(u=u, v=0.0, r=0.0, n_bow=n), P, c, s))
+    return xyn(bow.force(Flow(u=u, v=0.0, r=0.0, n_bow=n), P, c, s))
 
 
 # Tunnel thrusters
@@ -57,7 +57,7 @@ def test_bow_thruster_law(u: float, n: float, K_T: float, s: Exact | Smooth) -> 
 def test_bow_and_stern_thruster_turn_the_ship_to_opposite_sides(s: Exact | Smooth) -> None:
     _, Y, N = push(0.05, 20.0, s)
     assert Y > 0 and N > 0
-    _, Y, N = values(stern.force(Flow(u=0.05, v=0.0, r=0.0, n_stern=20.0), P, STERN, s))
+    _, Y, N = xyn(stern.force(Flow(u=0.05, v=0.0, r=0.0, n_stern=20.0), P, STERN, s))
     assert Y > 0 > N
 
 
@@ -65,7 +65,7 @@ def test_stern_thruster_law() -> None:
     """ESSO OSAKA's first-order factors: 1 - 2.56 Fr and 1 - 7.46 Fr."""
     u, n = 0.1, -15.0
     Fr, T = u / np.sqrt(9.80665 * 3.0), 998.0 * 0.05**4 * n * n * -0.21
-    got = values(stern.force(Flow(u=u, v=0.0, r=0.0, n_stern=n), P, STERN, EXACT))
+    got = xyn(stern.force(Flow(u=u, v=0.0, r=0.0, n_stern=n), P, STERN, EXACT))
     np.testing.assert_allclose(got, [0.0, (1 - 2.56 * Fr) * T, (1 - 7.46 * Fr) * -1.30 * T], rtol=1e-9)
 
 
@@ -99,7 +99,7 @@ def test_a_stopped_thruster_gives_no_force(s: Exact | Smooth) -> None:
 
 
 def pod(c: SimpleNamespace = AZIMUTH, s: Exact | Smooth = EXACT, **motion: float) -> np.ndarray:
-    return values(azimuth.force(Flow(**{"u": 0.0, "v": 0.0, "r": 0.0, **motion}), P, c, s))
+    return xyn(azimuth.force(Flow(**{"u": 0.0, "v": 0.0, "r": 0.0, **motion}), P, c, s))
 
 
 @BOTH
@@ -136,43 +136,7 @@ def test_turned_by_half_a_turn_is_not_reversed_revolutions() -> None:
     assert reversed_ / turned == pytest.approx(0.3471 / 0.4451, rel=1e-3)
 
 
-# Derivatives and the ship
-
-CASES = {
-    "bow": (Derivatives(bow.force, bow.INPUTS, P, BOW, SMOOTH), 20.0),
-    "stern": (Derivatives(stern.force, stern.INPUTS, P, STERN, SMOOTH), 20.0),
-    "azimuth": (Derivatives(azimuth.force, azimuth.INPUTS, P, AZIMUTH, SMOOTH), 15.0),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-@settings(max_examples=100, deadline=None)
-@given(
-    st.floats(-0.8, 0.8) | st.just(0.0), st.floats(-0.3, 0.3) | st.just(0.0), st.floats(-0.2, 0.2) | st.just(0.0),
-    st.floats(-20, 20) | st.just(0.0), st.floats(-4, 4),
-)  # fmt: skip
-def test_derivatives_are_finite(case: str, u: float, v: float, r: float, n: float, a: float) -> None:
-    derivatives, _ = CASES[case]
-    derivatives.assert_finite(np.array([u, v, r, n, a])[: derivatives.count])
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("u", [-0.3, 0.0, 0.3])
-@pytest.mark.parametrize("n", [-20.0, 0.0, 20.0])
-def test_derivatives_are_finite_where_all_else_is_zero(case: str, u: float, n: float) -> None:
-    derivatives, _ = CASES[case]
-    derivatives.assert_finite(np.array([u, 0.0, 0.0, n, 0.0])[: derivatives.count])
-
-
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("seed", range(6))
-def test_derivatives_agree_with_finite_differences(case: str, seed: int) -> None:
-    derivatives, n = CASES[case]
-    rng = np.random.default_rng(seed)
-    scale = np.array([0.3, 0.1, 0.05, n, 1.0])[: derivatives.count]
-    x = rng.uniform(-1, 1, derivatives.count) * scale
-    x[:4] *= 0.03 if seed > 3 else 1.0
-    derivatives.assert_agree_with_differences(x, scale, 1e-6)
+# The ship
 
 
 def test_a_ship_with_all_thrusters_assembles_and_each_one_acts() -> None:

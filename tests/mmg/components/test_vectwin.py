@@ -20,7 +20,7 @@ from mmg.components.rudder import vectwin
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Exact, Smooth
 from tests.support import vectwin_oracle
-from tests.support.force_derivatives import values
+from tests.support.force_numbers import xyn
 
 SHIP = load_ship("vectwin_3m")
 P = names(dict(SHIP.particulars))
@@ -55,7 +55,7 @@ def forces(motion: Flow, c: SimpleNamespace, s: Exact | Smooth) -> tuple[Force, 
 def test_check_values(row: int, exact: bool) -> None:
     motion, printed = ROWS[row]
     push, rudders = forces(flow(*motion), PUBLISHED, EXACT if exact else SMOOTH)
-    got = (values(push)[0], *values(rudders))
+    got = (xyn(push)[0], *xyn(rudders))
     tolerance = 0.51e-4 if exact else SMOOTH_TOLERANCE[row]
     for value, expected in zip(got, printed, strict=True):
         assert expected is None or value == pytest.approx(expected, abs=tolerance)
@@ -80,7 +80,7 @@ def test_check_values_of_wake_advance_and_angles() -> None:
 def test_sign_of_x_P_matters_in_a_turn() -> None:
     """By the geometry the propeller in a turn sees the swinging stern: less wake, 10 % more thrust in row 3."""
     motion = flow(*ROWS[2][0])
-    one, other = (values(kang.force(motion, P, c, EXACT))[0] for c in (C, PUBLISHED))
+    one, other = (xyn(kang.force(motion, P, c, EXACT))[0] for c in (C, PUBLISHED))
     assert one / other == pytest.approx(1.1045, abs=1e-3)
 
 
@@ -95,10 +95,10 @@ def test_exact_forces_are_those_of_the_branches(
     motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
     push, rudders = forces(motion, C, EXACT)
     X_P, _, _, K_T = vectwin_oracle.propeller(u, v, r, n, P, C)
-    assert values(push)[0] == pytest.approx(X_P, rel=1e-9)
+    assert xyn(push)[0] == pytest.approx(X_P, rel=1e-9)
     if K_T > 1e-6:
         expected = vectwin_oracle.rudders((u, v, r, n), {"s": starboard, "p": port}, P, C)
-        np.testing.assert_allclose(values(rudders), expected, rtol=1e-8, atol=1e-10)
+        np.testing.assert_allclose(xyn(rudders), expected, rtol=1e-8, atol=1e-10)
 
 
 def test_smooth_forces_stay_near_the_branches() -> None:
@@ -112,7 +112,7 @@ def test_smooth_forces_stay_near_the_branches() -> None:
         motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
         unit = P.rho * n**2 * P.D_P**4 * C.k_0 * np.array([1, 1, P.L])
         pairs = zip(forces(motion, C, EXACT), forces(motion, C, SMOOTH), strict=True)
-        deviation.append([np.abs((values(smooth) - values(exact)) / unit).max() for exact, smooth in pairs])
+        deviation.append([np.abs((xyn(smooth) - xyn(exact)) / unit).max() for exact, smooth in pairs])
     propeller, rudders = np.array(deviation).T
     assert propeller.max() < 0.006
     assert np.median(rudders) < 4e-4 and np.quantile(rudders, 0.95) < 0.01
@@ -124,7 +124,7 @@ def test_smooth_forces_stay_near_the_branches() -> None:
 def surge(angle: float, s: Exact | Smooth) -> float:
     """Net surge force [N] at rest with both rudders outwards by this angle [deg], n = 10."""
     push, rudders = forces(flow(0, 0, 0, 10, angle, -angle), C, s)
-    return float(values(push)[0] + values(rudders)[0])
+    return float(xyn(push)[0] + xyn(rudders)[0])
 
 
 @pytest.mark.parametrize("s", [EXACT, SMOOTH])
@@ -141,7 +141,7 @@ def test_outward_rudders_hold_the_ship_and_drive_it_astern(s: Exact | Smooth) ->
 
 def test_both_rudders_to_starboard_push_the_stern_to_port() -> None:
     _, rudders = forces(flow(0.3, 0, 0, 10, 30, 30), C, SMOOTH)
-    X, Y, N = values(rudders)
+    X, Y, N = xyn(rudders)
     assert X < 0 and Y < 0 < N
 
 
@@ -177,31 +177,31 @@ def test_normal_coefficient_is_continuous_all_round_and_vanishes_from_behind() -
 def test_no_force_with_sternway_as_published_is_k_A_zero() -> None:
     motion = flow(-0.1, 0.02, 0.01, 10, 40, -30)
     published = SimpleNamespace(**{**vars(C), "k_A": 0.0})
-    np.testing.assert_array_equal(values(forces(motion, published, EXACT)[1]), 0.0)
-    assert np.abs(values(forces(motion, C, EXACT)[1])).min() > 1e-2
+    np.testing.assert_array_equal(xyn(forces(motion, published, EXACT)[1]), 0.0)
+    assert np.abs(xyn(forces(motion, C, EXACT)[1])).min() > 1e-2
 
 
 @pytest.mark.parametrize("s", [EXACT, SMOOTH])
 def test_rudders_of_a_stopped_ship_work_the_other_way_astern(s: Exact | Smooth) -> None:
     """n = 0: deflected rudders push the stern to port with headway and to starboard with sternway, and brake."""
     for u in (0.3, -0.3):
-        X, Y, _ = values(forces(flow(u, 0, 0, 0, 30, 30), C, s)[1])
+        X, Y, _ = xyn(forces(flow(u, 0, 0, 0, 30, 30), C, s)[1])
         assert X * u < -1e-3 and Y * u < -1e-3
 
 
 def test_sternway_does_not_switch_off_the_hovering_rudders() -> None:
-    still, astern = (values(forces(flow(u, 0, 0, 10, 80, -80), C, SMOOTH)[1])[0] for u in (0.0, -0.05))
+    still, astern = (xyn(forces(flow(u, 0, 0, 10, 80, -80), C, SMOOTH)[1])[0] for u in (0.0, -0.05))
     assert 0.75 * still > astern > still
 
 
 @pytest.mark.parametrize("s", [EXACT, SMOOTH])
 def test_propeller_in_every_quadrant(s: Exact | Smooth) -> None:
     """Reversed it pushes astern, by k_rev at rest; stopped it is a brake."""
-    ahead, astern = (values(kang.force(flow(0, 0, 0, n, 0, 0), P, C, s))[0] for n in (10, -10))
+    ahead, astern = (xyn(kang.force(flow(0, 0, 0, n, 0, 0), P, C, s))[0] for n in (10, -10))
     assert ahead > 2.7 and astern == pytest.approx(-C.k_rev * 2.7996, rel=0.03)
     for u in (-0.3, 0.3):
-        assert values(kang.force(flow(u, 0, 0, -10, 0, 0), P, C, s))[0] < 0
-        assert values(kang.force(flow(u, 0, 0, 0, 0, 0), P, C, s))[0] * u < 0
+        assert xyn(kang.force(flow(u, 0, 0, -10, 0, 0), P, C, s))[0] < 0
+        assert xyn(kang.force(flow(u, 0, 0, 0, 0, 0), P, C, s))[0] * u < 0
 
 
 @pytest.mark.parametrize("u", [-0.3, 0.3])
@@ -213,7 +213,7 @@ def test_reversed_propeller_is_that_of_the_mirrored_motion(u: float) -> None:
     k = (C.k_0, C.k_1, C.k_2) if u < 0 else (C.k2_0, C.k2_1, C.k2_2)
     loading = -C.k_rev * (10 * P.D_P) ** 2 * (k[0] + k[1] * J + k[2] * J**2)
     assert float(ca.DM(got.slipstream.loading)) == pytest.approx(loading, rel=1e-9)
-    assert values(got)[0] == pytest.approx(P.rho * P.D_P**2 * loading, rel=1e-9)
+    assert xyn(got)[0] == pytest.approx(P.rho * P.D_P**2 * loading, rel=1e-9)
 
 
 def advance(speed: float, nD: float, s: Exact | Smooth) -> float:

@@ -1,8 +1,7 @@
-"""VecTwin ship of 3 m: symmetry, the two rudders as blades, derivatives, the ship file, energy and motion."""
+"""VecTwin ship of 3 m: symmetry, the two rudders as blades, the ship file and motion."""
 
 from __future__ import annotations
 
-from functools import cache
 from types import SimpleNamespace
 
 import casadi as ca
@@ -16,7 +15,7 @@ from mmg.components.propeller import kang
 from mmg.components.rudder import vectwin
 from mmg.rollout import Simulator
 from tests.mmg.components.test_vectwin import EXACT, SHIP, SMOOTH, C, P, flow, forces
-from tests.support.force_derivatives import Derivatives, behind, values
+from tests.support.force_numbers import xyn
 
 # Symmetry
 
@@ -51,12 +50,12 @@ def test_mirrored_motion_gives_mirrored_forces(u: float, v: float, r: float, n: 
     angles = [float(ca.DM(vectwin.inflow(motion, port, P, c, SMOOTH)[2])) for port in (False, True)]
     if min(map(abs, angles)) < 0.15 or abs(r) < 0.02:
         return
-    np.testing.assert_allclose(values(there[0]), values(here[0]) * (1, -1, -1), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(values(there[1]), values(here[1]) * (1, -1, -1), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(xyn(there[0]), xyn(here[0]) * (1, -1, -1), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(xyn(there[1]), xyn(here[1]) * (1, -1, -1), rtol=1e-4, atol=1e-5)
 
 
 def test_the_published_rudders_are_not_mirror_images() -> None:
-    one, other = (values(forces(flow(0.3, 0, 0, 10, a, b), C, EXACT)[1]) for a, b in ((60, -10), (10, -60)))
+    one, other = (xyn(forces(flow(0.3, 0, 0, 10, a, b), C, EXACT)[1]) for a, b in ((60, -10), (10, -60)))
     assert np.abs(other - one * (1, -1, -1)).max() > 1e-2
 
 
@@ -69,61 +68,16 @@ def test_the_rudders_are_two_blades(u: float, v: float, r: float, one: float, tw
     _, rudders = forces(flow(u, v, r, 10, one, -two), C, SMOOTH)
     assert len(rudders.blades) == 2
     total = sum(np.array([float(ca.DM(x)) for x in (b.X, b.Y, b.N)]) for b in rudders.blades)
-    np.testing.assert_allclose(total, values(rudders), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(total, xyn(rudders), rtol=1e-12, atol=1e-12)
     assert all(0 <= float(ca.DM(b.sin2_alpha)) <= 1 for b in rudders.blades)
     without = forces(flow(u, v, r, 10, one, -two), SimpleNamespace(**{**vars(C), "k_N": 0.0}), SMOOTH)[1]
-    np.testing.assert_array_equal(values(without), 0.0)
+    np.testing.assert_array_equal(xyn(without), 0.0)
 
 
 def test_sine_of_the_angle_of_attack_belongs_to_its_blade() -> None:
     motion = flow(0.3, 0, 0, 10, 20, 20)
     for blade, degrees in zip(forces(motion, C, EXACT)[1].blades, (23.53, 14.56), strict=True):
         assert float(ca.DM(blade.sin2_alpha)) == pytest.approx(np.sin(np.radians(degrees)) ** 2, abs=2e-4)
-
-
-# Derivatives
-
-INPUTS = ("n", "delta_port", "delta_starboard")
-
-
-@cache
-def derivatives() -> Derivatives:
-    return Derivatives(behind(kang.force, vectwin.force), INPUTS, P, C, SMOOTH)
-
-
-@settings(max_examples=300, deadline=None)
-@given(
-    st.floats(-0.5, 0.5) | st.just(0.0), st.floats(-0.3, 0.3) | st.just(0.0), st.floats(-0.2, 0.2) | st.just(0.0),
-    st.floats(-15, 15) | st.just(0.0), st.floats(-1.84, 0.62) | st.just(0.0), st.floats(-0.62, 1.84) | st.just(0.0),
-)  # fmt: skip
-def test_derivatives_are_finite(u: float, v: float, r: float, n: float, port: float, starboard: float) -> None:
-    derivatives().assert_finite(np.array([u, v, r, n, port, starboard]))
-
-
-@pytest.mark.parametrize("u", [-0.3, 0.0, 0.3])
-@pytest.mark.parametrize("v", [-0.1, 0.0])
-@pytest.mark.parametrize("r", [0.0, 0.05])
-@pytest.mark.parametrize("n", [-10.0, 0.0, 10.0])
-@pytest.mark.parametrize("angle", [0.0, 0.5 * np.pi])
-def test_derivatives_are_finite_on_a_grid_with_zeros(u: float, v: float, r: float, n: float, angle: float) -> None:
-    derivatives().assert_finite(np.array([u, v, r, n, -angle, angle]))
-
-
-@pytest.mark.parametrize("kind", ["open", "near rest", "hovering", "stall"])
-@pytest.mark.parametrize("seed", range(4))
-def test_derivatives_agree_with_finite_differences(kind: str, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    scale = np.array([0.3, 0.1, 0.05, 10.0, 0.3, 0.3])
-    x = rng.uniform(-1, 1, 6) * scale
-    if kind == "near rest":
-        x[:4] *= 0.03
-    elif kind == "hovering":
-        x[:3] *= 0.03
-        x[3:] = 10.0, -1.4 + 0.1 * rng.normal(), 1.4 + 0.1 * rng.normal()
-    elif kind == "stall":
-        x[:3] = 0.3, 0.0, 0.0
-        x[3:] = 10.0, 0.65 + 0.03 * rng.normal(), 0.6 + 0.03 * rng.normal()
-    derivatives().assert_agree_with_differences(x, scale, 1e-6)
 
 
 # The ship
@@ -146,27 +100,6 @@ def test_defaults_of_the_models_are_the_values_of_the_file() -> None:
 def test_empirical_cross_flow_coefficients_are_those_of_the_file() -> None:
     assert pytest.approx(0.52 * P.L / P.B - 1.062, abs=1e-5) == C.C_rY
     assert pytest.approx(0.0742 * P.L / P.d - 0.297, abs=1e-5) == C.C_rN
-
-
-def kinetic_energy(velocity: np.ndarray) -> np.ndarray:
-    """With added mass [J]; velocity (3, ...)."""
-    u, v, r = velocity
-    unit = 0.5 * P.rho * P.L**2 * P.d
-    I_z = C.I_J_z * unit * P.L**2 + P.x_G**2 * P.m
-    return 0.5 * ((P.m + C.m_x * unit) * u**2 + (P.m + C.m_y * unit) * v**2 + I_z * r**2) + P.x_G * P.m * v * r
-
-
-def test_a_coasting_ship_loses_energy() -> None:
-    """Stopped propeller and thruster, any rudders: every step of 128 runs, and 5 % or more in 20 s."""
-    rng = np.random.default_rng(6)
-    start, controls = np.zeros((6, 128)), np.zeros((6, 128))
-    start[3:] = rng.uniform(-1, 1, (3, 128)) * np.array([[0.4], [0.2], [0.15]])
-    controls[1] = rng.uniform(-1.83, 0.61, 128)
-    controls[2] = rng.uniform(-0.61, 1.83, 128)
-    path = Simulator(SHIP).run(start, np.tile(controls, (200, 1, 1)), 0.1)
-    energy = np.array([kinetic_energy(state[3:6]) for state in path])
-    assert (energy[-1] < 0.95 * energy[0]).all()
-    assert (np.diff(energy, axis=0) < 0).all()
 
 
 def test_the_ship_turns_ahead_and_backs() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -16,7 +14,12 @@ from mmg.components.propeller import hachii
 from mmg.components.rudder import single
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth, Smoothing
-from tests.mmg.components.test_symmetry_and_rest import C, P, speeds, sways, yaw_rates
+from tests.support.force_numbers import particulars_and_coefficients
+
+P, C = particulars_and_coefficients("esso_osaka_3m")
+speeds = st.floats(-0.5, 0.5) | st.just(0.0)
+sways = st.floats(-0.3, 0.3) | st.just(0.0)
+yaw_rates = st.floats(-0.2, 0.2) | st.just(0.0)
 
 
 def number(value: object) -> float:
@@ -158,19 +161,6 @@ def test_cross_flow_at_the_width_of_the_model_is_the_integral_to_its_square(a: f
     np.testing.assert_allclose(cross_flow_numbers(a, b, 1e-3), integrals_by_quadrature(a, b), rtol=0, atol=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
-@given(sways, st.floats(-1.0, 1.0), st.sampled_from([1e-3, 1e-2]))
-def test_cross_flow_sway_is_odd_in_sway_and_moment_odd_in_yaw(a: float, b: float, width: float) -> None:
-    I_Y, I_N = cross_flow_numbers(a, b, width)
-    assert cross_flow_numbers(-a, b, width) == pytest.approx((-I_Y, I_N), rel=1e-12, abs=1e-18)
-    assert cross_flow_numbers(a, -b, width) == pytest.approx((I_Y, -I_N), rel=1e-12, abs=1e-18)
-
-
-@pytest.mark.parametrize("width", [1e-6, 1e-3])
-def test_cross_flow_is_zero_without_flow(width: float) -> None:
-    assert cross_flow_numbers(0.0, 0.0, width) == (0.0, 0.0)
-
-
 # Rudder inflow
 
 
@@ -202,11 +192,6 @@ def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) 
     wash = hachii.force(motion, P, C, Exact()).slipstream
     _, v_R = single.inflow(Flow(u=0.3, v=v, r=r, n=10.0, slipstream=wash), P, C, Exact())
     assert number(v_R) == pytest.approx(-getattr(C, gamma) * (v + C.ell_R * P.L * r), rel=1e-12)
-
-
-def test_a_rudder_without_a_slipstream_is_refused() -> None:
-    with pytest.raises(ValueError, match="slipstream"):
-        single.inflow(flow(u=0.3), P, SimpleNamespace(**vars(C)), Exact())
 
 
 @pytest.mark.parametrize("smoothing", [Exact(), Smooth()])

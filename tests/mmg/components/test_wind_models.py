@@ -1,10 +1,9 @@
-"""Blendermann, Isherwood and wave drift: tables, symmetry, still air, derivatives."""
+"""Blendermann, Isherwood and wave drift: tables, symmetry."""
 
 from __future__ import annotations
 
 from types import ModuleType, SimpleNamespace
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -55,20 +54,6 @@ def test_wind_pushes_to_leeward(model: ModuleType) -> None:
 @pytest.mark.parametrize("model", WIND)
 def test_force_grows_with_the_square_of_the_wind(model: ModuleType) -> None:
     np.testing.assert_allclose(forces(model, 14.0, 50), 4 * forces(model, 7.0, 50), rtol=1e-9)
-
-
-@pytest.mark.parametrize("ship_type", blendermann.TYPES)
-def test_blendermann_head_beam_and_stern_values_are_those_of_the_table(ship_type: str) -> None:
-    c = names({row.symbol: row.value for row in blendermann.coefficients_of(ship_type)})
-    CD_t, bow, stern, _, _ = blendermann.TYPES[ship_type]
-    for a_x, a_y, X, Y in (
-        (-10.0, 0.0, -bow * TANKER.A_T, 0.0),
-        (10.0, 0.0, stern * TANKER.A_T, 0.0),
-        (0.0, 10.0, 0.0, CD_t * TANKER.A_L),
-    ):
-        f = blendermann.force(Flow(u=0, v=0, r=0, a_x=a_x, a_y=a_y), TANKER, c, Exact())
-        np.testing.assert_allclose([float(f.X), float(f.Y)], [100 * PRESSURE * X, 100 * PRESSURE * Y], atol=1e-9)
-        assert float(f.N) == pytest.approx(float(f.Y) * TANKER.C, abs=1e-6)
 
 
 def test_blendermann_oblique_wind_by_hand() -> None:
@@ -126,39 +111,6 @@ def test_isherwood_table_row_by_hand() -> None:
     beam = "90 0.355 0 0 0 -0.247 0 0.018 0.889 0 0.138 0 0 -0.66 0 0.2627 0 0 0 0 -0.508"
     np.testing.assert_array_equal(isherwood.TABLE[9], np.array(beam.split(), dtype=float))
     assert isherwood.TABLE.shape == (19, 21) and (np.diff(isherwood.TABLE[:, 0]) == 10).all()
-
-
-@pytest.mark.parametrize("model", WIND)
-def test_still_air_gives_no_force_and_finite_derivatives(model: ModuleType) -> None:
-    a = ca.SX.sym("a", 2)
-    flow = Flow(u=0.0, v=0.0, r=0.0, a_x=a[0], a_y=a[1])
-    f = model.force(flow, TANKER, values(model), Smooth.for_length(320.0))
-    for component in (f.X, f.Y, f.N):
-        hessian, gradient = ca.hessian(component, a)
-        function = ca.Function("f", [a], [component, gradient, hessian])
-        force, slope, curvature = (np.array(part) for part in function([0.0, 0.0]))
-        assert force == 0 and (slope == 0).all() and np.isfinite(curvature).all()
-        beside = np.array(function([1e-9, -1e-9])[2])
-        np.testing.assert_allclose(beside, curvature, rtol=1e-3, atol=1e-6 * TANKER.A_L * TANKER.L_OA)
-
-
-@pytest.mark.parametrize("model", WIND)
-@pytest.mark.parametrize("point", [(0.03, -0.02), (-8.0, 0.0), (9.0, 0.0), (0.0, -7.0), (4.0, 5.0)])
-def test_derivatives_agree_with_finite_differences(model: ModuleType, point: tuple[float, float]) -> None:
-    a = ca.SX.sym("a", 2)
-    flow = Flow(u=0.0, v=0.0, r=0.0, a_x=a[0], a_y=a[1])
-    f = model.force(flow, TANKER, values(model), Smooth.for_length(320.0))
-    vector = ca.vertcat(f.X, f.Y, f.N / TANKER.L_OA)
-    value, slope = ca.Function("f", [a], [vector]), ca.Function("J", [a], [ca.jacobian(vector, a)])
-    curve = ca.Function("H", [a], [ca.jacobian(ca.vec(ca.jacobian(vector, a)), a)])
-    h = 1e-5
-    for function, derivative in ((value, slope), (slope, curve)):
-        exact = np.array(derivative(point))
-        columns = [
-            (np.array(function(np.add(point, e))) - np.array(function(np.subtract(point, e)))).ravel("F") / (2 * h)
-            for e in (np.array([h, 0]), np.array([0, h]))
-        ]
-        np.testing.assert_allclose(np.array(columns).T, exact, rtol=0, atol=1e-5 * np.abs(exact).max())
 
 
 def drift_forces(psi: float, **changed: float) -> np.ndarray:

@@ -14,13 +14,11 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, parse_effect, with_effects
 from cases.shipfiles.ship_file import check_needs, dump_ship, load_ship, parse_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import logged
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.model import assemble
-from mmg.motion.memory import SHARPER, clip
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -174,14 +172,6 @@ def test_a_drifting_ship_takes_up_a_changing_current() -> None:
     assert path[-1, 3, 0] == pytest.approx(0.2, rel=1e-3)
 
 
-def test_wind_bias_is_more_wind() -> None:
-    plan = parse_maneuver("straight", ESSO, n=10.0, duration=30.0)
-    biased = simulate(with_effects(ESSO, ["wind_sensor_bias:x=-1,y=0.5"]), plan, 0.1, Wind(0.0))
-    real = simulate(ESSO, plan, 0.1, Wind(math.hypot(1, 0.5), math.atan2(-0.5, 1.0)))
-    np.testing.assert_allclose(biased["y"], real["y"], atol=1e-12)
-    assert abs(biased["y"][-1]) > 1e-3
-
-
 def test_wind_force_stands_in_for_a_missing_wind_model() -> None:
     bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
     whole = bare.with_effect("wind_force", {"X": 1.0, "Y": 1.0, "N": 1.0})
@@ -205,80 +195,6 @@ def test_rudder_lag_and_delay_make_the_turn_late() -> None:
     lagged = followed("rudder_lag:T=2.0")
     start = slice(late, late + 60)
     assert np.all(np.abs(lagged["r"][start][10:]) < np.abs(plain["r"][start][10:]))
-
-
-def test_lag_and_delay_of_the_model_have_the_right_mean() -> None:
-    """A ramp of the rudder is followed T later, whatever T."""
-    for text, T in (("rudder_lag:T=0.1", 0.1), ("rudder_lag:T=3", 3.0), ("control_delay:tau=0.3", 0.3)):
-        ship = with_effects(ESSO, [text])
-        model = assemble(ship)
-        z, dt, rate = np.zeros(len(model.states)), 0.02, 0.01
-        z[6:] = np.array(model.initial(np.zeros(6), np.zeros(4), ship.values)).ravel()[6:]
-        for k in range(1500):
-            step = np.array(model.rates(z, [0, rate * k * dt, 0, 0], ship.values)).ravel()
-            z[6:] += dt * step[6:]
-        name = "rudder_lag.delta" if "lag" in text else "control_delay.delta"
-        behind = rate * 1500 * dt - z[list(model.states).index(name)]
-        tau = math.hypot(T, 0.5 if "lag" in text else 1.0)
-        slope = T / tau if "lag" in text else 2 * T / tau
-        assert slope * behind == pytest.approx(rate * T, rel=0.02)
-
-
-def test_backlash_is_a_play_of_half_width_b() -> None:
-    """The real angle follows at distance b and rests while the logged one travels back through 2 b."""
-    b, held, real = 0.05, 0.0, []
-    commands = np.concatenate([np.linspace(0, 0.4, 400), np.linspace(0.4, 0.0, 400)])
-    for command in commands:
-        for _ in range(20):
-            held += 0.1 * (command - held - float(clip(command - held, b, 2e-3, SHARPER)))
-        real.append(command - float(clip(command - held, b, 2e-3)))
-    real_ = np.array(real)
-    assert real_[399] == pytest.approx(0.35, abs=0.01)
-    resting = (commands[400:] > 0.32) & (commands[400:] < 0.4)
-    assert np.ptp(real_[400:][resting]) < 0.02
-    assert real_[-1] == pytest.approx(0.05, abs=0.01)
-
-
-def test_measurement_effects_by_hand() -> None:
-    t = np.linspace(0, 10, 101)
-    psi, u, v, r = 0.3 + 0.02 * t, np.full(101, 0.4), np.full(101, -0.05), np.full(101, 0.02)
-    states = np.column_stack([t, 2 * t, psi, u, v, r])
-    seen = logged(with_effects(ESSO, ["antenna_offset:x=0.6,y=-0.2"]), t, states)
-    np.testing.assert_allclose(seen[:, 0], t + 0.6 * np.cos(psi) + 0.2 * np.sin(psi))
-    np.testing.assert_allclose(seen[:, 3:5], np.column_stack([u + 0.2 * r, v + 0.6 * r]))
-    seen = logged(with_effects(ESSO, ["log_scale:share=0.1"]), t, states)
-    np.testing.assert_allclose(seen[:, 3], 1.1 * u)
-    seen = logged(with_effects(ESSO, ["heading_bias:psi=0.1"]), t, states)
-    np.testing.assert_allclose(seen[:, 2], psi + 0.1)
-    np.testing.assert_allclose(np.hypot(seen[:, 3], seen[:, 4]), np.hypot(u, v))
-    course = np.arctan2(seen[:, 4], seen[:, 3]) + seen[:, 2]
-    np.testing.assert_allclose(course, np.arctan2(v, u) + psi)
-    seen = logged(with_effects(ESSO, ["gnss_delay:tau=0.5"]), t, states)
-    np.testing.assert_allclose(seen[10:, 0], t[10:] - 0.5, atol=1e-12)
-    np.testing.assert_array_equal(seen[:, [2, 5]], states[:, [2, 5]])
-
-
-def test_bank_pulls_the_ship_and_turns_the_bow_away() -> None:
-    ship = with_effects(ESSO, ["bank:suction=0.5,moment=0.1,distance=3,bearing=1.5707963,decay=1"])
-    model = assemble(ship)
-    force = dict(
-        zip(model.roles, np.array(model.forces([0, 2.0, 0, 0.4, 0, 0], [10, 0, 0, 0], ship.values)), strict=True)
-    )
-    far = np.array(model.forces([0, -9.0, 0, 0.4, 0, 0], [10, 0, 0, 0], ship.values))[model.roles.index("bank")]
-    assert force["bank"][1] > 0 > force["bank"][2]
-    assert abs(far[1]) < 1e-3 * force["bank"][1]
-
-
-def test_shallow_water_ends_at_its_shelf_line() -> None:
-    ship = with_effects(ESSO, ["shallow_water:d_h=0.6,line=10,bearing=0,width=0.5"])
-    state, controls = states_and_controls(ESSO, 8)
-    model, plain = assemble(ship), assemble(ESSO)
-    deep, shallow = state.copy(), state.copy()
-    deep[0], shallow[0] = 0.0, 20.0
-    free = np.array(plain.rates(state, controls, ESSO.values))
-    np.testing.assert_allclose(np.array(model.rates(deep, controls, ship.values)), free, rtol=1e-9, atol=1e-12)
-    hull = [np.array(m.forces(shallow[:, 3], controls[:, 3], s.values))[0] for m, s in ((plain, ESSO), (model, ship))]
-    np.testing.assert_allclose(hull[1] / hull[0], 1 + np.array([0.15, 0.5, 0.5]) * 1.5, rtol=1e-6)
 
 
 def test_more_ship_more_resistance() -> None:

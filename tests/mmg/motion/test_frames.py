@@ -51,15 +51,6 @@ def test_apparent_wind_by_hand(case: str) -> None:
     assert_same_angle(got[1], np.radians(expected_degrees), 1e-12)
 
 
-@pytest.mark.parametrize("case", BY_HAND)
-def test_true_wind_by_hand(case: str) -> None:
-    speed, direction, heading, u, v, apparent_speed, apparent_degrees = BY_HAND[case]
-    got = true_wind(apparent_speed, np.radians(apparent_degrees), np.radians(heading), u, v)
-    assert got[0] == pytest.approx(speed, abs=1e-12)
-    if speed > 0:
-        assert_same_angle(got[1], np.radians(direction), 1e-12)
-
-
 def test_a_northerly_blows_to_the_south() -> None:
     np.testing.assert_allclose(wind_vector(4.0, 0.0), (-4.0, 0.0), atol=1e-15)
     np.testing.assert_allclose(wind_vector(4.0, np.pi / 2), (0.0, -4.0), atol=1e-15)
@@ -143,34 +134,6 @@ def masses(m_x: float = 0.0, m_y: float = 0.0, inertia: float = 600.0) -> Simple
     return SimpleNamespace(m_x=m_x / UNIT, m_y=m_y / UNIT, I_J_z=inertia / (UNIT * 16.0))
 
 
-@pytest.mark.parametrize(
-    ("force", "expected"),
-    [
-        (Force(X=50.0), (0.1, 0.0, 0.0)),
-        (Force(Y=50.0), (0.0, 0.1, 0.0)),
-        (Force(N=60.0), (0.0, 0.0, 0.1)),
-    ],
-)
-def test_force_over_mass_with_the_centre_of_gravity_at_midship(force: Force, expected: tuple) -> None:
-    np.testing.assert_allclose(accelerations(0.0, 0.0, 0.0, force, mass_of(body(0.0), masses())), expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("force", "expected"),
-    [(Force(X=50.0), (0.05, 0.0, 0.0)), (Force(Y=50.0), (0.0, 0.04, 0.0))],
-)
-def test_added_mass_adds_to_its_own_direction(force: Force, expected: tuple) -> None:
-    got = accelerations(0.0, 0.0, 0.0, force, mass_of(body(0.0), masses(m_x=500.0, m_y=750.0)))
-    np.testing.assert_allclose(got, expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("x_G", [0.3, -0.2])
-def test_spinning_about_midship_throws_the_centre_of_gravity_outward(x_G: float) -> None:
-    """u = v = 0: midship is pushed forward by m x_G r^2 / m when the centre of gravity is ahead of it."""
-    got = accelerations(0.0, 0.0, 0.5, Force(), mass_of(body(x_G), masses()))
-    np.testing.assert_allclose(got, (x_G * 0.25, 0.0, 0.0), atol=1e-15)
-
-
 @pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
 def test_a_free_body_keeps_the_velocity_of_its_centre_of_gravity(x_G: float) -> None:
     """No force, no added mass: the centre of gravity goes straight and the spin stays.
@@ -180,28 +143,6 @@ def test_a_free_body_keeps_the_velocity_of_its_centre_of_gravity(x_G: float) -> 
     u, v, r = 0.8, -0.3, 0.4
     got = accelerations(u, v, r, Force(), mass_of(body(x_G), masses()))
     np.testing.assert_allclose(got, ((v + x_G * r) * r, -u * r, 0.0), atol=1e-14)
-
-
-@pytest.mark.parametrize("x_G", [0.3, -0.2])
-def test_a_steady_turn_needs_the_centripetal_force_at_the_centre_of_gravity(x_G: float) -> None:
-    """Constant u, v = -x_G r (no sway at the centre of gravity) and r: Y = m u r to its right, N = x_G Y."""
-    u, r = 1.2, 0.3
-    inward = 500.0 * u * r
-    steady = Force(Y=inward, N=x_G * inward)
-    got = accelerations(u, -x_G * r, r, steady, mass_of(body(x_G), masses()))
-    np.testing.assert_allclose(got, (0.0, 0.0, 0.0), atol=1e-14)
-
-
-def test_a_force_at_the_centre_of_gravity_does_not_turn_the_body() -> None:
-    x_G = 0.3
-    got = accelerations(0.0, 0.0, 0.0, Force(Y=50.0, N=x_G * 50.0), mass_of(body(x_G), masses()))
-    np.testing.assert_allclose(got, (0.0, 0.1, 0.0), atol=1e-15)
-
-
-def test_a_moment_turns_the_body_about_its_centre_of_gravity() -> None:
-    """Midship, x_G behind it, is swung the other way: v' = -x_G r'."""
-    got = accelerations(0.0, 0.0, 0.0, Force(N=60.0), mass_of(body(0.3), masses()))
-    np.testing.assert_allclose(got, (0.0, -0.3 * 0.1, 0.1), atol=1e-15)
 
 
 @pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
