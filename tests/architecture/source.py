@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ast
-import json
+import gc
 import re
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -59,6 +58,7 @@ class Source:
 def sources(folders: tuple[str, ...] = FLOORS) -> dict[str, Source]:
     """Files below ``folders`` by module name."""
     found = {}
+    gc.disable()  # it would look through the million nodes again and again, which all stay
     for folder in folders:
         for path in sorted((ROOT / folder).rglob("*.py")):
             parts = path.relative_to(ROOT).with_suffix("").parts
@@ -66,6 +66,8 @@ def sources(folders: tuple[str, ...] = FLOORS) -> dict[str, Source]:
             name = ".".join(parts[:-1] if is_package else parts)
             text = path.read_text()
             found[name] = Source(name, path, is_package, text, ast.parse(text))
+    gc.freeze()
+    gc.enable()
     return found
 
 
@@ -107,18 +109,3 @@ def arguments(function: Function) -> list[ast.arg]:
 def mentions(text: str, word: str) -> bool:
     """Whether ``word`` stands in ``text`` as a word of its own."""
     return re.search(rf"(?<![A-Za-z0-9_]){re.escape(word)}(?![A-Za-z0-9_])", text) is not None
-
-
-DEBT = Path(__file__).with_name("debt.json")
-
-
-def by_floor(found: list[str]) -> Counter[str]:
-    """How many of ``found``, each "floor: what is wrong", there are on each floor."""
-    return Counter(entry.split(":")[0] for entry in found)
-
-
-def not_in_debt(rule: str, found: list[str]) -> list[str]:
-    """Entries of ``found`` on floors that break ``rule`` more often than is known; the known number may only fall."""
-    allowed = Counter(json.loads(DEBT.read_text()).get(rule, {})) if DEBT.exists() else Counter()
-    more = by_floor(found) - allowed
-    return sorted(entry for entry in found if entry.split(":")[0] in more)

@@ -38,6 +38,7 @@ def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_a
     assert found.ship.coefficients["velocity_filter.body_axes"].value == in_body_axes
 
 
+@pytest.mark.slow
 def test_a_filter_that_the_ship_has_already_is_still_listed() -> None:
     """As after ``mmg fit``, which frees it by default."""
     trials = [low_passed(trial, True) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]

@@ -203,7 +203,7 @@ def test_parts_of_runs_that_were_trained_on_decide_nothing() -> None:
     even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
     found = decide([outcome(0.9, runs=even)] * 2, whole_runs=False)
     assert not found.kept
-    trials = hybrids.trials(hybrids.lacking(), 2, 600)
+    trials = hybrids.trials(hybrids.lacking(), 2, 300)
     trained = train(hybrids.ship(), trials, settings=TrainSettings(seeds=1, step=1.0, epochs=1))
     assert trained.decision and not trained.decision.kept
     tasks = tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.ship(), 3, 400), ON_SECONDS)

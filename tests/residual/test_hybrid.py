@@ -118,28 +118,6 @@ def test_jittering_moves_states_by_the_noise_and_leaves_inputs() -> None:
     assert moved.controls is batch.controls
 
 
-def test_a_unexplained_force_is_learned_and_kept() -> None:
-    trained = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=QUICK)
-    assert trained.decision and trained.decision.kept, trained.decision
-    batch = windows(
-        pieces_of(hybrids.trials(hybrids.lacking(), 2, 200, seed=9), 1.0, hybrids.ship().inputs), 1.0, 30, 15
-    )
-    assert batch is not None and trained.hybrid is not None
-    start, held = batch.targets[0].numpy(), batch.controls.numpy()
-    errors = {}
-    for name, ship in (("before", hybrids.ship()), ("after", trained.hybrid), ("truth", hybrids.lacking())):
-        out = Simulator(ship, compiled=False).run(start, held, 1.0)[:, :6]
-        errors[name] = ((out - batch.targets.numpy())[:, 5] ** 2).mean()
-    learned = (errors["before"] - errors["after"]) / (errors["before"] - errors["truth"])
-    assert learned > 0.6, f"of the turn rate that the ship lacks in runs never seen, only {learned:.0%} was learned"
-
-
-def test_noise_alone_is_not_kept() -> None:
-    trained = train(hybrids.ship(), hybrids.trials(hybrids.ship()), settings=replace(QUICK, epochs=6, penalty=0.3))
-    assert trained.decision and not trained.decision.kept
-    assert trained.network is not None, "what was declined can still be compared"
-
-
 class Exploding(TrainableSystem):
     """Ends in NaN after its first gradient step unless the learning rate is low."""
 
@@ -168,9 +146,8 @@ def test_a_diverging_training_starts_again_lower_and_then_gives_up(rate: float, 
 
 
 def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
-    trained = train(
-        hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=replace(QUICK, seeds=1, epochs=5000, time_limit=0.5)
-    )
+    trials = hybrids.trials(hybrids.lacking(), 3, 150)
+    trained = train(hybrids.ship(), trials, settings=replace(QUICK, seeds=1, epochs=5000, time_limit=0.5))
     (found,) = trained.per_seed
     assert found["status"] == "stopped" and found["judged_window"]["after"] <= found["judged_window"]["before"]
     assert has_code(trained.warnings, "seeds_stopped")

@@ -17,6 +17,7 @@ from residual.physics import FusedRollout, Operator, Physics
 from residual.system import TrainableSystem
 from tests.mmg.test_rollout import with_effects
 from tests.support.networks import random_network
+from tests.support.quick import first_quick
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 ESSO = load_ship("esso_osaka_3m")
@@ -67,14 +68,20 @@ def physics_of(way: str):
     return lambda ship: Physics(ship, WAYS[way])
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", [*SHIPS, *OTHERS])
+COMPILED = ("esso_osaka_3m", "vectwin_3m", "hybrid")
+"""Ships whose operators are also compiled in the default run; the others are in the slow one."""
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        *((name, "interpreted") for name in (*SHIPS, *OTHERS)),
+        *((name, "C") for name in COMPILED),
+        *(pytest.param(name, "C", marks=pytest.mark.slow) for name in (*SHIPS, *OTHERS) if name not in COMPILED),
+    ],
+)
 def test_values_and_gradients_are_those_of_casadi(name, way):
-    check_rates({**SHIPS, **OTHERS}[name], physics_of(way))
-
-
-def check_rates(ship: Ship, make) -> None:
-    """Values and gradients of the rates that ``make(ship)`` gives are those of CasADi."""
+    ship = {**SHIPS, **OTHERS}[name]
     z, c = points(ship)
     model = assemble(ship, ())
     zs, cs, seed = (ca.SX.sym(s, n) for s, n in (("z", len(z)), ("c", len(c)), ("seed", len(z))))
@@ -84,7 +91,7 @@ def check_rates(ship: Ship, make) -> None:
     seeds = torch.randn(z.shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     expected = [np.array(a) for a in reference.map(z.shape[1])(z.numpy(), c.numpy(), seeds.numpy())]
     z.requires_grad_(), c.requires_grad_()
-    found = make(ship).rates(z, c)
+    found = physics_of(way)(ship).rates(z, c)
     gradients = torch.autograd.grad(found, (z, c), seeds)
     for one, other in zip((found, *gradients), expected, strict=True):
         close(one, other)
@@ -92,12 +99,7 @@ def check_rates(ship: Ship, make) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_gradients_are_those_of_finite_differences(way):
-    check_gradients(physics_of(way))
-
-
-def check_gradients(make) -> None:
-    """Gradients of what ``make(ESSO)`` gives are those of finite differences."""
-    physics = make(ESSO)
+    physics = physics_of(way)(ESSO)
     z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
     added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
     torch.autograd.gradcheck(physics.rates_and_features, (z, c), atol=1e-6)
@@ -111,14 +113,9 @@ def check_gradients(make) -> None:
 
 @pytest.mark.parametrize("way", WAYS)
 def test_features_and_columns_are_those_of_the_model(way):
-    check_features_and_columns(physics_of(way))
-
-
-def check_features_and_columns(make) -> None:
-    """What networks on a ship see, and what is logged of it, are those of the model."""
     for ship in (OTHERS["measured"], OTHERS["place and current"], OTHERS["memory"]):
         z, c = points(ship)
-        physics, model = make(ship), assemble(ship, ())
+        physics, model = physics_of(way)(ship), assemble(ship, ())
         seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
         close(physics.features(z, c), seen)
         close(physics.rates_and_features(z, c)[1], seen)
@@ -127,8 +124,14 @@ def check_features_and_columns(make) -> None:
         close(physics.columns(physics.start(logged, c)), logged.numpy(), 1e-9)
 
 
-@pytest.mark.parametrize("method", ["euler", "rk4"])
-@pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m", "memory", "place and current"])
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        ("esso_osaka_3m", "euler"),
+        ("memory", "rk4"),
+        *(pytest.param(name, "rk4", marks=pytest.mark.slow) for name in ("vectwin_3m", "place and current")),
+    ],
+)
 def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
     ship = {**SHIPS, **OTHERS}[name]
     network = random_network(ship, width=32)
@@ -192,12 +195,12 @@ def test_one_input_may_be_shared_by_all_points():
         torch.testing.assert_close(given.grad, 0.6 * given.detach())
 
 
-FUSED = {"esso": ESSO, "vectwin": load_ship("vectwin_3m"), "memory": OTHERS["memory"], "hybrid": OTHERS["hybrid"]}
+FUSED = {"memory": OTHERS["memory"], "esso": ESSO, "vectwin": load_ship("vectwin_3m"), "hybrid": OTHERS["hybrid"]}
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("method", ["euler", "rk4"])
-@pytest.mark.parametrize("name", FUSED)
+@pytest.mark.parametrize("name", first_quick(FUSED))
 def test_states_and_gradients_are_those_of_single_steps(name, method):
     ship = FUSED[name]
     physics, residual = Physics(ship), Residual.of_network(random_network(ship, width=10))

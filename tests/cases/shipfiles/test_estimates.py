@@ -52,7 +52,7 @@ def test_priors_are_no_narrower_than_the_regressions_scatter_and_factors_are_sai
 def test_imo_gives_a_starting_ship_intervals_and_a_ship_of_the_library_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fitting.prediction.figure_intervals.DRAWS", 40)
+    monkeypatch.setattr("fitting.prediction.figure_intervals.DRAWS", 20)
     ship = new_ship("mine", KVLCC2)
     assert ship.description == STARTING and is_starting_ship(ship) and not is_starting_ship(load_ship("kvlcc2_l7"))
     symbol = ship.symbols[0]

@@ -45,7 +45,7 @@ def check(kind: str, version: int, h: float, duration: float) -> None:
 
 @pytest.mark.parametrize(("version", "h"), [(2, 0.07), (3, 0.5)])
 def test_a_ship_with_memory_delay_and_network_moves_as_in_simulate(version: int, h: float) -> None:
-    check("all", version, h, 120.0)
+    check("all", version, h, 60.0)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from fitting.settings import Settings
 from mmg.rollout import Simulator
 from tests.fitting.nlp.test_effects_in_the_fit import away_from_kinks, crowded
 from tests.fitting.nlp.test_shooting import matrix, somewhere
+from tests.support.quick import first_quick
 from tests.support.synthetic_runs import SIGMA, problem, runs
 
 TAU = np.array([1.0, 2.0, 1.0, 3.0, 1.5, 1.0])
@@ -80,7 +81,7 @@ def spiked(trial: Trial, seed: int) -> Trial:
     return Trial(trial.name, columns)
 
 
-@pytest.mark.parametrize("name", ["huber", "student"])
+@pytest.mark.parametrize("name", first_quick(["student", "huber"]))
 def test_spikes_ruin_the_gaussian_fit_but_not_the_robust_one(name: str) -> None:
     ship = load_ship("esso_osaka_3m")
     truth = hidden_ship()

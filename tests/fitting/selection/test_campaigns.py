@@ -43,6 +43,7 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
 from tests.support.fleets import DAYS, fleet
+from tests.support.quick import first_quick
 
 ESSO = load_ship("esso_osaka_3m")
 FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
@@ -79,6 +80,7 @@ def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
     assert fit.content is not None and fit.content["left_out"]["with"] < fit.content["left_out"]["without"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("differ", [True, False])
 def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ: bool) -> None:
     """It is judged a Newton step further, and what is fitted then is the same."""
@@ -127,7 +129,7 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
         trials.said_campaign("summer", ship)
 
 
-@pytest.mark.parametrize("differ", [True, False])
+@pytest.mark.parametrize("differ", first_quick([True, False]))
 def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_else_is(
     differ: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
