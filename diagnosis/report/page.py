@@ -15,6 +15,8 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
+from cases.criteria.standard_runs import approach_speed, simulated_run
+from cases.shipfiles.effects import calm_and_deep
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
@@ -26,6 +28,7 @@ from fitting.report.page import rendered, write_page
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, FigureFolder, dress, figures_of, new_figure
 from fitting.report.plots import OUTLINE
 from fitting.report.run_folder import FIGURES, PAGE
+from mmg.errors import UserError
 
 ARROWS = 26
 """Arrows along a track. Set by hand: more run into one another."""
@@ -238,7 +241,10 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    rows, order = words.ranking(d), [words.plain(e.name) for e in d.effects]
+    rows, order = (
+        words.ranking(d),
+        [*map(words.plain, [*(e.name for e in d.effects), *(f.name for f in d.instruments)])],
+    )
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
     return rendered(
         "diagnosis",
@@ -246,6 +252,8 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         d=d,
         words=words,
         figures={f["name"]: f for f in figures_of(folder, listed)},
+        budget=words.budget_parts(d.budget) if d.budget else [],
+        figures_moved=figures_moved(d),
         warnings=[*map(words.sentence, d.warnings)],
         between=table_rows(d.between) if d.between else [],
         between_warnings=[*map(words.sentence, d.between.warnings)] if d.between else [],
@@ -255,6 +263,36 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         later=any("force_rms_after" in row for row in channels),
         details=_details(d.where),
     )
+
+
+FIGURES_MOVED = (
+    ("turning:35", "tactical_diameter", "tactical diameter", "L"),
+    ("turning:35", "advance", "advance", "L"),
+    ("zigzag:20/20", "overshoot_1", "first overshoot of the 20°/20° zigzag", "°"),
+)
+"""Manoeuvre, figure, its words and unit."""
+
+
+def figures_moved(d: Findings) -> list[str]:
+    """What was found does to the figures of the ship of ``d``, a line each; nothing where that is not known."""
+    if d.before is None or d.before is d.ship:
+        return []
+    lines = []
+    try:
+        ships = [calm_and_deep(ship)[0] for ship in (d.before, d.ship)]
+        runs = {
+            text: [simulated_run(ship, text, approach_speed(ship, None)[0]).figures for ship in ships]
+            for text in dict.fromkeys(row[0] for row in FIGURES_MOVED)
+        }
+    except UserError:
+        return []
+    for text, name, meaning, unit in FIGURES_MOVED:
+        scale = 1 / float(d.ship.particulars["L"]) if unit == "L" else 180 / math.pi
+        before, after = (scale * figures.get(name, math.nan) for figures in runs[text])
+        if math.isfinite(before) and math.isfinite(after):
+            space = "" if unit == "°" else " "
+            lines.append(f"{meaning} {before:.3g} → {after:.3g}{space}{unit}")
+    return lines
 
 
 def _details(where: Mapping[str, Any]) -> list[tuple[str, str, list[dict[str, Any]], str, str]]:

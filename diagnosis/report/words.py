@@ -313,7 +313,8 @@ def ranking(d: Findings) -> list[dict[str, Any]]:
                 "meaning": meaning(c.name),
                 "role": role,
                 "sizes": sizes(c.name, e.parameters, d),
-                "score": f"{c.score:.3g}",
+                "measures": EFFECTS[c.name].measures,
+                "evidence": signed(c.evidence, ".1f"),
                 "p": probability(e.p_value) if c.excited else "–",
                 "bic": signed(e.delta_bic),
                 "absorbed": percent(c.absorbed_share) if c.excited else "–",
@@ -412,6 +413,22 @@ def share_words(part: BudgetShare) -> str:
     """A ``part`` of the budget in percent with its interval, cut to between none and all of the error."""
     low, best, high = (min(max(x, 0.0), 1.0) for x in (part.interval_90[0], part.share, part.interval_90[1]))
     return f"{percent(best)} [{100 * low:.0f}, {100 * high:.0f}]"
+
+
+def budget_parts(budget: Budget) -> list[dict[str, Any]]:
+    """The parts of a ``budget`` for a bar, in the order of the bar: kind, name, share of the whole error, words."""
+    gap = max(budget.before - budget.floor, 0.0)
+    rows = [("part", plain(part.name), part) for part in budget.parts]
+    rows += [("rest", part.name, part) for part in [budget.unexplained] if part is not None]
+    whole = max(budget.before, 1e-300)
+    found = [
+        {"kind": kind, "name": name, "share": max(part.share, 0.0) * gap / whole, "short": percent(part.share),
+         "words": f"{name} {share_words(part)} of the avoidable part"}
+        for kind, name, part in rows if part.share > 0
+    ]  # fmt: skip
+    left = budget.floor / whole
+    return [*found, {"kind": "floor", "name": "floor", "share": left, "short": percent(left),
+                     "words": f"floor {percent(left)} of all"}]  # fmt: skip
 
 
 def sentence_of(
