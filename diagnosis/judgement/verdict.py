@@ -77,6 +77,7 @@ def judged_search(
     """Select effects, ask what a free force explains beside them, and judge.
 
     ready: the fit without effects; problem: with the test trials; seed, workers, progress: as of ``select_effects``.
+    Returns the selection that stands, and the verdict.
     """
     p, full = problem, ready.full
 
