@@ -15,11 +15,18 @@ from functools import partial
 
 import numpy as np
 
-from cases.io.units import as_number
 from cases.maneuvers import orders
-from cases.maneuvers.engine import Engine, engine_of, engine_words, stopping_factors
 from cases.maneuvers.orders import Controller, Limits, Orders
-from cases.maneuvers.self_propulsion import TEST_FROUDE, approach, own_speed
+from cases.maneuvers.self_propulsion import (
+    TEST_FROUDE,
+    Engine,
+    approach,
+    engine_of,
+    engine_words,
+    own_speed,
+    stopping_factors,
+)
+from cases.quantities import as_number
 from mmg.errors import BadValue, Missing, OutOfRange, UnknownName, UserError
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
@@ -246,7 +253,6 @@ def _coasting(s: _Setup) -> Maneuver:
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
 """The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
-
 _LONGEST_HOLD = 100.0
 """Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
 
@@ -287,16 +293,8 @@ def _random(s: _Setup) -> Maneuver:
     return s.maneuver(150.0, partial(orders.random_telegraph, s.base.n, duration, s.scale, seed), seed=float(seed))
 
 
-def _straight(s: _Setup) -> Maneuver:
-    return s.maneuver(100.0)
-
-
 def _berthing(s: _Setup) -> Maneuver:
     return s.maneuver(150.0, partial(orders.berthing, s.base.n, s.scale), share=orders.BERTHING_SPEED)
-
-
-def _acceleration(s: _Setup) -> Maneuver:
-    return s.maneuver(200.0, share=0.0)
 
 
 _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
@@ -307,7 +305,7 @@ _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
     "spiral": _spiral,
     "pull-out": _pull_out,
     "random": _random,
-    "straight": _straight,
+    "straight": lambda s: s.maneuver(100.0),
     "berthing": _berthing,
-    "acceleration": _acceleration,
+    "acceleration": lambda s: s.maneuver(200.0, share=0.0),
 }

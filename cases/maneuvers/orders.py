@@ -13,15 +13,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cases.maneuvers.engine import Shaft
+from cases.maneuvers.self_propulsion import Shaft
 from mmg.motion.froude import length_scale, time_scale
 from mmg.ship import Ship
 
 Orders = Callable[[float, np.ndarray], "tuple[float, float] | None"]
-
 FULL_TURN = 3 * math.pi
 """Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)."""
-
 _TINY = 1e-9
 """Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
 
@@ -200,7 +198,6 @@ def _switches(rng: np.random.Generator, shortest: float, longest: float, duratio
 
 BERTHING_SPEED = 0.6
 """Share of the approach speed and revolutions with which berthing begins."""
-
 _BERTHING_PERIOD = 150.0
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
 _BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))

@@ -92,8 +92,8 @@ def _ramp(
 
 
 class EngineRevolutions:
-    """Revolutions of M ships whose engines are stopped or reversed (``cases.maneuvers.engine``), as ``Controller`` of
-    cases.maneuvers makes them for one. n: revolutions reached (M,) [1/s]."""
+    """Revolutions of M ships whose engines are stopped or reversed (``Engine``), as ``Controller`` of cases.maneuvers
+    makes them for one. n: revolutions reached (M,) [1/s]."""
 
     def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
         assert maneuver.engine is not None

@@ -11,11 +11,10 @@ import pytest
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.importing.vocabulary import meaning
-from cases.io import block_means
+from cases.io import text_table
 from cases.io.read import read_trial
 from cases.io.toml_file import validated
-from cases.io.units import FACTORS
-from cases.quantities import QUANTITIES, UNITS, is_canonical, quantity
+from cases.quantities import FACTORS, QUANTITIES, UNITS, is_canonical, quantity
 from mmg.motion.flow import INPUTS
 from mmg.states import STATES
 from tests.support import raw_logs
@@ -126,7 +125,7 @@ def test_a_record_that_is_turned_moved_or_mirrored_is_read_as_the_same_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reading: str, change: Callable, north: float
 ) -> None:
     if "averaged" in reading:
-        monkeypatch.setattr(block_means, "MOST_KEPT", N // 5)
+        monkeypatch.setattr(text_table, "MOST_KEPT", N // 5)
     columns = record()
     if reading == "apparent wind":
         del columns["wind_speed"], columns["wind_direction"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.figures import pull_out_figures, since, spiral_curve, spiral_figures, steady_rates
-from cases.criteria.rudder_steps import held_stretches
+from cases.criteria.measured_maneuvers import held_stretches
 from cases.criteria.standard_runs import check_completeness, simulated_run
 from cases.maneuvers.definitions import STEADY_CHANGE, parse_maneuver
 from cases.maneuvers.orders import StepOrders, spiral_angles
