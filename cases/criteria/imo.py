@@ -35,8 +35,7 @@ from cases.criteria.standard_runs import (
     simulated_run,
 )
 from cases.inputs import assumed
-from cases.maneuvers.definitions import STOPPING_CODES, parse_maneuver
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import STOPPING_CODES, Limits, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate

@@ -178,9 +178,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
     t = columns.pop("t")
     notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
-    for q, number in lost.items():
-        if number:
-            notices.append(Message(f"{q}: {number} rows do not hold, by their status, reference or source", "masked"))
+    not_held = "rows do not hold, by their status, reference or source"
+    notices += [Message(f"{q}: {number} {not_held}", "masked") for q, number in lost.items() if number]
     if count > 1:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))

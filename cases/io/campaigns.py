@@ -137,7 +137,7 @@ MOST_LISTED = 3
 @dataclass(frozen=True)
 class Campaigns:
     """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on names with a
-    date that is none, and on copies."""
+    date that is none."""
 
     names: tuple[str, ...]
     number: tuple[int, ...]
@@ -163,8 +163,7 @@ def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
     for trial, folder in zip(trials, folders, strict=True):
         _refuse_contradiction(trial, trial.meta.get("campaign", ""), day_of(trial), folder, folders)
     names = tuple(sorted(set(labels)))
-    messages = [*_no_dates(trials, labels), *_copies(trials, labels)]
-    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(messages))
+    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(_no_dates(trials, labels)))
 
 
 def campaign_labels(trials: Sequence[Trial]) -> list[str]:
@@ -269,19 +268,4 @@ def _no_dates(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
             line = line_for(trial.path, trial.name, 'campaign = "..."')
             words = f"{wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
             found.append(Message(f"{trial.name}: {words}", "no_date"))
-    return found
-
-
-def _copies(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
-    """Messages on files that are in two campaigns."""
-    first: dict[str, int] = {}
-    found = []
-    for i, trial in enumerate(trials):
-        k = first.setdefault(trial.sha256, i) if trial.sha256 else i
-        if labels[k] != labels[i]:
-            words = (
-                f"{trials[k].name} of campaign {labels[k]} and {trial.name} of campaign {labels[i]} are the same file; "
-                f"it counts once, for {labels[k]}: remove the one that is wrong"
-            )
-            found.append(Message(words, "same_file_in_two_campaigns"))
     return found

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FromLead, Orders, StopOrders, Zigzag
+from cases.maneuvers.definitions import FromLead, Maneuver, Orders, StopOrders, Zigzag
 
 TINY = 1e-9
 """Slack in comparisons of times [s]."""

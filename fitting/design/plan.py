@@ -16,7 +16,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import Limits
 from cases.maneuvers.self_propulsion import engine_of, own_speed, revolutions_for
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial

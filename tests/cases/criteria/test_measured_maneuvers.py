@@ -17,8 +17,7 @@ from cases.criteria.imo import assess, imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers, nominal, ordered_heading
 from cases.criteria.standard_runs import figures_of, measured_runs
 from cases.io.read import read_trial
-from cases.maneuvers.definitions import parse_maneuver
-from cases.maneuvers.orders import Zigzag
+from cases.maneuvers.definitions import Zigzag, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate

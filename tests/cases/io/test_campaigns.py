@@ -17,9 +17,9 @@ from mmg.errors import UserError
 from tests.support.trial_files import make_trial, write_csv
 
 
-def trial(path: str, t0: float = 0.0, sha256: str = "", **meta: str) -> Trial:
+def trial(path: str, t0: float = 0.0, **meta: str) -> Trial:
     where = Path("/data") / path
-    return Trial(where.stem, {"t": t0 + np.arange(3.0)}, path=where, meta=meta, sha256=sha256)
+    return Trial(where.stem, {"t": t0 + np.arange(3.0)}, path=where, meta=meta)
 
 
 def names(*trials: Trial) -> list[str]:
@@ -61,11 +61,6 @@ def test_a_date_that_is_none_is_said(tmp_path: Path) -> None:
     sidecar.write_text('[default]\ncampaign = "2026-02-30"\n', encoding="utf-8")
     with pytest.raises(UserError, match="2026-02-30"):
         read_sidecar(sidecar)
-
-
-def test_a_file_in_two_campaigns_is_said() -> None:
-    found = campaigns_of([trial("a/x.csv", sha256="1"), trial("b/y.csv", sha256="1"), trial("b/z.csv", sha256="2")])
-    assert ["same file" in str(m) and "x of campaign a" in str(m) for m in found.messages] == [True]
 
 
 def test_a_trial_finds_its_campaign_among_those_that_are_known() -> None:

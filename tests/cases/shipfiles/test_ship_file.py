@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from safetensors import safe_open
+from safetensors.numpy import load_file
 
 import fitting
 import mmg
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.model_changes import with_instruments
-from cases.shipfiles.network_file import save_network
+from cases.shipfiles.network_file import save_network, save_tensors
 from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, library, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
@@ -480,3 +482,19 @@ def test_the_json_says_units_of_all_particulars_and_inputs() -> None:
         ("n", "rps"), ("delta", "rad"), ("wind_north", "m/s"), ("wind_east", "m/s"),
     ]  # fmt: skip
     assert set(content["primes"]) == {c["prime"] for c in content["coefficients"].values() if c["prime"]}
+
+
+def test_equal_content_gives_equal_bytes_whatever_its_order(tmp_path: Path) -> None:
+    arrays = {"w": np.arange(6.0).reshape(2, 3).T, "b": np.array([1.5], dtype=np.float32)}
+    about = {name: f"{name} of ä ship" for name in ("format", "ship", "members", "features", "ship_hash", "h")}
+    contents = set()
+    for k, words in enumerate((about, dict(reversed(about.items())))):
+        path = tmp_path / f"{k}.safetensors"
+        save_tensors(path, arrays, words)
+        contents.add(path.read_bytes())
+        with safe_open(path, framework="numpy") as file:
+            assert file.metadata() == about
+        found = load_file(path)
+        assert set(found) == {"w", "b"} and all(np.array_equal(found[name], arrays[name]) for name in found)
+        assert found["b"].dtype == np.float32
+    assert len(contents) == 1
