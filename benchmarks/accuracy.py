@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.record import Figure, parser_of, report, table
 from cases.io import published_splits as splits
-from cases.io.groups import group_trials
+from cases.io.campaigns import group_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet

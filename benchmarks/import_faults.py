@@ -31,9 +31,8 @@ from benchmarks.record import Figure, keep, parser_of
 from benchmarks.toml import tables
 from cases.checks import check
 from cases.checks.report import CONSISTENT
-from cases.importing.import_logs import import_logs
+from cases.importing.import_logs import import_logs, write_import
 from cases.importing.import_map import ImportMap
-from cases.importing.written_trials import write_import
 from cases.io.read import read_trials
 from cases.io.sidecar import NAME as SIDECAR
 from cases.maneuvers.definitions import parse_maneuver

@@ -2,7 +2,7 @@
 
 Run from the repository root: python -m benchmarks.literature [--hull NAME] [--record]
 Each ship is made from her particulars, as the command makes her, and turns and zigzags as she did. The factors on a few
-of her coefficients (``cases/shipfiles/estimates.py``) were determined from these ships; 5f878e7 has the script, which
+of her coefficients (``cases/shipfiles/new_ship.py``) were determined from these ships; 5f878e7 has the script, which
 also left each ship out in turn.
 
 A figure of literature.toml is one that was published for the ship or her model, or that of a published mathematical

@@ -20,10 +20,9 @@ from benchmarks.blind.generator.world import NARROW, WORLDS, World
 from benchmarks.blind.generator.write import generate
 from benchmarks.record import Figure, parser_of, report
 from cases.checks.stretches import broken_stretches
-from cases.io.leave_out import inside
 from cases.io.published_splits import data_folder
 from cases.io.read import read_trials
-from cases.trial import Trial
+from cases.trial import Trial, inside
 
 Columns = dict[str, np.ndarray]
 Break = Callable[[Columns, slice, float, np.random.Generator], None]

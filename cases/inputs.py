@@ -17,10 +17,8 @@ from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
-
 SAMPLED = "sampled"
 """Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next."""
-
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
 _AT_REST = tuple(name for name in INPUTS if name in ("n_bow", "n_stern") or "azimuth" in name)
 """Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""

@@ -16,15 +16,13 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 
 from cases.checks import CheckReport, check
-from cases.checks.copies import duplicates
+from cases.checks.folders import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
-from cases.io.campaigns import Campaigns, campaign_labels, campaigns_of, ship_of_campaign
-from cases.io.groups import Groups, group_trials
-from cases.io.leave_out import CODE, left_out, looked_at
+from cases.io.campaigns import Campaigns, Groups, campaign_labels, campaigns_of, group_trials, ship_of_campaign
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
-from cases.trial import Trial
+from cases.trial import LEFT_OUT, Trial, left_out, looked_at
 from mmg.errors import Conflict, Missing
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -103,7 +101,7 @@ class TrialSet(Sequence[Trial]):
     @property
     def remarks(self) -> list[Message]:
         """Messages on what was left out of the trials and what is doubtful about them."""
-        found = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (CODE, DOUBT)]
+        found = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
         return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
 
     @cached_property

@@ -17,8 +17,7 @@ import numpy as np
 
 from cases.evidence.kinematics import Kinematics
 from cases.inputs import model_inputs
-from cases.io.campaigns import ship_in
-from cases.io.groups import Groups
+from cases.io.campaigns import Groups, ship_in
 from cases.io.site import Site, read_site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator
 
-from cases.io.groups import Groups
+from cases.io.campaigns import Groups
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from fitting.report.run_folder import SCHEMA_VERSION, Real, plain

@@ -17,7 +17,7 @@ from cases.importing.import_logs import SUFFIXES, import_logs
 from cases.importing.import_map import ImportMap, read_map
 from cases.importing.log_columns import log_of
 from cases.importing.table_files import read_text_log
-from cases.io.groups import group_trials
+from cases.io.campaigns import group_trials
 from cases.io.read import read_controls, read_trial
 from cases.io.site import read_site
 from cases.maneuvers.definitions import parse_maneuver
@@ -143,7 +143,7 @@ def _imported(path: Path) -> object:
 
 def _averaged(path: Path) -> object:
     """A raw log as one that is longer than is kept."""
-    with mock.patch("cases.io.block_means.MOST_KEPT", 10), mock.patch("cases.io.text_table.BLOCK", 3000):
+    with mock.patch("cases.io.text_table.MOST_KEPT", 10), mock.patch("cases.io.text_table.BLOCK", 3000):
         return log_of(read_text_log(path), ImportMap())
 
 

@@ -17,11 +17,11 @@ import numpy as np
 
 from cases.evidence.signals import independent, white_noise
 from cases.inputs import integral
-from cases.trial import RUDDERS, Trial
+from cases.trial import Trial
+from mmg.motion.flow import RUDDERS
 
 Break = tuple[int, int, str, tuple[str, ...]]
 """First and last row, what, channels."""
-
 COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
 """Mismatch -> its own columns, and the rates whose integral they are compared with."""
 
@@ -68,23 +68,17 @@ def runs(flags: np.ndarray) -> np.ndarray:
 
 LONGEST = 4.0
 """A value is frozen when it is repeated this many times as often as the longest repetition that is usual."""
-
 USUAL = 0.8
 """Share of the samples that lie in repetitions of usual length."""
-
 LEAST_ROWS, LEAST_S = 5, 1.2
 """Fewer repetitions, or fewer seconds, are a matter of rounding."""
-
 JUMP = 3.0
 """A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
 that does not was steady."""
-
 NOISY = 0.25
 """Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that
 it never repeats itself for long."""
-
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
-
 WANDER = 4.0
 """Standard deviations of the integral of white noise that say nothing: one in 16,000 is larger by chance."""
 
@@ -170,10 +164,8 @@ def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) ->
 
 
 NAMES = ("x", "y", "psi", "u", "v", "r")
-
 MANY = 20
 """Rows before by which a jump is known: their median has a standard error of a quarter of the noise."""
-
 CHANGES = 0.5
 """Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long."""
 
@@ -226,16 +218,12 @@ def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
 
 SURE = 8.0
 """Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike."""
-
 LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}
 """Least size: share of the rms speed (u, v) or of the rms turn rate."""
-
 LEAST = 4
 """So many spikes make a train; fewer are the outliers that a robust loss is for."""
-
 APART = 3.0
 """s, or so many samples: longest time between spikes of a train."""
-
 RARE = 0.05
 """Share of samples from which spikes are the noise of the channel."""
 
@@ -274,32 +262,23 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
 PODS = tuple(f"{name}_{i}" for i in (2, 3, 4) for name in ("n_azimuth", "azimuth"))
 STEERING = (*RUDDERS, "n_bow", "n_stern", "n_azimuth", "azimuth", *PODS)
 """What turns a ship. The propeller does so by its flow on the rudder, and pushes her on."""
-
 SWINGING = "the turn rate swings while rudder and propeller rest"
 """What is said of such a spell."""
-
 SWINGS = 2
 """So many swings beyond the first, which the last order may have caused."""
-
 SWING = 0.5
 """A swing changes the turn rate by this share of its root mean square over the record."""
-
 MOST = 0.9
 """Share of the record beyond which a spell leaves no orders to compare with."""
-
 BEYOND_NOISE = 6.0
 """And by so many standard deviations of its own noise, after smoothing."""
-
 STOPPED = 0.15
 """It does so faster than 95 % of the record, or by this factor where the propeller is stopped as well: nothing of the
 ship's own is left that turns her."""
-
 SHORTER = 0.4
 """So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
-
 AGREED = 0.5
 """The heading turns with it, by at least this share: else the gyro swings, not the ship."""
-
 PROPELLERS = ("n", "n_2", "n_3", "n_4")
 
 

@@ -1,17 +1,17 @@
-"""What the files of a folder contradict, decided together, and the line of trials.toml that mends it, tried before."""
+"""What the files of a folder contradict, decided together, and the line of trials.toml that mends it, tried before; and
+trials that contain each other, whatever their clocks say: one hash per row, one join over all files."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.checks.copies import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.single import (
     excitation,
@@ -25,40 +25,118 @@ from cases.checks.single import (
     wind,
 )
 from cases.checks.stretches import DRIFTING, stretch_findings
-from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores
-from cases.evidence.contradicted import standing, wrong_inputs
-from cases.evidence.scale import TRACK, TURN, Scale, scale
-from cases.evidence.shifts import LAGS, Shift, Value, candidates, nats, shifts
+from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
+from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
-from cases.io.conventions import converted
-from cases.io.leave_out import left_out
+from cases.io.conventions import SENTINEL, converted, mislabelled, without_sentinels
 from cases.io.read import SUFFIXES, read_trial
-from cases.io.sentinels import CODE, without_sentinels
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
-from cases.io.unit_sanity import mislabelled
-from cases.io.units import to_si, unit_by_factor
-from cases.quantities import quantity
-from cases.trial import Trial
+from cases.io.toml_file import as_toml
+from cases.quantities import quantity, to_si, unit_by_factor
+from cases.trial import Trial, left_out
 from mmg.errors import UserError
 from mmg.messages import Message, message_rows
 
+COLUMNS = ("psi", "u", "v", "r")
+"""Required of every trial and noisy, so that rows of different runs never agree in all of them."""
+GRIDS = (1e-7, 1e-3)
+"""Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits."""
+MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
+"""One large odd multiplier per column, to mix its bits; a join of pandas would take a third of a second to import."""
+VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
+SHARE = 0.05
+"""Overlaps below this share of the shorter file are not reported: a matter of display."""
+Pair = tuple[int, int]
+
+
+def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Found]]]:
+    """For each of ``trials``: the others it overlaps with (numbers), and findings about them.
+
+    Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
+    the others. Cost: one join over all rows.
+    """
+    out: list[tuple[list[dict[str, Any]], list[Found]]] = [([], []) for _ in trials]
+    reported: set[Pair] = set()
+    for grid in GRIDS if len(trials) > 1 else ():
+        for pair, rows in _matches(trials, grid).items():
+            for me, copy, finding in _overlap(trials, pair, rows) if pair not in reported else ():
+                out[me][0].append(copy)
+                out[me][1].append(finding)
+                reported.add(pair)
+    return out
+
+
+def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarray, np.ndarray]]:
+    """Pair of trials -> row indices of equal rows in the first and in the second: complete rows, each of them
+    unique within its trial. Pairs in the order of their trials."""
+    keys, parts = np.array(MULTIPLIERS, np.uint64), []
+    for i, trial in enumerate(trials):
+        values = np.column_stack([trial[c] for c in COLUMNS])
+        whole = np.flatnonzero(np.isfinite(values).all(axis=1))
+        whole_values = np.rint(values[whole] / grid).astype(np.int64).view(np.uint64)
+        mixed = (whole_values * keys) ^ ((whole_values * keys) >> np.uint64(29))
+        hashed = (mixed * keys[::-1]).sum(axis=1, dtype=np.uint64)
+        once, first, count = np.unique(hashed, return_index=True, return_counts=True)
+        once, first = once[count == 1], first[count == 1]
+        parts.append((once, np.full(len(once), i), whole[first]))
+    hashes, number, row = (np.concatenate(some) for some in zip(*parts, strict=True))
+    order = np.argsort(hashes, kind="stable")  # equal ones side by side, by trial
+    hashes, number, row = hashes[order], number[order], row[order]
+    found: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for apart in range(1, len(trials)):
+        at = np.flatnonzero(hashes[apart:] == hashes[:-apart])
+        if not len(at):
+            break
+        both = number[at] * len(trials) + number[at + apart]
+        for code in np.unique(both):
+            one, pair = at[both == code], divmod(int(code), len(trials))
+            found.setdefault(pair, []).append((row[one], row[one + apart]))
+    return {pair: _concatenated(found[pair]) for pair in sorted(found)}
+
+
+def _concatenated(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    first, second = (np.concatenate(some) for some in zip(*parts, strict=True))
+    return first, second
+
+
+def _overlap(
+    trials: Sequence[Trial], pair: Pair, rows: tuple[np.ndarray, np.ndarray]
+) -> Iterator[tuple[int, dict[str, Any], Found]]:
+    """For both trials of a ``pair``, its index and what its report says of their overlap, if that is a run of
+    ``rows`` in step."""
+    offsets, count = np.unique(rows[1] - rows[0], return_counts=True)
+    in_step = rows[1] - rows[0] == offsets[np.argmax(count)]
+    if in_step.sum() < max(10, SHARE * min(len(trials[i]) for i in pair)):
+        return
+    ends = [(int(some[in_step].min()), int(some[in_step].max())) for some in rows]
+    identical = bool(trials[pair[0]].sha256) and trials[pair[0]].sha256 == trials[pair[1]].sha256
+    shares = [(last - first + 1) / len(trials[i]) for i, (first, last) in zip(pair, ends, strict=True)]
+    for me, other in ((0, 1), (1, 0)):
+        inside, holds, name = shares[me] >= 0.99, shares[other] >= 0.99, trials[pair[other]].name
+        relation = "copy" if inside and holds else "inside" if inside else "contains" if holds else "overlaps"
+        copy = {
+            "other": name, "relation": relation, "identical_bytes": identical,
+            "rows": list(ends[me]), "other_rows": list(ends[other]), "share": shares[me],
+        }  # fmt: skip
+        text = (
+            f"{VERBS[relation]} {name}: rows {ends[me][0]}-{ends[me][1]} are its rows "
+            f"{ends[other][0]}-{ends[other][1]}; keep both on the same side of a train/test split."
+        )
+        yield pair[me], copy, (DOUBTFUL, "duplicate", text)
+
+
 LATE = 1.5
 """Lag [s] of a channel beyond which the verdict is no longer "ok"."""
-
 TURNED, LEAST_ARM = math.radians(2.0), 0.05
 """The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
 secant of the latitude), and for a lever arm [m]."""
-
 LEAST_SHARE = 0.001
 """Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre."""
-
 DISAGREE = 0.8
 """Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
-
 SURE = 20.0
 """Nats from which one file refutes its labels although all others of its folder bear theirs out. Set by hand: below
 it one file is doubted, and a fit goes on."""
-
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,
@@ -67,10 +145,8 @@ LOOKS = {
     "excitation": excitation,
 }
 """Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
-
 TOPICS = {"unit": "units", "rudder_sign": "rudder"}
 """Code -> topic, where it is not kinematics."""
-
 LATE_WORDS = {
     "w": ("u and v are", ("u", "v")),
     "place": ("x and y are", ("x", "y")),
@@ -100,7 +176,7 @@ def check(
     for trial, (others, shared) in zip(trials, duplicates(trials) if copies is None else copies, strict=True):
         looks = {topic: look(trial) for topic, look in LOOKS.items()}
         read = [
-            (DOUBTFUL if row["code"] == CODE else INFO, row["code"], _capital(row["text"]) + ".")
+            (DOUBTFUL if row["code"] == SENTINEL else INFO, row["code"], _capital(row["text"]) + ".")
             for row in message_rows(trial.notices)
         ]
         found = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
@@ -129,6 +205,7 @@ def _without_sentinels(trial: Trial) -> Trial:
 def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
     """``reports`` on the ``trials`` of a folder with what they show together: frames, signs, units, channels that stand
     still, lags, lever arms, gains, offsets, and what could not be checked; not what follows from a contradiction."""
+    # Frames, signs and units come first: a lag or a gain of columns in a wrong frame means nothing.
     some = [_whole(*each) for each in zip(trials, reports, strict=True)]
     records = [signals(trial) for trial in some]
     still = [standing(trial) for trial in trials]
@@ -146,6 +223,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
     alone: list[dict[str, Value | None]] = [{} for _ in trials]
     frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
+    # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
     quiet = [k for k, each in enumerate(said) if not each.findings and not frozen[k]]
     for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):
         alone[k] = dict(values)
@@ -157,6 +235,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     for k, (values, more) in zip(quiet, _scaled(sound), strict=True):
         said[k].findings.extend(more)
         alone[k].update(values)
+    # Last how she moves: it tells of relatives too, which the comparisons above pass over.
     sways = sway_findings([trials[k] for k in quiet])
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
@@ -460,7 +539,7 @@ def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
 
 def line(wanted: Mapping[str, Any]) -> str:
     """``wanted`` settings as lines of TOML, with "and" between them."""
-    return " and ".join(f"{key} = {_toml(value)}" for key, value in wanted.items())
+    return " and ".join(f"{key} = {as_toml(value)}" for key, value in wanted.items())
 
 
 def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
@@ -486,13 +565,3 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
 def entry_of(trial: Trial) -> SidecarEntry:
     """What the sidecar says of ``trial`` so far."""
     return sidecar_entry(trial.path) if trial.path is not None and trial.path.exists() else SidecarEntry()
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
-from cases.evidence.scale import SIGMAS
+from cases.evidence.shifts import SIGMAS
 from cases.evidence.signals import PIECES, independent
 from cases.inputs import is_sampled
 from cases.trial import REQUIRED, Trial
@@ -233,37 +233,27 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
 AHEAD = 0.5
 """Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set by
 hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
-
 STRAIGHT = 0.2
 """Share of the greatest turn rate within which a ship goes straight."""
-
 APART = 0.1
 """Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
 legs in directions a quarter turn apart."""
-
 MOSTLY = 0.9
 """Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre."""
-
 FAST = 0.8
 """Share of the greatest speed (95 %) from which a ship is at speed: what she has left when she is stopped is none. Set
 by hand, as SLOW, which leaves out speeds at which a drift angle is noise."""
-
 TURNING = math.radians(90.0)
 """Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
 and where it turns her, her bow drifts off."""
-
 SLOW = 0.1
 """Share of the greatest speed from which a drift angle is one of a ship that goes ahead."""
-
 LEAST_DRIFT = 0.02
 """Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual."""
-
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
-
 COST = 8.0
 """Nats by which another reading of the wind is likelier, as in competition.py."""
-
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
     "would check it; an offset of the heading or a late receiver would not show",
@@ -419,8 +409,6 @@ def turning_wind(trial: Trial) -> list[Found]:
 
 ENOUGH = 20.0
 """s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand."""
-
-
 GROUPS = {
     "hull_ahead": ("headway (u > 0)", r"X_0F?|R_0"),
     "hull_astern": ("sternway (u < 0)", r"X_0A"),
@@ -434,7 +422,6 @@ GROUPS = {
     "wind": ("true wind above the ship's speed from changing sides", r"[XYN]_A\d+"),
 }
 """Group of coefficients -> what must happen for it to matter, and the pattern of the symbols."""
-
 QUADRANTS = {
     "u+ n+": "ahead with n > 0",
     "u+ n-": "ahead with n < 0",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.criteria.rudder_steps import held_stretches
+from cases.criteria.measured_maneuvers import held_stretches
 from cases.inputs import integral
 from cases.trial import Trial
 

@@ -3,7 +3,16 @@ row per figure with its limit and verdict.
 
 The standards hold for ships of 100 m and more (and all chemical and gas carriers), in deep water and calm weather, at
 full load on even keel, at a test speed V of at least 90 % of the speed at 85 % MCR. A model is judged at the length and
-the L/V of the ship it stands for: L scale and (L/V) sqrt(scale)."""
+the L/V of the ship it stands for: L scale and (L/V) sqrt(scale).
+
+Measured manoeuvres are corrected to still water and calm air, as MSC/Circ.1053 (2002) 3.4.2 asks where the conditions
+of the criteria were not met.
+
+Current, 3.4.2.5: in a turning circle the positions a whole turn apart, from a change of heading of 180 deg on, drift
+with the water. The mean of their velocities is the current; the track less its way is that in still water. ITTC
+7.5-04-02-01 (2017) asks for the circle for the same purpose. Wind: the model of the ship runs the manoeuvre in the mean
+wind and in calm air, and the difference of a figure is added to the measured one.
+"""
 
 from __future__ import annotations
 
@@ -12,33 +21,213 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from cases.criteria.standard_runs import STANDARD, Run, approach_speed, measured_runs, simulated_run
-from cases.criteria.trial_correction import WaterVelocity, corrected_runs
+import numpy as np
+
+from cases.criteria.measured_maneuvers import Execute
+from cases.criteria.standard_runs import (
+    STANDARD,
+    STEP,
+    Run,
+    approach_speed,
+    figures_of,
+    measured_figures,
+    measured_runs,
+    simulated_run,
+)
 from cases.inputs import assumed
-from cases.io.leave_out import CODE
-from cases.maneuvers.definitions import STOPPING_CODES, parse_maneuver
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import STOPPING_CODES, Limits, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.trial import Trial
+from cases.simulation.gusts import Wind
+from cases.simulation.simulate import simulate
+from cases.trial import LEFT_OUT, Trial
 from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError
 from mmg.messages import Message, has_code
+from mmg.motion.froude import time_scale
 from mmg.notebook import html_table
 from mmg.ship import CalibrationMark, Ship
 
+FIRST, WHOLE = math.pi, 2 * math.pi
+"""Change of heading from which positions count, and that between two of a pair [rad] (3.4.2.5)."""
+PAIRS_EVERY = math.radians(10.0)
+"""Between the pairs of positions [rad]."""
+MOST_SCATTER = 0.5
+"""Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
+current; one that is less than LEAST_SCATTER of the ship's speed is never too much."""
+LEAST_SCATTER = 0.03
+
+
+@dataclass(frozen=True)
+class WaterVelocity:
+    """Velocity of the water over ground.
+
+    north, east [m/s]; std: standard deviation of the velocities behind it [m/s]; origin: where it is from, in words.
+    """
+
+    north: float
+    east: float
+    std: float
+    origin: str
+
+    @property
+    def words(self) -> str:
+        """Speed and the direction that it goes to, in words."""
+        speed = math.hypot(self.north, self.east)
+        towards = math.degrees(math.atan2(self.east, self.north)) % 360
+        return f"current {speed:.3g} m/s towards {towards:.0f} deg ({self.origin})"
+
+
+def current_of(run: Run) -> WaterVelocity | None:
+    """The current in which a measured turning circle drifted; None for another run, one that turns less than 540 deg,
+    one without positions, and one whose pairs disagree.
+    """
+    trial = run.trial
+    if run.kind != "turning" or not trial.has_position:
+        return None
+    t = trial.t - trial.t[0]
+    psi, x, y = trial.psi_unwrapped, trial["x"], trial["y"]
+    rows = np.isfinite(psi) & np.isfinite(x) & np.isfinite(y) & (t >= run.order_time) & (t <= run.end + 1e-9)
+    if rows.sum() < 10:
+        return None
+    t, x, y = t[rows], x[rows], y[rows]
+    change = np.maximum.accumulate(math.copysign(1.0, run.rudder) * (psi[rows] - psi[rows][0]))
+    starts = np.arange(FIRST, float(change[-1]) - WHOLE, PAIRS_EVERY)
+    if len(starts) == 0:
+        return None
+    rising = np.concatenate([[True], np.diff(change) > 0])
+    t, x, y, change = t[rising], x[rising], y[rising], change[rising]
+
+    def at(values: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        return np.interp(angles, change, values)
+
+    seconds = at(t, starts + WHOLE) - at(t, starts)
+    velocity = np.array([at(p, starts + WHOLE) - at(p, starts) for p in (x, y)]) / seconds
+    mean, scatter = velocity.mean(axis=1), float(np.hypot(*velocity.std(axis=1)))
+    if scatter > max(MOST_SCATTER * float(np.hypot(*mean)), LEAST_SCATTER * run.speed):
+        return None
+    return WaterVelocity(float(mean[0]), float(mean[1]), scatter, f"{len(starts)} pairs of positions of {run.name}")
+
+
+def mean_current(currents: Sequence[WaterVelocity]) -> WaterVelocity | None:
+    """The mean of ``currents`` of several circles, None of none."""
+    if not currents:
+        return None
+    parts = np.array([(c.north, c.east) for c in currents])
+    std = float(np.hypot(*parts.std(axis=0))) if len(currents) > 1 else currents[0].std
+    origin = f"mean of {len(currents)} circles, which differ by {std:.2g} m/s"
+    if len(currents) == 1:
+        origin = currents[0].origin
+    north, east = (float(x) for x in parts.mean(axis=0))
+    return WaterVelocity(north, east, std, origin)
+
+
+def in_still_water(run: Run, current: WaterVelocity) -> Run:
+    """Returns ``run`` as seen from water that moves with the ``current``: track, velocities, test speed, figures."""
+    trial = run.trial
+    psi, t = trial.psi_unwrapped, trial.t - trial.t[0] - run.order_time
+    c, s = np.cos(psi), np.sin(psi)
+    columns = {
+        "u": trial["u"] - (c * current.north + s * current.east),
+        "v": trial["v"] - (-s * current.north + c * current.east),
+    }
+    if trial.has_position:
+        columns |= {"x": trial["x"] - current.north * t, "y": trial["y"] - current.east * t}
+    moved = trial.with_columns(**columns)
+    before = (t <= 1e-9) & np.isfinite(psi)
+    at = np.flatnonzero(before)[-1] if before.any() else np.flatnonzero(np.isfinite(psi))[0]
+    ahead = float(c[at] * current.north + s[at] * current.east)
+    corrected = replace(run, trial=moved, speed=run.speed - ahead)
+    return replace(corrected, figures=measured_figures(moved, corrected))
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What a ship's model makes of a measured run: figures in calm air and in its wind, and how the wind alone moves a
+    circle over ground, north and east [m/s]."""
+
+    calm: dict[str, float]
+    windy: dict[str, float]
+    drift: tuple[float, float]
+
+
+def _modelled(run: Run, ship: Ship) -> _Model:
+    """Raises UserError where the run has no wind, or the model does not reach what was measured."""
+    trial = run.trial
+    t = trial.t - trial.t[0]
+    rows = (t >= run.order_time) & (t <= run.end + 1e-9) & np.isfinite(trial.wind_vector).all(axis=1)
+    if not trial.has_wind or not rows.any():
+        raise Missing("no wind is recorded")
+    north, east = -trial.wind_vector[rows].mean(axis=0)
+    good = np.isfinite(trial["psi"])
+    heading = float(np.interp(run.order_time, t[good], trial.psi_unwrapped[good]))
+    wind = Wind(math.hypot(north, east), math.atan2(east, north) - heading)
+    calm, _ = calm_and_deep(ship)
+    degrees = math.degrees(run.rudder)
+    own = {"turning": f":{degrees:g}", "zigzag": f":{degrees:g}/{math.degrees(run.heading):g}"}
+    text, dt = run.kind + own.get(run.kind, ""), STEP * time_scale(ship.particulars["L"])
+    plan = parse_maneuver(text, calm, speed=run.speed)
+    longer = replace(plan, duration=1.5 * plan.duration) if run.kind == "turning" else plan
+    still, windy = simulate(calm, plan, dt), simulate(calm, longer, dt, wind)
+    whole = Execute(plan.kind, plan.parameters["order_time"], run.rudder, (), windy.duration, 0.0, run.speed, ())
+    moved = current_of(Run(**vars(whole), name="model", trial=windy, length=run.length, figures={}))
+    ahead, aside = (moved.north, moved.east) if moved else (0.0, 0.0)
+    c, s = math.cos(heading), math.sin(heading)
+    drift = (c * ahead - s * aside, s * ahead + c * aside)
+    return _Model(figures_of(still, plan), figures_of(windy, plan), drift)
+
+
+def corrected_runs(
+    runs: Sequence[Run], ship: Ship | None, current: WaterVelocity | None = None
+) -> tuple[list[Run], list[Message]]:
+    """Measured ``runs`` in still water and calm air, and what was done, as messages.
+
+    current: as known; None takes for a circle its own, less what the model drifts in the wind alone, for the others the
+    mean of all circles among the runs. ship: whose wind model corrects for the wind of the runs; None or without one:
+    none is corrected for.
+    """
+    notices, models = [], {}
+    if ship is not None and ship.feels_wind:
+        for run in runs:
+            try:
+                models[run.name] = _modelled(run, ship)
+            except UserError as error:
+                notices.append(Message(f"{run.name}: not corrected for wind: {error}", "not_corrected"))
+    else:
+        words = "wind is not corrected for: there is no ship with a wind model"
+        notices.append(Message(words, "no_wind_model"))
+    own = {}
+    for run in runs:
+        found = None if current else current_of(run)
+        if found is not None:
+            north, east = models[run.name].drift if run.name in models else (0.0, 0.0)
+            own[run.name] = replace(found, north=found.north - north, east=found.east - east)
+    shared, result = current or mean_current(list(own.values())), []
+    for run in runs:
+        water = own.get(run.name, shared)
+        if water is not None:
+            run = in_still_water(run, water)
+            notices.append(Message(f"{run.name}: corrected for {water.words}", "current_corrected"))
+        model = models.get(run.name)
+        if model is not None:
+            shift = {k: model.calm[k] - model.windy[k] for k in model.calm if k in model.windy}
+            run = replace(run, figures={k: v + shift.get(k, 0.0) for k, v in run.figures.items()})
+            words = f"{run.name}: corrected for wind by what it changes of the figures of {ship.name if ship else ''}"
+            notices.append(Message(words, "wind_corrected"))
+        result.append(run)
+    if shared is None:
+        words = "no current is known: give one, or a turning circle of 540 deg and more among the trials"
+        notices.append(Message(words, "no_current"))
+    return result, notices
+
+
 SMALLEST = 100.0
 """Length from which the standard applies [m]."""
-
 ASSUMED = "not checked: deep water, calm weather, full load on even keel, V at least 90 % of the speed at 85 % MCR"
-
 PASS, FAIL, OPEN, NONE = "pass", "fail", "not judged", "-"
-
-
 SOURCE = (
     "MARIN free-running tests of KVLCC2 (SIMMAN 2008), re-reduced from the records in "
     "martinlarsalbert/System-identification-of-Vessel-Manoeuvring-Models, origin at the first rudder motion"
 )
-
 _KVLCC2 = {
     ("turning:35", "advance"): 3.09,
     ("turning:35", "transfer"): 1.35,
@@ -55,7 +244,6 @@ _KVLCC2 = {
     ("zigzag:-20/20", "overshoot_1"): 15.1,
     ("zigzag:-20/20", "overshoot_2"): 13.3,
 }
-
 REFERENCES: dict[str, dict[tuple[str, str], float]] = {"kvlcc2_l7": _KVLCC2, "kvlcc2_full": _KVLCC2}
 """Ship name -> (manoeuvre, figure) -> value: lengths in L, angles in deg, positive rudder to starboard."""
 
@@ -106,19 +294,15 @@ ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 
 """Limits in L; the last is what an Administration may allow for ships of large displacement."""
 MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
 STOPPING = "stopping"
-
 OVERSHOOT_20 = 25.0
 """Limit of the first overshoot of the 20/20 zigzag [deg]."""
-
 LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 """A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 
 
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
-    rows = {"turning": _turning, "zigzag": _zigzag, "crash-stop": _stopping, "coasting": _coasting}.get(
-        run.kind, _informative
-    )(run, scale)
+    rows = _zigzag(run, scale) if run.kind == "zigzag" else _turning(run) if run.kind == "turning" else _others(run)
     why, told = _not_applicable(run, scale), "; ".join(run.caveats)
     judged = [replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows]
     judged = [replace(row, why="; ".join(filter(None, (row.why, told)))) if told else row for row in judged]
@@ -165,7 +349,7 @@ def with_value(row: Row, value: float | None) -> Row:
     return replace(row, value=value, verdict=PASS if value <= row.limit else FAIL, why=why)
 
 
-def _turning(run: Run, scale: float | None) -> list[Row]:
+def _turning(run: Run) -> list[Row]:
     degrees = abs(math.degrees(run.rudder))
     asked = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
     open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else asked
@@ -205,21 +389,14 @@ def _zigzag(run: Run, scale: float | None) -> list[Row]:
     return [_row(run, "yaw checking", f"overshoot_{k}", "deg", None, words) for k in (1, 2)]
 
 
-def _stopping(run: Run, scale: float | None) -> list[Row]:
-    return [_row(run, STOPPING, "track_reach", "L", TRACK_REACH), _row(run, STOPPING, "head_reach", "L", None)]
-
-
-def _coasting(run: Run, scale: float | None) -> list[Row]:
-    """A stop by the engine alone has no limit."""
-    return [_row(run, "coasting", "track_reach", "L", None), _row(run, "coasting", "head_reach", "L", None)]
-
-
-def _informative(run: Run, scale: float | None) -> list[Row]:
-    """Spiral and pull-out have no limit: rates times L / V, dimensionless."""
-    rates = [name for name in run.figures if "rate" in name or name == "loop_height"]
-    angles = [name for name in run.figures if name == "loop_width"]
-    rows = [(name, "V/L") for name in rates] + [(name, "deg") for name in angles]
-    return [_row(run, "course stability", name, unit, None) for name, unit in rows]
+def _others(run: Run) -> list[Row]:
+    """A stop; one by the engine alone has no limit, nor have spiral and pull-out: rates times L / V, dimensionless."""
+    if run.kind in ("crash-stop", "coasting"):
+        ability, limit = (STOPPING, TRACK_REACH) if run.kind == "crash-stop" else (run.kind, None)
+        return [_row(run, ability, "track_reach", "L", limit), _row(run, ability, "head_reach", "L", None)]
+    units = {name: "V/L" for name in run.figures if "rate" in name or name == "loop_height"}
+    units |= {"loop_width": "deg"} if "loop_width" in run.figures else {}
+    return [_row(run, "course stability", name, unit, None) for name, unit in units.items()]
 
 
 @dataclass(frozen=True)
@@ -345,7 +522,7 @@ def imo_figures_of_trials(
     trials: with one manoeuvre or several each, the approach is cut off; ship: gives its name, length and scale;
     length: of the ship [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data;
     scale: ship length over model length; correct: to still water and calm air, with the current of the circles among
-    the trials or a given one (cases/criteria/trial_correction.py). Of several runs, one without a manoeuvre becomes a
+    the trials or a given one (``corrected_runs``). Of several runs, one without a manoeuvre becomes a
     notice. Raises UserError when no length is
     given, when the trials are not of the ship, and when there is no manoeuvre in any of them.
     """
@@ -353,7 +530,7 @@ def imo_figures_of_trials(
         raise Missing("trials need the length of their ship; give ship or length")
     L = length if length is not None else ship.particulars["L"] if ship else 0.0
     runs, notices = [], [*TrialSet.of(trials).remarks, *(assumed(trials, ship.inputs) if ship else ())]
-    if has_code(notices, CODE):
+    if has_code(notices, LEFT_OUT):
         words = (
             "what is left out of a measured manoeuvre is bridged by straight lines, where she hardly turns meanwhile"
         )

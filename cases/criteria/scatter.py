@@ -21,10 +21,8 @@ from mmg.ship import Ship
 
 STEP = 0.25
 """Default sampling interval [s] of a 3 m model; scales with sqrt(L)."""
-
 ROUNDS = 5
 """Rounds in which draws beyond bounds are put on them."""
-
 MOST = 5000
 """Most draws of one call: all motions are held in memory."""
 

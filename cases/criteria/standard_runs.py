@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 STEP = 0.05
 """Sampling and integration step [s] for a 3 m model; Froude scaled."""
-
 ZIGZAGS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "zigzag:-20/20")
 STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
 """What the criteria of MSC.137(76) need."""

@@ -38,7 +38,6 @@ ITERATIONS, MOST = 8, 5
 CLOSE, SHARE = 6.0, 0.8
 """A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
 an effect of the library repeats comes first."""
-
 Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
 """lag [s] -> (A (M, P), y (M,)), linear about it."""
 
@@ -165,7 +164,6 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
 
 SOME = 0.1
 """Share of the runs (and at least two) whose own value is reported where all together have none."""
-
 ALIKE: tuple[Set[str], ...] = (
     {"lag", "gain_v", "arm_x"},
     {"heading", "bias_v"},
@@ -174,7 +172,6 @@ ALIKE: tuple[Set[str], ...] = (
 )
 """Faults that look much the same in a single run: the first at steady speed, where sway and turning go together, the
 others where speed or turning rate hardly change."""
-
 UNSEEN = (
     "what moves position and velocities alike cannot be seen without dynamics: heading_bias (u and v turn with the "
     "logged heading), gnss_delay (position and velocity equally late), antenna_offset (both of the same point)"

@@ -15,28 +15,20 @@ from cases.trial import Trial, unwrapped
 
 PIECES = 12
 """A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
-
 WINDOW_ROWS, WINDOW_S = 5, 1.1
 """Least length of a window in rows of the record and in seconds."""
-
 NOISE = 0.01
 """A window is so long that the noise of two positions is at most this share of the way made in it."""
-
 LONGEST = 40
 """At most this part of the record is one window."""
-
 FLOOR = 0.02
 """Relative error that instruments leave in any case: compass, log and clocks are no better."""
-
 AT_REST = 0.01
 """Share of the mean square of a record that counts as motion in each piece."""
-
 STEPS = 4
 """Steps of the coarse clock in a window."""
-
 MARGIN = 32
 """Rows beyond the ends of a record by which it goes on where it is shifted."""
-
 FEW = 0.3
 """A piece with fewer windows than this share of the fullest one says nothing by itself."""
 

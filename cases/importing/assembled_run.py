@@ -16,16 +16,15 @@ from cases.importing.log_columns import Log
 from cases.importing.raw_table import NOT_READ
 from cases.importing.track_direction import by_evidence, check_direction, check_units, clock_problems
 from cases.importing.vocabulary import BEYOND_A_TURN, factor
-from cases.io.conventions import converted
-from cases.io.headers import lacking
+from cases.io.conventions import converted, through_north
+from cases.io.read import lacking
 from cases.io.sidecar import ReferencePoint, SidecarEntry
-from cases.io.through_north import through_north
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
 from cases.quantities import quantity as known
-from cases.trial import RUDDERS
 from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
 from mmg.messages import Message
+from mmg.motion.flow import RUDDERS
 
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
 DEGREE = 60 * 1852.0
@@ -70,12 +69,14 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
     t, columns, steps, resolutions = _on_one_clock(logs, chosen, where, notices)
+    # Exchanged axes and clocks that differ are asked for before velocities are derived: these would agree with them.
     check_direction(columns, logs, chosen)
     problems = clock_problems(logs, chosen)
     if problems:
         raise BadValue("; ".join(problems))
     receiver = not {"latitude", "sog"}.isdisjoint(columns)
     _place(columns, logs, origin, where, notices)
+    # Units are found by other columns, so positions must be metres by now.
     unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
     for log, quantity in unitless:
         others = {name: values for name, values in columns.items() if name not in log.unitless}

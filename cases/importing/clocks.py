@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.raw_table import Clock, RawTable
 from cases.importing.vocabulary import plain_words
-from cases.io.units import FACTORS, factor_of
+from cases.quantities import FACTORS, factor_of
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError
 from mmg.messages import Message
 

@@ -12,9 +12,8 @@ import numpy as np
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import RawTable
 from cases.importing.vocabulary import SIDES, is_order, meaning, plain_words
-from cases.io.sentinels import sentinels_in
-from cases.io.units import as_number
-from cases.quantities import QUANTITIES
+from cases.io.conventions import sentinels_in
+from cases.quantities import QUANTITIES, as_number
 from mmg.errors import BadValue
 
 

@@ -19,9 +19,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import Bounds, minimize
 
-from cases.trial import RUDDERS, unwrapped
+from cases.trial import unwrapped
 from mmg.errors import TooFewData
 from mmg.messages import Message
+from mmg.motion.flow import RUDDERS
 
 BAND = 4
 """Diagonals beside the main one: those of the squared STENCIL."""

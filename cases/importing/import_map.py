@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from cases.importing.raw_table import NUMBERED
 from cases.importing.vocabulary import factor, known_units
 from cases.io.sidecar import ReferencePoint
-from cases.io.toml_file import Name, Section, number, read_toml, validated
+from cases.io.toml_file import Name, Section, as_toml, number, read_toml, validated
 from cases.quantities import QUANTITIES, is_canonical
 from mmg.errors import BadValue
 
@@ -48,20 +48,10 @@ def line_of(change: Mapping[str, Any]) -> str:
     out = []
     for key, value in change.items():
         if key == "columns":
-            out += [f"[columns] {name} = {_toml(column)}" for name, column in value.items()]
+            out += [f"[columns] {name} = {as_toml(column)}" for name, column in value.items()]
         else:
-            out.append(f"{key} = {_toml(value)}")
+            out.append(f"{key} = {as_toml(value)}")
     return " and ".join(out)
-
-
-def _toml(value: Any) -> str:
-    import tomlkit
-
-    if isinstance(value, Mapping):
-        table = tomlkit.inline_table()
-        table.update(value)
-        return table.as_string()
-    return tomlkit.item(value).as_string()
 
 
 def _quantity(name: str) -> str:

@@ -15,8 +15,8 @@ from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of,
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question, magnetic
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
-from cases.io.block_means import BlockMeans, rows_together
-from cases.io.sentinels import remarks, sentinels_in, without_dropouts
+from cases.io.conventions import remarks, sentinels_in, without_dropouts
+from cases.io.text_table import BlockMeans, rows_together
 from cases.quantities import QUANTITIES, wraps
 from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
@@ -158,6 +158,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
             notices.append(Message("the rows are sorted newest first, and turned round", "newest_first"))
         if own.period and np.nanmin(own.t) + anew < end - 0.5 * own.period:
             anew += own.period
+        # Jumps that are known are mended first, so that what still runs backwards is wrong.
         states = {q: values for q, values in columns.items() if q in STATES}
         own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
         check_forward(own, table.name, piece.before, end)
@@ -177,9 +178,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
     t = columns.pop("t")
     notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
-    for q, number in lost.items():
-        if number:
-            notices.append(Message(f"{q}: {number} rows do not hold, by their status, reference or source", "masked"))
+    not_held = "rows do not hold, by their status, reference or source"
+    notices += [Message(f"{q}: {number} {not_held}", "masked") for q, number in lost.items() if number]
     if count > 1:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
@@ -193,6 +193,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         unitless = [q for q in unitless if q in columns]
     said_of = chosen.of(table.path)
     t = t + said_of.clock_offset + said_of.clock_drift * (t - t[0])
+    # Zeros and lost satellites go first: between them a channel that stands still would not be seen to jump.
     columns, zeros = without_dropouts(columns, STATES)
     notices += remarks(zeros)
     for clean in (lost_satellites, stands_still):

@@ -40,8 +40,6 @@ EARLY = 80
 FIXES, STAMPS, LAG = 21, 21, 10
 """Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
 than too large by the sentences that were lost, since delays grow with each of them then and only grow."""
-
-
 EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
 """A number that may count since 1970, in seconds or parts of them."""
 
@@ -105,6 +103,7 @@ def moments_of(
     evenly. Raises UserError where neither a sentence nor the logger tells a time, and where times run backwards.
     """
     notices: list[Message] = []
+    # Times of valid sentences, then the right day, then void ones between them: they tell when others were said.
     stamps = {name: _own_times(series) for name, series in by_name.items()}
     stamps, absolute = _set_clocks(by_name, stamps, logger, where, notices)
     stamps = {name: _with_void(series, stamps[name]) for name, series in by_name.items()}

@@ -1,25 +1,413 @@
-"""NMEA 0183 logs as a table: each talker and sentence is a time series, one of each quantity is used, all are named."""
+"""NMEA 0183 logs as a table: each talker and sentence is a time series, one of each quantity is used, all are named.
+
+Names and conversions of the fields are those of pynmeagps, without its objects, which cost most of the time of reading;
+which fields hold is by NMEA 0183 4.10 (status A or V, modes, qualities of GGA). Which positions come from the same
+receiver is told by talker, sentence and place.
+"""
 
 from __future__ import annotations
 
+import datetime
+import functools
 import itertools
+import math
+import operator
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from cases.importing.import_map import ImportMap
 from cases.importing.nmea_clock import Series, logger_of, moments_of
-from cases.importing.nmea_receivers import ALIKE, Fixes, Receiver, merged, receivers_of
-from cases.importing.nmea_sentences import DECODERS, Decoded, checksum, decoded, field_names
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_table
 from cases.importing.series import mostly
 from cases.io.files import read_bytes
-from mmg.errors import Missing
+from cases.quantities import KNOT
+from mmg.errors import Missing, NotInstalled
 from mmg.messages import Message
+
+EMPTY = "empty"
+"""Why a sentence is left out that holds nothing."""
+MODES = {"A": 1, "D": 2, "P": 3, "F": 4, "R": 5}
+"""Modes of a fix that was measured -> rank, the better the higher: autonomous, differential, precise, real time
+kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S), no fix (N) and not valid (V) are none.
+"""
+QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}
+"""The modes by their numbers in GGA."""
+WIND = {"K": 1 / 3.6, "M": 1.0, "N": KNOT, "S": 1609.344 / 3600.0}
+"""Factor to m/s of the units of MWV."""
+MWV = {"R": ("apparent_wind_speed", "apparent_wind_direction"), "T": ("true_wind_speed", "twa")}
+"""What speed and angle of MWV are by its reference: both angles are counted from the bow."""
+DAY_ZERO = datetime.date(1970, 1, 1).toordinal()
+WATER = (("through the water", "speed through the water"),)
+Fields = Mapping[str, str]
+
+
+class Decoded(NamedTuple):
+    """values: by column, none where the sentence is not valid, and ``why`` it is not; instrument: one of several behind
+    a talker; aside: (part, why) of parts of it that are left out; time: of the day [s], NaN where it has none."""
+
+    values: dict[str, float]
+    why: str = ""
+    instrument: str = ""
+    aside: tuple[tuple[str, str], ...] = ()
+    time: float = math.nan
+
+
+def decoded(kind: str, content: str) -> Decoded:
+    """What a sentence of a ``kind`` in DECODERS with this ``content`` (fields between commas) says; "day" (since 1970)
+    and "decimals" of minutes are columns as well. Raises ValueError or
+    OverflowError for fields that are none of the kind."""
+    fields = _fields(kind, content.split(","))
+    found = DECODERS[kind](fields)
+    if clock := fields.get("time", ""):
+        found = found._replace(time=_time(clock))
+    return found if found.values or found.why else found._replace(why=EMPTY)
+
+
+@functools.cache
+def field_names() -> dict[str, tuple[str, ...]]:
+    """Names of the fields of each kind. Raises UserError where pynmeagps is missing."""
+    try:
+        from pynmeagps import NMEA_PAYLOADS_GET
+    except ImportError:
+        raise NotInstalled("NMEA logs need pynmeagps; pip install 'mmg-ident[import]'") from None
+    return {kind: tuple(NMEA_PAYLOADS_GET[kind]) for kind in DECODERS}
+
+
+def checksum(content: str) -> int:
+    """Of the ``content`` between $ and * (NMEA 0183): exclusive or of its characters."""
+    return functools.reduce(operator.xor, content.encode("latin-1"), 0)
+
+
+def _fields(kind: str, parts: list[str]) -> dict[str, str]:
+    if kind == "XDR":
+        return {str(i): part for i, part in enumerate(parts)}
+    names = field_names()[kind]
+    return dict(zip(names, (*parts, *("",) * (len(names) - len(parts))), strict=False))
+
+
+def _time(text: str) -> float:
+    """Seconds of the day of hhmmss.ss."""
+    hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
+    if not (0 <= hours < 24 and 0 <= minutes < 60 and 0 <= seconds < 61):
+        raise ValueError("no time")
+    return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+def _numbers(fields: Fields, **columns: str) -> dict[str, float]:
+    """Column -> number of the field of that name, of those that are not empty."""
+    values = {column: float(fields[field]) for column, field in columns.items() if fields.get(field)}
+    if not all(map(math.isfinite, values.values())):
+        raise ValueError("a number that is none")
+    return values
+
+
+def _not_valid(status: str = "", mode: str = "") -> str:
+    """Why a sentence with these is not valid, or ""; fields that old instruments do not have are empty."""
+    if status not in ("", "A"):
+        return f"status {status}"
+    return f"mode {mode}" if mode and not set(mode) & set(MODES) else ""
+
+
+def _fix(fields: Fields) -> Decoded:
+    """Position of RMC, GGA, GLL and GNS, with what RMC says beside it."""
+    from pynmeagps import dmm2ddd
+
+    mode, number = fields.get("posMode", ""), fields.get("quality", "A")
+    why = _not_valid(fields.get("status", ""), mode)
+    if "quality" in fields:
+        mode = QUALITIES.get(number.lstrip("0"), "")
+        why = "" if mode or not number else f"quality {number.lstrip('0') or 0}"
+    if why or not number or not fields["lat"] or not fields["lon"]:
+        return Decoded({}, why or EMPTY)
+    latitude, longitude = dmm2ddd(fields["lat"]), dmm2ddd(fields["lon"])
+    if fields["NS"] not in ("N", "S") or fields["EW"] not in ("E", "W"):
+        return Decoded({}, "no hemisphere")
+    if not isinstance(latitude, float) or not isinstance(longitude, float) or latitude > 90 or longitude > 180:
+        raise ValueError("no place on the globe")
+    values = {
+        "latitude": -latitude if fields["NS"] == "S" else latitude,
+        "longitude": -longitude if fields["EW"] == "W" else longitude,
+        "decimals": float(len(fields["lat"].partition(".")[2])),
+        "quality": float(max((MODES.get(char, 1) for char in mode), default=1)),
+    }
+    values |= _numbers(fields, sog="spd", cog="cog")
+    values |= _toward(_numbers(fields, variation="mv"), fields.get("mvEW", ""))
+    if day := fields.get("date"):
+        year = int(day[4:6])
+        values["day"] = _day(year + (1900 if year >= 80 else 2000), int(day[2:4]), int(day[:2]))
+    return Decoded(values)
+
+
+def _day(year: int, month: int, day: int) -> float:
+    """Since 1970."""
+    return float(datetime.date(year, month, day).toordinal() - DAY_ZERO)
+
+
+def _zda(fields: Fields) -> Decoded:
+    parts = [fields[name] for name in ("time", "year", "month", "day")]
+    return Decoded({"day": _day(*(int(part) for part in parts[1:]))} if all(parts) else {})
+
+
+def _hdg(fields: Fields) -> Decoded:
+    """Of the compass with its deviation; easterly ones are added."""
+    values = _numbers(fields, heading_magnetic="headingM")
+    if values:
+        deviation = _toward(_numbers(fields, deviation="deviation"), fields["deviationEW"])
+        values["heading_magnetic"] += deviation.get("deviation", 0.0)
+        values |= _toward(_numbers(fields, variation="variation"), fields["variationEW"])
+    return Decoded(values)
+
+
+def _toward(value: dict[str, float], side: str) -> dict[str, float]:
+    """The ``value`` positive to the east; nothing without a ``side``."""
+    return {name: -v if side == "W" else v for name, v in value.items()} if side in ("E", "W") else {}
+
+
+def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str = "") -> Callable[[Fields], Decoded]:
+    """Of sentences with ``columns`` -> fields, that are valid by the fields ``status`` and ``mode``; water: a field
+    with a speed through the water."""
+
+    def decode(fields: Fields) -> Decoded:
+        why = _not_valid(fields.get(status, ""), fields.get(mode, ""))
+        return Decoded({} if why else _numbers(fields, **columns), why, aside=WATER if fields.get(water) else ())
+
+    return decode
+
+
+def _rsa(fields: Fields) -> Decoded:
+    values: dict[str, float] = {}
+    aside: list[tuple[str, str]] = []
+    for side, part in (("starboard", "stbd"), ("port", "port")):
+        value, why = _numbers(fields, **{f"rudder_{side}": f"{part}angle"}), _not_valid(fields[f"{part}status"])
+        if value and why:
+            aside.append((side, why))
+        values |= {} if why else value
+    return Decoded(values, "" if values else aside[0][1] if aside else EMPTY, aside=tuple(aside) if values else ())
+
+
+def _rpm(fields: Fields) -> Decoded:
+    source, number = fields["source"], int(fields["engineshaftnum"] or 0)
+    side = ("_port", "_starboard")[number % 2] if number else ""  # odd numbers are starboard, 0 the only one
+    why = _not_valid(fields["status"]) or ("" if source in ("S", "E") else f"source {source}")
+    column = f"{'rpm' if source == 'S' else 'RPM-E'}{side}"
+    values = {} if why else _numbers(fields, **{column: "rpm"})
+    if values:
+        values |= _numbers(fields, **{f"blades {column}": "pitch"})
+    return Decoded(values, why, f"{source}{number}")
+
+
+def _mwv(fields: Fields) -> Decoded:
+    unit, reference = fields["speedu"], fields["reference"]
+    values, why = _numbers(fields, angle="angle", speed="speed"), _not_valid(fields["status"])
+    if not why and len(values) == 2:
+        why = f"unit {unit}" if unit not in WIND else "" if reference in MWV else f"reference {reference}"
+    if why or len(values) < 2:
+        return Decoded({}, why or EMPTY, reference)
+    speed, direction = MWV[reference]
+    return Decoded({speed: values["speed"] * WIND[unit], direction: values["angle"]}, "", reference)
+
+
+def _mwd(fields: Fields) -> Decoded:
+    knots = {name: speed * WIND["N"] for name, speed in _numbers(fields, true_wind_speed="speedN").items()}
+    values = knots | _numbers(fields, twd="dirT", true_wind_speed="speedM")
+    why = "" if len(values) == 2 else "only a magnetic direction" if fields["dirM"] else EMPTY
+    return Decoded({} if why else values, why)
+
+
+def _xdr(fields: Fields) -> Decoded:
+    """Transducers that are a rudder or a shaft by their names."""
+    values: dict[str, float] = {}
+    aside: list[tuple[str, str]] = []
+    for i in range(0, len(fields) - 3, 4):
+        kind, _, unit, name = (fields[str(i + k)] for k in range(4))
+        words = name.upper()
+        side = "_port" if "PORT" in words else "_starboard" if re.search("STARBOARD|STBD", words) else ""
+        column = ""
+        if (kind, unit) == ("A", "D") and re.search("RUDDER|RSA", words):
+            column = f"rudder{side}"
+        elif (kind, unit) == ("T", "R") and re.search("SHAFT|PROP|ENGINE", words):
+            column = f"{'RPM-E' if 'ENGINE' in words else 'rpm'}{side}"
+        value = _numbers(fields, **{column: str(i + 1)}) if column else {}
+        values |= value
+        if not value:
+            aside.append((name, EMPTY if column else NOT_READ))
+    return Decoded(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
+
+
+DECODERS: dict[str, Callable[[Fields], Decoded]] = {
+    "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
+    "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
+    "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
+    "HDT": _plain({"heading": "headingT"}),
+    "THS": _plain({"heading": "headt"}, mode="mi"),
+    "VHW": _plain({"heading": "hdgT"}, water="spdN"),
+    "HDM": _plain({"heading_magnetic": "headingM"}),
+    "ROT": _plain({"rot": "rot"}, status="valid"),
+    "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
+}  # fmt: skip
+"""Sentences that are read."""
+M_PER_DEG = 111.2e3
+"""Metres of a degree of latitude, within 0.6 %."""
+NEAR = 3.0
+"""Metres within which fixes of one receiver by different satellites agree (horizontal error of GNSS, GPS SPS 2020)."""
+STEADY = 0.1
+"""Scatter of a distance, in itself, below which it is that of two antennas."""
+ALIKE = 0.9
+"""Least share of the fixes of the one most heard with which another is heard equally often."""
+PAIRED = 0.9
+"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fixes:
+    """Valid positions of one sentence: index (N,) of its rows, t (N,) [s], degrees (N,), decimals of the minutes (N,)
+    and ranks of the quality (N,)."""
+
+    name: str
+    index: np.ndarray
+    t: np.ndarray
+    latitude: np.ndarray
+    longitude: np.ndarray
+    decimals: np.ndarray
+    quality: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rounding(self) -> float:
+        """Of the positions [m]."""
+        return M_PER_DEG / 60.0 * 10.0 ** -float(np.median(self.decimals))
+
+    @property
+    def z(self) -> np.ndarray:
+        """Metres east + 1j north (N,) of the first fix, continuous over 180 degrees."""
+        longitude = np.unwrap(self.longitude, period=360.0)
+        east = (longitude - longitude[0]) * np.cos(np.radians(self.latitude[0]))
+        return M_PER_DEG * (east + 1j * (self.latitude - self.latitude[0]))
+
+    def rows(self, rows: np.ndarray) -> Fixes:
+        """Those at ``rows``."""
+        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "name"}
+        return replace(self, **parts)
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """The ``fixes`` of one receiver, the best first; distance: to the first receiver [m], None where they are not heard
+    at the same time."""
+
+    fixes: tuple[Fixes, ...]
+    distance: float | None = None
+
+
+def receivers_of(sentences: Sequence[Fixes]) -> list[Receiver]:
+    """The receivers behind the sentences ``sentences``, that which is used first: the one heard most often, or, equally
+    often, the one of better quality, or the first."""
+    fixes = [part for one in sentences for part in divided(one)]
+    most = max((len(f) for f in fixes), default=0)
+    fixes.sort(key=lambda f: (-len(f) if len(f) < ALIKE * most else -most, -float(np.mean(f.quality))))
+    groups: list[list[Fixes]] = []
+    for one in fixes:
+        own = next((group for group in groups if _one_receiver(group[0], one)), None)
+        if own is None:
+            groups.append([one])
+        else:
+            own.append(one)
+    found: list[Receiver] = []
+    for group in groups:
+        finest = sorted(group, key=lambda f: (len(f) < ALIKE * len(group[0]), f.rounding))
+        distance = _distance(groups[0][0], group[0])[0] if found else None
+        found.append(Receiver(tuple(finest), None if distance is None else float(np.median(distance))))
+    return found
+
+
+def _one_receiver(a: Fixes, b: Fixes) -> bool:
+    """Whether two series of fixes are of one receiver: they agree within NEAR, and not at a steady distance; what is
+    never heard at the same time is, where it goes on where the other one stops."""
+    off, tolerance = _distance(a, b)
+    if off is None:
+        first, last = sorted((a, b), key=lambda f: float(f.t[0]))
+        both = first.rows(np.arange(len(first))[-5:])
+        both = Fixes("", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[1:]))
+        step = np.abs(np.diff(both.z))
+        speed = float(np.median(step[:-1] / np.maximum(np.diff(both.t)[:-1], 1e-3))) if len(step) > 1 else 0.0
+        return bool(step[-1] <= NEAR + 2.0 * speed * (both.t[-1] - both.t[-2]))
+    middle = float(np.median(off))
+    low, high = np.percentile(off, [25, 75])
+    return middle <= tolerance or (middle <= NEAR and high - low > STEADY * middle)
+
+
+def _distance(a: Fixes, b: Fixes) -> tuple[np.ndarray | None, float]:
+    """Metres (M,) between two series at their common times, else at those of the rarer one between fixes of the other,
+    None without any; and how large they are by rounding and interpolation alone."""
+    a, b = (b, a) if len(b) > len(a) else (a, b)
+    rounding = 1.5 * (a.rounding + b.rounding)
+    common, i, j = np.intersect1d(np.round(a.t, 2), np.round(b.t, 2), return_indices=True)
+    if len(common) > 0.5 * len(b):
+        latitude, longitude, b, slack = a.latitude[i], a.longitude[i], b.rows(j), 0.0
+    else:
+        inside = np.flatnonzero((b.t >= a.t[0]) & (b.t <= a.t[-1]))
+        if not len(inside) or len(a) < 3:
+            return None, rounding
+        b, slack = b.rows(inside), 0.25 * float(np.percentile(np.abs(np.diff(a.z, 2)), 95))
+        latitude = np.interp(b.t, a.t, a.latitude)
+        longitude = np.interp(b.t, a.t, np.unwrap(a.longitude, period=360.0))
+    east = (np.remainder(longitude - b.longitude + 180.0, 360.0) - 180.0) * np.cos(np.radians(b.latitude))
+    return np.asarray(M_PER_DEG * np.hypot(east, latitude - b.latitude)), rounding + slack
+
+
+def divided(fixes: Fixes) -> list[Fixes]:
+    """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time."""
+    if len(fixes) < 8:
+        return [fixes]
+    z, step = fixes.z, np.diff(fixes.t)
+    twice = np.flatnonzero((step == 0) & (np.abs(np.diff(z)) > 3.0 * fixes.rounding))
+    if len(twice) > 3:
+        turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
+        steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
+        return _by_pairs(fixes, z, twice) if steady else [fixes]
+    return [fixes]
+
+
+def _by_pairs(fixes: Fixes, z: np.ndarray, twice: np.ndarray) -> list[Fixes]:
+    """Fixes of two receivers, of which pairs at the rows ``twice`` and behind them have the same time: which is which
+    is told by the direction from one to the other, which turns slowly; single ones belong to the nearer track."""
+    apart = z[twice + 1] - z[twice]
+    flips = np.cumprod(np.append(1.0, np.sign(np.real(apart[1:] * np.conj(apart[:-1])) + 1e-300)))
+    second = np.zeros(len(fixes), dtype=bool)
+    second[np.where(flips > 0, twice + 1, twice)] = True
+    paired = np.zeros(len(fixes), dtype=bool)
+    paired[twice] = paired[twice + 1] = True
+    off = []
+    for rows in (np.flatnonzero(paired & ~second), np.flatnonzero(paired & second)):
+        off.append(np.abs(z - np.interp(fixes.t, fixes.t[rows], z[rows])))
+    second |= ~paired & (off[1] < off[0])
+    return [fixes.rows(np.flatnonzero(~second)), fixes.rows(np.flatnonzero(second))]
+
+
+def merged(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values (N,) of the first of the ``series``, in order, and of others where it is silent for more than
+    half its step."""
+    t, values = series[0]
+    t, first = np.unique(t, return_index=True)
+    values = values[first]
+    for other, more in series[1:]:
+        if len(t) < 2 or not len(other):
+            continue
+        near = np.minimum(np.searchsorted(t, other), len(t) - 1)
+        off = np.minimum(np.abs(t[near] - other), np.abs(t[np.maximum(near - 1, 0)] - other))
+        new = off > 0.5 * float(np.median(np.diff(t)))
+        t, order = np.unique(np.concatenate([t, other[new]]), return_index=True)
+        values = np.concatenate([values, more[new]])[order]
+    return t, values
+
 
 CHECKSUM = "checksum wrong"
 """Why a sentence is rejected out."""

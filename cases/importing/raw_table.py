@@ -18,7 +18,6 @@ MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
 """Most columns and cells of a raw table."""
 NUMBERED = "column"
 """Word before the number of a column without a header, from 1."""
-
 NOT_READ = "says nothing that is used"
 """Of a column or sentence of which nothing is known or wanted."""
 

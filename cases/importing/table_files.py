@@ -18,7 +18,6 @@ import numpy as np
 from cases.importing.import_map import OpenQuestion
 from cases.importing.raw_table import MOST_CELLS, NUMBERED, RawTable, raw_table, split_unit
 from cases.importing.vocabulary import GIVEN_UNITS, factor, is_order, meaning
-from cases.io.block_means import rows_together
 from cases.io.files import LARGEST, lines_and_hash, opened, read_bytes
 from cases.io.text_table import (
     BLANKS,
@@ -31,9 +30,9 @@ from cases.io.text_table import (
     blocks,
     cells_of,
     is_comment,
+    rows_together,
 )
-from cases.io.units import as_number
-from cases.quantities import QUANTITIES
+from cases.quantities import QUANTITIES, as_number
 from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
 

@@ -6,9 +6,8 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from cases.io.headers import FRT_NAMES
-from cases.io.units import FACTORS, SPELLINGS, factor_of
-from cases.quantities import QUANTITIES, is_canonical, quantity
+from cases.io.read import FRT_NAMES
+from cases.quantities import FACTORS, QUANTITIES, SPELLINGS, factor_of, is_canonical, quantity
 
 _ENDINGS = (
     "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns m_sec km_h "
@@ -35,10 +34,8 @@ GIVEN_UNITS = {
     *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
 """Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre."""
-
 BEYOND_A_TURN = 6.6
 """No direction in radians is larger."""
-
 SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
 SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
 UNSURE = {

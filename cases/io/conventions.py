@@ -1,18 +1,297 @@
-"""From the frames and signs of a file to those of the product: sign, lag, velocity frame, reference point, wind."""
+"""From the numbers of a file to those of the product: cells that stand for nothing, headings that were interpolated
+through north, sign, lag, velocity frame, reference point, wind; and units that the numbers themselves refute.
+
+Of units only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate, and a
+steady one with the track, a rudder angle with the largest one a rudder can take. A heading resampled as numbers from 0
+to 360 goes the long way round, through south: the turn rate, or the rest of the record, says that the ship did not.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cases.inputs import integral
 from cases.io.sidecar import SidecarEntry
-from cases.quantities import wraps
-from cases.trial import RUDDERS, unwrapped
+from cases.quantities import DEG, REVOLUTIONS_LIMIT, RUDDER_LIMIT, SPIN_LIMIT, UNITS, quantity, wraps
+from cases.trial import unwrapped
 from mmg.errors import OutOfRange
 from mmg.messages import Message
+from mmg.motion.flow import RUDDERS
 from mmg.motion.frames import true_wind
+
+SENTINEL = "sentinel"
+"""Of the notice on such numbers."""
+_NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
+WELL_KNOWN = (
+    *(sign * nines for nines in _NINES for sign in (-1, 1)),
+    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
+)
+"""Numbers that loggers write where they have none; those of AIS are among them."""
+JUMP = 20.0
+"""Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
+STEP_OF_INPUT = 1.0
+"""The same of a zero of an actuator in a row in which a state jumped to zero."""
+LARGER = 0.95
+"""The larger changes from row to row: this quantile of them."""
+
+
+def without_sentinels(
+    columns: Mapping[str, np.ndarray],
+    wanted: Mapping[str, tuple[int, float]],
+    further: Sequence[float],
+    notices: list[Message],
+) -> dict[str, np.ndarray]:
+    """As ``masked`` of ``columns`` (N,), ``wanted`` and ``further``; each number adds one of the ``notices``."""
+    out, counts = masked(columns, wanted, further)
+    notices += remarks(counts)
+    return out
+
+
+def masked(
+    columns: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, float]], further: Sequence[float]
+) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
+    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did.
+
+    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
+    """
+    out, counts = dict(columns), Counter[tuple[str, float]]()
+    for name, values in columns.items():
+        factor = wanted[name][1]
+        if name == "t" or not np.isfinite(values).any():
+            continue
+        for number, rows in sentinels_in(values if factor == 1 else np.round(values / factor, 6), further).items():
+            out[name] = np.where(rows, np.nan, out[name])
+            counts[name, number] += int(rows.sum())
+    return out, counts
+
+
+def remarks(counts: Mapping[tuple[str, float], int]) -> list[Message]:
+    """A notice on each column and number of the ``counts`` that ``masked`` gives."""
+    what = "which stands for no value; taken as missing"
+    return [Message(f"{name}: {n} samples hold {number:g}, {what}", SENTINEL) for (name, number), n in counts.items()]
+
+
+def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
+    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it.
+
+    further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
+    and back, and never where most rows hold it.
+    """
+    out = {float(number): values == number for number in further if (values == number).any()}
+    present = values[np.isfinite(values)]
+    for number in np.setdiff1d(values[np.isin(values, WELL_KNOWN)], further).tolist():
+        here = present == number
+        rest = present[~here]
+        if len(rest) < max(10, 0.5 * len(present)):
+            continue
+        usual = max(float(np.quantile(np.abs(np.diff(rest)), LARGER)), 1e-9 * abs(number))
+        edges = np.flatnonzero(np.diff(here.astype(int)))
+        off = np.abs(np.where(here[edges], present[edges + 1], present[edges]) - number)
+        if len(off) and float(np.median(off)) > JUMP * usual:
+            out[float(number)] = values == number
+    return out
+
+
+def without_dropouts(
+    channels: Mapping[str, np.ndarray], states: Sequence[str]
+) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
+    """The ``channels``, quantity -> (N,), with NaN for zeros of a logger that had no value, and how many of each.
+
+    states: quantities that cannot jump to zero and back, as a heading or a speed; a rudder and revolutions can, and
+    their zeros count only in rows in which those of a state do.
+    """
+    zeros = {
+        name: _dropouts(name, values, JUMP if name in states else STEP_OF_INPUT) for name, values in channels.items()
+    }
+    none = np.zeros(len(next(iter(channels.values()), ())), dtype=bool)
+    rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)
+    counts = Counter({(name, 0.0): int((own & rows).sum()) for name, own in zeros.items() if (own & rows).any()})
+    return {name: np.where(zeros[name] & rows, np.nan, values) for name, values in channels.items()}, counts
+
+
+def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
+    """Rows (N,) where ``values`` (N,) jump to zero and back by ``jump`` of their larger changes from row to row."""
+    out = np.zeros(len(values), dtype=bool)
+    known = np.flatnonzero(np.isfinite(values))
+    zero = values[known] == 0
+    rest = values[known][~zero]
+    if not zero.any() or len(rest) < max(10, 0.5 * len(known)):
+        return out
+    turn = quantity(name).period and (360.0 if np.abs(rest).max() > 7 else quantity(name).period)
+    changes = np.abs(np.remainder(np.diff(rest) + turn / 2, turn) - turn / 2) if turn else np.abs(np.diff(rest))
+    size = np.minimum(np.abs(rest) % turn, -np.abs(rest) % turn) if turn else np.abs(rest)
+    at = np.cumsum(~zero)[zero]  # number of values before each zero
+    sides = np.append(0.0, size)[at], np.append(size, 0.0)[at]  # a ship may begin and end at rest
+    out[known[zero]] = np.minimum(*sides) > jump * max(float(np.quantile(changes, LARGER)), 1e-9)
+    return out
+
+
+MOST = 20
+"""False samples of a crossing at most: a record resampled by more is no interpolation."""
+QUICK = 8.0
+"""A step from sample to sample that is so many times the greater ones of the record is none of the ship."""
+NEAR = 0.15
+"""rad; the short way between both ends of a crossing, less the integrated turn rate, is no more."""
+
+
+def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple[np.ndarray, int]:
+    """``psi`` (N,) [rad] without false samples between the ends of each crossing of north, and how many crossings had
+    such.
+
+    t: (N,) [s]; r: measured turn rate (N,) [rad/s], or None; NaN where something is missing.
+    """
+    if len(psi) < 10:
+        return psi, 0
+    angle = np.mod(psi, 2 * math.pi)
+    step = np.diff(angle)
+    short = np.angle(np.exp(1j * step))
+    rate = r if r is not None else np.zeros(len(psi))
+    turned = integral(t, np.nan_to_num(rate))
+    off = np.abs(short - np.diff(turned)) if r is not None else np.abs(short)
+    usual = float(np.nanquantile(off, 0.75)) if np.isfinite(off).any() else 0.0
+    quick = off > max(QUICK * usual, 0.5 * NEAR)
+    out, count, row = psi.copy(), 0, 0
+    while row < len(step):
+        if not quick[row]:
+            row += 1
+            continue
+        end = row
+        while end < len(step) and quick[end] and step[end] * step[row] > 0:
+            end += 1
+        way, back = float(angle[end] - angle[row]), float(turned[end] - turned[row])
+        straight = float(np.angle(np.exp(1j * way)))
+        middle = 1 < end - row <= MOST + 1 and abs(way) > math.pi
+        if middle and abs(straight - back) < NEAR + (0.1 * abs(back) if r is not None else 0.0):
+            share = (t[row + 1 : end] - t[row]) / (t[end] - t[row])
+            own = turned[row + 1 : end] - turned[row] if r is not None else 0.0 * share
+            out[row + 1 : end] = psi[row] + own + share * (straight - back)
+            count += 1
+        row = max(end, row + 1)
+    return out, count
+
+
+STEADIER = 0.2
+"""Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another."""
+_DIRECTIONS = tuple(name for name in UNITS if wraps(name) and "wind" in name)
+_CAUSES = {
+    (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",
+    (1.0, DEG): "r holds deg/s but is labelled rad/s (or psi holds radians but is labelled deg)",
+}
+
+
+def implausible(columns: Mapping[str, np.ndarray]) -> str:
+    """One sentence about the first contradiction between the units of the columns, "" when there is none.
+
+    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present.
+    """
+    if wrong := mislabelled(columns):
+        return wrong[0][2]
+    tests = (_full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
+    return next(filter(None, (test(columns) for test in tests)), "")
+
+
+def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
+    """Whether the wind over ground is steadier where the direction ``name`` holds radians, which may go on beyond a
+    turn as the ship turns, than where it holds degrees."""
+    speed = columns.get(name.replace("direction", "speed"), np.ones(len(columns[name])))
+    steady = []
+    for unit in (1.0, DEG):
+        air = -speed * np.exp(1j * columns[name] * unit)
+        if name.startswith("apparent") and {"psi", "u", "v"} <= set(columns):
+            air = (air + columns["u"] + 1j * columns["v"]) * np.exp(1j * columns["psi"])
+        air = air[np.isfinite(air)]
+        steady.append(abs(air.mean()) / max(float(np.abs(air).mean()), 1e-12) if len(air) else 0.0)
+    return steady[0] > steady[1] + STEADIER
+
+
+def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
+    """A heading that jumps back by 360 from one sample to the next is wrapped, and counted in degrees."""
+    psi = columns["psi"][np.isfinite(columns["psi"])]
+    step = np.abs(np.diff(psi))
+    jumps = int(np.sum(np.abs(step - 360.0) < 20.0))
+    if jumps and jumps == int(np.sum(step > 20.0)):
+        return f"psi holds degrees but is labelled rad: it jumps by 360 {jumps} time(s); correct the unit"
+    return ""
+
+
+def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
+    """Change of heading over some seconds against the integral of r over the same seconds, of either sign."""
+    t, psi, r = columns["t"], columns["psi"], columns["r"]
+    good = np.isfinite(psi) & np.isfinite(r)
+    t, psi, turned = t[good], psi[good], integral(t[good], r[good])
+    for lag in (20, 50, 100) if len(t) >= 20 else ():
+        lag = max(1, min(lag, len(t) // 10))
+        usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
+        turn, misfit = (turned[lag:] - turned[:-lag])[usable], {}
+        for units in ((1.0, 1.0), *_CAUSES):
+            heading, other = np.unwrap(psi * units[0]), turn * units[1]
+            change = (heading[lag:] - heading[:-lag])[usable]
+            size = math.sqrt(float(np.mean(change**2) + np.mean(other**2)))
+            rms = min(math.sqrt(float(np.mean(error**2))) for error in (change - other, change + other))
+            misfit[units] = rms / size if size > 1e-9 else 0.0
+        best = min(misfit, key=lambda units: misfit[units])
+        if misfit[1.0, 1.0] >= 0.9 and misfit[best] <= 0.4:
+            return f"{_CAUSES[best]}; correct the unit"
+    return ""
+
+
+def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
+    """Displacement over some seconds against (u, v) turned by a steady heading, read as radians and as degrees."""
+    if not {"x", "y", "u", "v"} <= set(columns):
+        return ""
+    t, psi = columns["t"], columns["psi"]
+    body, place = columns["u"] + 1j * columns["v"], columns["x"] + 1j * columns["y"]
+    good = np.isfinite(psi) & np.isfinite(body) & np.isfinite(place)
+    t, psi, body, place = t[good], psi[good], body[good], place[good]
+    if len(t) < 20 or np.abs(psi).max() < 2 * math.pi + 0.1:
+        return ""
+    lag, misfit = max(1, min(20, len(t) // 10)), []
+    moved = place[lag:] - place[:-lag]
+    for unit in (1.0, DEG):
+        way = integral(t, body * np.exp(1j * psi * unit))
+        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(moved)), 1e-12))
+    if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):
+        return (
+            "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
+            f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
+        )
+    return ""
+
+
+def _spin(columns: Mapping[str, np.ndarray]) -> str:
+    """A yaw rate that no ship has."""
+    r = columns["r"]
+    if np.isfinite(r).any() and (typical := float(np.nanpercentile(np.abs(r), 75))) > SPIN_LIMIT:
+        return (
+            f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
+        )
+    return ""
+
+
+def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
+    """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
+    allows; columns: as ``implausible`` takes them."""
+    found = []
+    for name in (name for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS) if name in columns):
+        size = np.abs(columns[name])
+        if not np.isfinite(size).any():
+            continue
+        largest, typical = float(np.nanmax(size)), float(np.nanpercentile(size, 90))
+        if name in ("n", "n_2"):
+            usual = float(np.nanpercentile(size, 75))
+            if usual > REVOLUTIONS_LIMIT:
+                words = f"{name} is {usual:.4g} rps a quarter of the time: are these rpm labelled rps?"
+                found.append((name, 1 / 60, f"{words} (label the column '{name} [rpm]')"))
+        elif (name in RUDDERS and largest > RUDDER_LIMIT) or (
+            name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name)
+        ):
+            words = f"{name} reaches {largest:.4g} rad: are these degrees labelled rad?"
+            found.append((name, DEG, f"{words} (label the column '{name} [deg]')"))
+    return found
 
 
 def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:

@@ -42,8 +42,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from cases.io.toml_file import Name, Section, number, read_toml, validated
-from cases.io.units import to_si
-from cases.quantities import is_canonical
+from cases.quantities import is_canonical, to_si
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.states import STATES

@@ -36,7 +36,6 @@ from mmg.messages import Message
 from mmg.ship import Ship
 
 NAME = "site.toml"
-
 Side = Literal["greater", "less"]
 
 

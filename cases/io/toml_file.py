@@ -11,7 +11,7 @@ import difflib
 import json
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -46,9 +46,7 @@ def _plain_words(name: str) -> str:
 
 Name = Annotated[str, AfterValidator(_plain_words)]
 """The name of a trial or a ship: plain words, since it may become that of a file; or ""."""
-
 S = TypeVar("S", bound=Section)
-
 ALLOWED = {
     "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
     "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
@@ -119,7 +117,11 @@ def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> st
 
 def header(*names: str) -> str:
     """The header of a table, such as [coefficients."current.x"], from the ``names`` that lead to it."""
-    return f"[{'.'.join(n if re.fullmatch('[A-Za-z0-9_-]+', n) else json.dumps(n, ensure_ascii=False) for n in names)}]"
+    return f"[{'.'.join(map(_key, names))}]"
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch("[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _problem(schema: type[Section], error: Any) -> str:
@@ -167,6 +169,17 @@ def _kinds(annotation: Any) -> list[Any]:
     if get_origin(annotation) is Annotated:
         parts = get_args(annotation)[:1]
     return [annotation, *(kind for part in parts for kind in _kinds(part))]
+
+
+def as_toml(value: Any) -> str:
+    """A ``value`` on one line of TOML, numbers to six digits."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{_key(key)} = {as_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(as_toml(item) for item in value) + "]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def shown(value: object, most: int = 60) -> str:

@@ -13,13 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from cases.io.block_means import BlockMeans, rows_together
+from cases.io.conventions import masked, remarks
 from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.files import check_file, lines_and_hash
-from cases.io.sentinels import masked, remarks
-from cases.io.text_table import LONGEST_LINE, TextTable, blocks, floats_of_cells
-from cases.io.units import as_number
-from cases.quantities import quantity
+from cases.io.text_table import LONGEST_LINE, BlockMeans, TextTable, blocks, floats_of_cells, rows_together
+from cases.quantities import as_number, quantity
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message, printable
 
@@ -33,7 +31,6 @@ LONGEST_CELL = 400
 """Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
 LARGEST = 1e13
 """No number of a trial is larger, in any unit."""
-
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
 Columns = dict[str, np.ndarray]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cases.io.units import as_number
+from cases.quantities import as_number
 from cases.shipfiles.ship_file import check_needs
 from mmg.effects import EFFECTS, Parameter, present_name
 from mmg.errors import Conflict, Missing, OutOfRange, UnknownName

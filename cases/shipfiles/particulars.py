@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 
-from cases.io.units import KNOT
+from cases.quantities import KNOT
 from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
@@ -18,7 +18,6 @@ PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
 PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
 SIGNED = (*PLACES, *PODS_ASIDE)
 """Particulars that may be zero or negative: places relative to midship."""
-
 LONGEST = 600.0
 """m; the longest ship built has 458."""
 LARGEST = 1e12

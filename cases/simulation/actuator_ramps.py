@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FromLead, Orders, StopOrders, Zigzag
+from cases.maneuvers.definitions import FromLead, Maneuver, Orders, StopOrders, Zigzag
 
 TINY = 1e-9
 """Slack in comparisons of times [s]."""
@@ -92,8 +91,8 @@ def _ramp(
 
 
 class EngineRevolutions:
-    """Revolutions of M ships whose engines are stopped or reversed (``cases.maneuvers.engine``), as ``Controller`` of
-    cases.maneuvers makes them for one. n: revolutions reached (M,) [1/s]."""
+    """Revolutions of M ships whose engines are stopped or reversed (``Engine``), as ``Controller`` of cases.maneuvers
+    makes them for one. n: revolutions reached (M,) [1/s]."""
 
     def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
         assert maneuver.engine is not None

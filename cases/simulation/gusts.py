@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.io.units import as_number
+from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange
 
 REFERENCE_FREQUENCY = 0.5

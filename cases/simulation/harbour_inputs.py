@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import Limits
 from cases.trial import Trial
 from mmg.components.expansion.series import REVOLUTIONS, speed_scale
 from mmg.errors import BadValue, OutOfRange

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import Maneuver
-from cases.maneuvers.orders import FULL_TURN, Orders, StepOrders, StopOrders, Turning, Zigzag
+from cases.maneuvers.definitions import FULL_TURN, Maneuver, Orders, StepOrders, StopOrders, Turning, Zigzag
 from cases.maneuvers.self_propulsion import actuator_positions
 from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps, longest_step

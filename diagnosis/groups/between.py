@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, SensorFault
-from cases.io.groups import Groups
+from cases.io.campaigns import Groups
 from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.io.unit_sanity import implausible
+from cases.io.conventions import implausible
 from cases.operation.log import Cut, OperationLog, cut_log, read_log, window_rows
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial

@@ -15,9 +15,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from cases.maneuvers.engine import engine_of
-from cases.maneuvers.orders import Limits
-from cases.maneuvers.self_propulsion import own_speed, revolutions_for
+from cases.maneuvers.definitions import Limits
+from cases.maneuvers.self_propulsion import engine_of, own_speed, revolutions_for
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial
 from fitting.design.area import Area, Placing

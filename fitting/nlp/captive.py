@@ -13,9 +13,9 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from cases.io.headers import split_header
+from cases.io.read import split_header
 from cases.io.trial_table import trial_table
-from cases.io.units import to_si
+from cases.quantities import to_si
 from mmg.compile.batch import batch_functions
 from mmg.errors import Missing, OutOfRange, UnknownName
 from mmg.model import Model

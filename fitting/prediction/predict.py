@@ -13,8 +13,7 @@ import numpy as np
 from cases.inputs import STANDARD, model_inputs
 from cases.io.campaigns import campaign_among
 from cases.io.files import replace_text
-from cases.io.leave_out import bridged
-from cases.trial import Trial
+from cases.trial import Trial, bridged
 from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error

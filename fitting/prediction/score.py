@@ -21,8 +21,7 @@ from pydantic_core.core_schema import no_info_plain_validator_function
 from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.inputs import assumed
-from cases.io.leave_out import inside, spans_left_out
-from cases.trial import Trial
+from cases.trial import Trial, inside, spans_left_out
 from fitting.prediction.adaptation import Adaptation, default_past
 from fitting.prediction.predict import (
     Forecaster,

@@ -32,7 +32,7 @@ def cut(
     """
     from cases.io.files import filled
     from cases.io.read import read_trial, trial_files
-    from cases.operation.cut import cut_record, write_cut
+    from cases.operation.log import cut_record, write_cut
     from cases.shipfiles.ship_file import load_ship
 
     cli.positive("--length", length)

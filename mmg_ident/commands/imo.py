@@ -56,9 +56,8 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    from cases.criteria.imo import imo_figures, imo_figures_of_trials
+    from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
-    from cases.criteria.trial_correction import WaterVelocity
     from cases.shipfiles.ship_file import load_ship
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
@@ -114,7 +113,7 @@ def _with_intervals(
     """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
     from dataclasses import replace
 
-    from cases.shipfiles.estimates import is_starting_ship
+    from cases.shipfiles.new_ship import is_starting_ship
     from fitting.prediction.bands import correlation_in
     from fitting.prediction.figure_intervals import DRAWS, with_intervals
     from fitting.report.run_folder import content_on

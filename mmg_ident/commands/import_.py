@@ -40,9 +40,8 @@ def import_(
     written while a file has a problem: all problems are said at once.
     """
     from cases.checks import check
-    from cases.importing.import_logs import import_logs
+    from cases.importing.import_logs import import_logs, write_import
     from cases.importing.import_map import ImportMap, read_map
-    from cases.importing.written_trials import write_import
     from cases.io.read import read_trials
 
     chosen = read_map(map) if map else ImportMap()
@@ -123,7 +122,7 @@ def _choice(choices: tuple[str, ...]) -> str:
 
 def _point(answer: str) -> tuple[float, float] | None:
     """The two numbers [m] of an ``answer`` such as "12.0 0.0"; None of another."""
-    from cases.io.units import as_number
+    from cases.quantities import as_number
 
     numbers = [as_number(word) for word in answer.replace(",", " ").split()]
     return (numbers[0], numbers[1]) if len(numbers) == 2 and all(abs(n) <= 600 for n in numbers) else None

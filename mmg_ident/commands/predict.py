@@ -40,9 +40,9 @@ def predict(
     """
     from cases.io.campaigns import MEAN, TAKEN, campaigns_taken
     from cases.io.files import file_key
-    from cases.io.leave_out import inside, spans_left_out
     from cases.shipfiles.network_file import is_black_box
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial import inside, spans_left_out
     from cases.trial_set import DOUBT, TrialSet, ready
     from fitting.prediction.predict import write_tables
     from fitting.prediction.score import past_to_use

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.maneuvers.orders import Orders
+from cases.maneuvers.definitions import Maneuver, Orders, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import parse_wind
 from cases.simulation.sensors import SensorNoise, add_noise

@@ -9,7 +9,9 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+from benchmarks.file_faults.simulated import FAULTS, contradictions
 from cases.checks import CheckReport, check, inputs_are_constant, pooled
+from cases.criteria.standard_runs import simulated_trial
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
@@ -79,14 +81,6 @@ def test_a_late_satellite_velocity_turned_by_the_present_heading_is_distinguishe
 def test_the_gain_of_a_gyro_is_recovered(gain):
     report = one(make_trial(r=gain * motion_columns()["r"]))
     assert report.numbers["kinematics"]["gain"]["r"] == pytest.approx(gain, abs=0.003)
-
-
-@pytest.mark.parametrize("arm", [(0.5, 0.0), (-0.3, 0.2), (0.0, -0.4)])
-def test_a_lever_arm_of_the_position_is_recovered(arm):
-    c = motion_columns()
-    place = (c["x"] + 1j * c["y"]) + (arm[0] + 1j * arm[1]) * np.exp(1j * c["psi"])
-    lever = kinematics(make_trial(x=place.real, y=place.imag))["lever_arm_m"]
-    assert (lever["x"], lever["y"]) == pytest.approx(arm, abs=0.05)
 
 
 def test_constant_inputs_leave_nothing_to_identify():
@@ -304,3 +298,35 @@ def test_a_true_wind_that_is_steadier_in_another_reading_is_doubted(reading: str
     windy = trial.with_columns(wind_speed=np.abs(told), wind_direction=np.angle(-told) % (2 * np.pi))
     doubts = {f.code for f in check([windy])[0].findings if f.level == "doubtful"}
     assert ("wind_direction" in doubts) is (reading != "as it is")
+
+
+@pytest.fixture(scope="module")
+def mild() -> list[Trial]:
+    ship = load_ship("kvlcc2_l7")
+    return [simulated_trial(ship, maneuver, None, None, True, 5, 0.5) for maneuver in ("zigzag:5/5", "zigzag:10/10")]
+
+
+def test_mild_runs_are_not_contradictory(mild: list[Trial]) -> None:
+    assert contradictions(mild) == []
+
+
+@pytest.mark.parametrize("fault", list(FAULTS))
+def test_a_fault_is_named_and_nothing_else(fault: str, mild: list[Trial]) -> None:
+    make, codes = FAULTS[fault]
+    said = contradictions([make(trial) for trial in mild])
+    assert said and set(said) <= set(codes)
+
+
+def test_a_remedy_names_the_file_and_the_line(mild: list[Trial]) -> None:
+    wrong = FAULTS["psi, v, r mirrored"][0]
+    reports = check([wrong(t) for t in mild])
+    texts = [f.text for report in reports for f in report.findings if f.level == "contradictory"]
+    assert len(texts) == len(mild)
+    assert all("trials.toml, [default]: sign = { psi = -1, v = -1, r = -1 }" in text for text in texts)
+
+
+def test_one_wrong_file_of_a_folder_is_corrected_alone(mild: list[Trial]) -> None:
+    reports = check([mild[0], FAULTS["velocities earth-fixed"][0](mild[1])])
+    assert reports[0].verdict == "ok"
+    text = next(f.text for f in reports[1].findings if f.level == "contradictory")
+    assert mild[1].name in text

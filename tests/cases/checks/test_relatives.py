@@ -12,10 +12,18 @@ from typer.testing import CliRunner
 
 from benchmarks.file_faults.simulated import filtered, judged_sound
 from cases.checks import CheckReport, check
+from cases.checks.single import doubtful_revolutions, following, steady_ahead
 from cases.io.read import read_trials
+from cases.maneuvers.definitions import parse_maneuver
+from cases.maneuvers.self_propulsion import revolutions_for
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from mmg_ident import simulate
+from mmg_ident import simulate as simulated
 from mmg_ident.commands.check import check as command
+from mmg_ident.commands.main import app
 from tests.support.trial_files import motion_columns, write_csv
 
 TRACK = {"u": ("psi", "x", "y", "sog", "cog"), "v": ("psi", "x", "y", "sog", "cog")}
@@ -72,14 +80,14 @@ def test_a_folder_is_consistent_and_never_ok(tmp_path) -> None:
 
 @pytest.fixture(scope="module")
 def circle() -> Trial:
-    return simulate("esso_osaka_3m", "turning:20", dt=0.2, duration=300, noise=True)
+    return simulated("esso_osaka_3m", "turning:20", dt=0.2, duration=300, noise=True)
 
 
 def legs() -> list[Trial]:
     """Straight legs in four directions, in a current."""
     out = []
     for k in range(4):
-        trial = simulate("esso_osaka_3m", "zigzag:2/2", dt=0.2, duration=200, noise=True, seed=k)
+        trial = simulated("esso_osaka_3m", "zigzag:2/2", dt=0.2, duration=200, noise=True, seed=k)
         heading = trial["psi"] + k * np.pi / 2
         current = 0.05 * np.exp(-1j * (heading - 0.4))
         out.append(trial.with_columns(psi=heading, u=trial["u"] + current.real, v=trial["v"] + current.imag))
@@ -160,3 +168,132 @@ def test_r_against_the_heading_that_u_and_v_come_from_has_two_readings_and_no_li
         (report,) = check([Trial("run", {**c, "r": -c["r"]}, ancestors=ancestors)])
         (text,) = [f.text for f in report.findings if f.code == "r_sign"]
         assert ("trials.toml" in text) is lines
+
+
+SHIP = load_ship("esso_osaka_3m")
+
+
+def zigzag(factor: float = 1.0) -> Trial:
+    """A zigzag whose revolutions are logged with this ``factor``."""
+    trial = simulate(SHIP, parse_maneuver("zigzag:20/20", SHIP, duration=80.0), 0.2)
+    return trial.with_columns(n=factor * trial["n"])
+
+
+def test_a_steady_approach_has_the_revolutions_of_self_propulsion() -> None:
+    n, u = steady_ahead(zigzag(), SHIP.particulars["L"])
+    assert revolutions_for(SHIP, u) == pytest.approx(n, rel=0.02)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.3, False), (0.8, False), (0.5, True), (60.0, True)])
+def test_revolutions_that_do_not_fit_are_told_of(factor: float, said: bool) -> None:
+    found = doubtful_revolutions(SHIP, [zigzag(factor)])
+    assert [doubt.code for doubt in found] == ["revolutions"] * said
+    for words in found:
+        needed, logged = zigzag()["n"][0], factor * zigzag()["n"][0]
+        assert f"{needed:.3g}" in words and f"have {logged:.3g}" in words
+
+
+def test_a_ship_made_of_particulars_fits_a_foreign_plant_and_trials_that_never_go_straight_say_nothing() -> None:
+    length, speed = 7.0, 1.2
+    particulars = {"L": length, "B": 1.18, "d": 0.443, "C_b": 0.775, "U_0": speed, "A_R": 0.0603, "x_G": 0.0}
+    ship = new_ship("foreign", {**particulars, "rho": 1025.0, "D_P": 0.2414, "pitch_ratio": 0.698})
+    t = np.arange(0.0, 60.0, 0.5)
+    still = {name: np.zeros(len(t)) for name in ("x", "y", "psi", "v", "r", "delta")}
+    n = revolutions_for(ship, speed)
+    ahead = Trial("ahead", {"t": t, **still, "u": np.full(len(t), speed), "n": np.full(len(t), n)})
+    assert doubtful_revolutions(ship, [ahead]) == []
+    assert len(doubtful_revolutions(ship, [ahead.with_columns(n=ahead["n"] / 2.4)])) == 1
+    turning = ahead.with_columns(n=ahead["n"] / 2.4, delta=np.full(len(t), 0.5))
+    assert steady_ahead(turning, length) is None and doubtful_revolutions(ship, [turning]) == []
+
+
+def test_the_check_says_it_with_a_ship(tmp_path) -> None:
+    path = tmp_path / "zigzag_1.csv"
+    write_trial(zigzag(0.5), path)
+    plain = json.loads(CliRunner().invoke(app, ["check", str(path), "--json"]).stdout)
+    own = json.loads(CliRunner().invoke(app, ["check", str(path), "--ship", "esso_osaka_3m", "--json"]).stdout)
+    assert not any("propeller does not fit" in s for s in plain["pooled"]["sentences"])
+    assert own["pooled"]["sentences"][0].startswith("The propeller does not fit: at ")
+
+
+T, SHARE = 4.0, 0.12
+"""Time constant [s] and gain [1/s] of the ship's response."""
+
+
+def sailed(order: str, wind: float, direction: float, sign: int = 1) -> Trial:
+    """The 3 m ship under an ``order``, in a steady ``wind`` [m/s] from ``direction`` [deg], delta times ``sign``."""
+    maneuver = parse_maneuver(order, SHIP, duration=150.0)
+    trial = simulate(SHIP, maneuver, 0.5, Wind(wind, np.radians(direction)))
+    return replace(trial, columns={**trial.columns, "delta": sign * trial["delta"]})
+
+
+def levels(trials: list[Trial]) -> list[list[str]]:
+    """Level of what is said of the sign of the rudder of each of the ``trials``, which are of one folder."""
+    return [[f.level for f in report.findings if f.code == "rudder_sign"] for report in check(trials)]
+
+
+@pytest.mark.parametrize(("order", "direction"), [("turning:15", 210), ("turning:15", 240), ("turning:15", 270),
+                         ("zigzag:10/10", 120), ("zigzag:10/10", 210), ("zigzag:10/10", 270)])  # fmt: skip
+def test_a_wind_that_turns_the_ship_does_not_turn_the_sign_of_her_rudder(order: str, direction: int) -> None:
+    assert levels([sailed(order, 2.5, direction)]) == [[]]
+
+
+def test_one_reversed_rudder_of_seven_files_is_a_doubt_without_a_line() -> None:
+    calm = [sailed(f"zigzag:{angle}/{angle}", 0.0, k) for k, angle in enumerate((5, 8, 10, 15, 20, 25))]
+    odd = sailed("turning:15", 0.0, 6, -1)
+    assert levels([odd, *calm]) == [["doubtful"], *[[]] * 6]
+    (text,) = [f.text for f in check([odd, *calm])[0].findings if f.code == "rudder_sign"]
+    assert "trials.toml" not in text
+
+
+@pytest.mark.parametrize("files", [1, 7])
+def test_rudders_that_are_all_reversed_or_all_else_mirrored_cannot_be_told(files: int) -> None:
+    """Both lines are said, and none is advised."""
+    trials = [sailed(f"zigzag:{angle}/{angle}", 0.0, 0, -1) for angle in (5, 8, 10, 15, 20, 25, 30)[:files]]
+    assert levels(trials) == [["contradictory"]] * files
+    texts = [f.text for report in check(trials) for f in report.findings if f.code == "rudder_sign"]
+    lines = ('rudder_positive = "port"', "sign = { y = -1, psi = -1, v = -1, r = -1 }")
+    assert all(line in text for text in texts for line in lines)
+    assert all("trials.toml" not in text for text in texts)
+
+
+def test_a_reversed_rudder_that_is_held_while_she_turns_round_is_found() -> None:
+    maneuver = parse_maneuver("turning:35", SHIP, duration=300.0)
+    columns = simulate(SHIP, maneuver, 0.5).columns
+    held = Trial("held", {name: (-1 if name == "delta" else 1) * values[80:] for name, values in columns.items()})
+    assert np.ptp(held["delta"]) < 1e-9 and levels([held]) == [["contradictory"]]
+
+
+def turning(t: np.ndarray) -> Trial:
+    """A ship at the times ``t`` whose turn rate follows a rudder that is put over every 15 s."""
+    delta = 0.3 * np.where(np.floor(t / 15.0) % 2 == 0, 1.0, -1.0)
+    r = np.zeros(len(t))
+    for k, step in enumerate(np.diff(t)):
+        left = np.exp(-step / T)
+        r[k + 1] = left * r[k] + (1 - left) * SHARE * delta[k]
+    still = np.zeros(len(t))
+    columns = {"t": t, "x": 2.0 * t, "y": still, "psi": still, "u": still + 2.0, "v": still, "r": r}
+    return Trial("turning", columns | {"n": still + 10.0, "delta": delta})
+
+
+def clocks() -> dict[str, np.ndarray]:
+    """Even, uneven and broken clocks [s]."""
+    even = np.round(np.arange(0.0, 300.0, 0.2), 9)
+    rng = np.random.default_rng(3)
+    uneven = np.cumsum(np.concatenate([[0.0], rng.uniform(0.05, 0.4, 1400)]))
+    return {"even": even, "uneven": uneven, "gap": np.concatenate([even[:700], even[700:] + 900.0])}
+
+
+@pytest.mark.parametrize("name", clocks())
+def test_the_correlation_is_that_of_the_recursion(name: str) -> None:
+    trial = turning(clocks()[name])
+    found = following(trial)
+    low, delta = np.zeros(len(trial)), trial["delta"]
+    low[0] = delta[0]
+    for k, step in enumerate(np.diff(trial.t)):
+        left = np.exp(-step / found["time_constant_s"])
+        low[k + 1] = left * low[k] + (1 - left) * delta[k + 1]
+    expected = np.corrcoef(low, trial["r"])[0, 1]  # without means: a wind turns her too
+    assert found["samples"] == len(trial)
+    assert found["correlation"] == pytest.approx(expected, rel=1e-10)
+    assert found["correlation"] > 0.95 and T / 3 < found["time_constant_s"] < 3 * T

@@ -1,22 +1,24 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.stretches import KINDS, broken, judged
 from cases.checks import check
+from cases.checks.single import spikes
 from cases.checks.stretches import broken_stretches
-from cases.io.leave_out import inside
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from cases.trial import Trial
-from cases.trial_set import TrialSet, ready
+from cases.trial import Trial, inside
+from cases.trial_set import MOST_LISTED, TrialSet, ready, shared_rows
 from fitting.nlp.grid import grids
 from fitting.prediction.score import score
 from mmg.rollout import Simulator
 from mmg_ident import simulate
-from tests.support.trial_files import motion_columns, write_csv
+from tests.support.trial_files import make_trial, motion_columns, write_csv
 
 
 @pytest.fixture(scope="module")
@@ -121,3 +123,143 @@ def test_real_records_lose_little_and_breaks_put_into_them_are_found(frt) -> Non
 def test_a_simulated_run_has_no_broken_stretch(ship: str, maneuver: str, dt: float, noise: bool) -> None:
     """Steady velocities without noise are not frozen, and noise about no turn is no hand at the ship."""
     assert broken_stretches(simulate(ship, maneuver, noise=noise, dt=dt, duration=300)) == []
+
+
+def codes(trial: object) -> set[str]:
+    (report,) = check([trial])  # type: ignore[list-item]
+    return {finding.code for finding in report.findings}
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_spike_is_a_single_sample_off_both_neighbours(noise: float) -> None:
+    t = np.linspace(0.0, 60.0, 601)
+    values = np.sin(0.2 * t) + noise * np.random.default_rng(1).normal(size=len(t))
+    assert spikes(values) == 0 and spikes(np.sign(values)) == 0
+    values[[100, 300, 500]] += (3.0, -4.0, 5.0)
+    assert spikes(values) == 3
+    values[200:260] = np.nan
+    assert spikes(values) == 3 and spikes(np.full(50, np.nan)) == 0 and spikes(values[:2]) == 0
+
+
+def test_spikes_are_doubtful_and_named() -> None:
+    good = make_trial()
+    r = good["r"].copy()
+    r[[500, 900]] += 40 * r.std()
+    assert "spikes" not in codes(good)
+    (report,) = check([make_trial(r=r)])
+    (found,) = [finding for finding in report.findings if finding.code == "spikes"]
+    assert report.verdict == "doubtful" and "2 in r" in found.text
+
+
+def test_a_heading_that_turns_far_between_samples_is_sampled_too_coarsely() -> None:
+    columns = motion_columns()
+    columns["r"] = 0.05 * np.sign(np.sin(0.05 * columns["t"]))
+    assert "coarse_sampling" not in codes(make_trial(**columns))
+    thin = {name: values[::100] for name, values in columns.items()}
+    assert "coarse_sampling" in codes(make_trial(**thin))
+
+
+def test_copies_of_a_trial_are_left_out_and_named() -> None:
+    late = make_trial("late", t=make_trial()["t"] + 1000.0)
+    other = make_trial("other", u=make_trial()["u"] + 0.01)
+    copies = [make_trial(f"run {k}") for k in range(50)]
+    kept, (message,) = TrialSet.of([*copies, late, other]).training()
+    assert [trial.name for trial in kept] == ["run 0", "other"] and message.code == "copies_left_out"
+
+
+def test_many_pairs_that_share_rows_are_few_lines() -> None:
+    trials = [make_trial(f"run {k}", x=make_trial()["x"] + k) for k in range(8)]
+    messages = shared_rows(trials, ())
+    assert len(messages) == MOST_LISTED + 1 and "23" in messages[-1]
+
+
+def test_a_file_that_lies_in_two_campaigns_counts_for_the_first_which_is_said() -> None:
+    first, again = (replace(make_trial(f"run_{day}"), path=None) for day in ("2026-03-01", "2026-03-02"))
+    kept, (_, message) = TrialSet.of([first, again, make_trial("other", u=make_trial()["u"] + 0.01)]).training()
+    assert [trial.name for trial in kept] == ["run_2026-03-01", "other"]
+    assert message.code == "same_file_in_two_campaigns" and "2026-03-01" in message
+
+
+DEG = np.pi / 180.0
+COARSE = {"psi": 0.1 * DEG, "r": 0.05 * DEG, "u": 0.05, "v": 0.05, "x": 0.1, "y": 0.1, "delta": 0.5 * DEG}
+
+
+def steady_after_weaving(resolution: dict[str, float], stuck: tuple[str, ...] = ()) -> Trial:
+    """A ship of 7 m/s that weaves for 150 s and runs straight on with a wander of a tenth of a degree, at 2 Hz.
+
+    resolution: column -> what it is rounded to; stuck: columns that keep one value from 30 to 45 s.
+    """
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 400.0, 0.5)
+    weave = np.where(t < 150, np.sin(2 * np.pi * t / 75), 0.0)
+    psi = (8.0 * weave + 0.08 * np.sin(t / 9) + 0.06 * np.sin(t / 4 + 1)) * DEG
+    r = np.gradient(psi, t)
+    u, v = 7.0 - 0.4 * weave**2 + 0.01 * np.sin(t / 11), -20.0 * r
+    w = (u + 1j * v) * np.exp(1j * psi)
+    place = np.concatenate([[0.0], np.cumsum(0.25 * (w[1:] + w[:-1]))])
+    exact = {"x": place.real, "y": place.imag, "psi": psi, "u": u, "v": v, "r": r, "n": 2.0 + 0 * t}
+    sizes = {"x": 0.02, "y": 0.02, "psi": 0.01 * DEG, "u": 0.005, "v": 0.005, "r": 0.01 * DEG, "n": 0.0}
+    columns = {name: values + sizes[name] * rng.standard_normal(len(t)) for name, values in exact.items()}
+    columns |= {"t": t, "delta": -10.0 * DEG * weave}
+    for name, step in resolution.items():
+        columns[name] = np.round(columns[name] / step) * step
+    for name in stuck:
+        columns[name][60:90] = columns[name][60]
+    return Trial("steady", columns)
+
+
+@pytest.mark.parametrize(
+    "resolution",
+    [
+        {"psi": 0.5 * DEG},
+        {"psi": 1.0 * DEG},
+        {"u": 0.05, "v": 0.05},
+        {"u": 0.1, "v": 0.1},
+        {"x": 1.0, "y": 1.0},
+        COARSE,
+    ],
+    ids=["psi 0.5 deg", "psi 1 deg", "u, v 0.1 kn", "u, v 0.1 m/s", "x, y 1 m", "all"],
+)
+def test_a_rounded_column_that_stands_still_in_a_steady_stretch_is_sound(resolution: dict[str, float]) -> None:
+    assert broken_stretches(steady_after_weaving(resolution)) == []
+
+
+@pytest.mark.parametrize("bias", [0.002, 0.02])
+def test_a_heading_of_a_tenth_of_a_degree_on_a_straight_run_is_sound_beside_a_gyro_with_a_bias(bias: float) -> None:
+    whole = steady_after_weaving({"psi": 0.1 * DEG})
+    t = whole.t
+    assert broken_stretches(whole.with_columns(r=whole["r"] + bias * DEG)) == []
+    straight = Trial("straight", {name: values[t > 160] for name, values in whole.columns.items()})
+    assert broken_stretches(straight.with_columns(r=straight["r"] + bias * DEG)) == []
+
+
+@pytest.mark.parametrize(("ship", "dt"), [("mariner", 1.0), ("kvlcc2_full", 0.2)])
+def test_a_heading_that_stands_still_is_sound_beside_a_gyro_with_noise(ship: str, dt: float) -> None:
+    trial = simulate(ship, "zigzag:2/2", dt=dt, duration=900, seed=3)
+    noise = 0.05 * DEG * np.random.default_rng(1).standard_normal(len(trial))
+    psi = np.round(trial["psi"] / (0.1 * DEG)) * 0.1 * DEG
+    assert broken_stretches(trial.with_columns(psi=psi, r=trial["r"] + noise)) == []
+
+
+def test_a_ship_that_comes_round_again_repeats_nothing() -> None:
+    """Rows of a steady circle whose period is a number of samples are equal to the last digit that is logged."""
+    t = np.arange(0.0, 900.0)
+    psi = 2 * np.pi * t / 150.0
+    way = 5.0 * 150.0 / (2 * np.pi) * np.exp(1j * (psi - np.pi / 2))
+    still = np.zeros(len(t))
+    columns = {
+        "x": way.real,
+        "y": way.imag,
+        "psi": np.mod(psi, 2 * np.pi),
+        "u": still + 5.0,
+        "v": still,
+        "r": still + psi[1],
+    }
+    rounded = {name: np.round(values, 3) for name, values in columns.items()}
+    assert broken_stretches(Trial("circle", {"t": t, **rounded, "n": still + 2.0, "delta": still + 0.3})) == []
+
+
+@pytest.mark.parametrize("stuck", [("psi",), ("r",), ("x", "y")], ids=", ".join)
+def test_a_rounded_column_that_stands_still_while_the_ship_weaves_is_broken(stuck: tuple[str, ...]) -> None:
+    (found,) = broken_stretches(steady_after_weaving(COARSE, stuck))
+    assert abs(found.begin_s - 30.0) <= 3.0 and abs(found.end_s - 45.0) <= 3.0

@@ -7,12 +7,16 @@ import json
 import math
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+from benchmarks.file_faults.plant import SETS, Plant, Weather, circle, run, zigzag
+from cases.criteria.figures import since, turning_figures
 from cases.criteria.imo import (
     FAIL,
     NONE,
@@ -21,19 +25,28 @@ from cases.criteria.imo import (
     REFERENCES,
     Row,
     assess,
+    current_of,
     first_overshoot_limit,
+    imo_figures,
+    imo_figures_of_trials,
     second_overshoot_limit,
     worst,
 )
 from cases.criteria.measured_maneuvers import Execute
-from cases.criteria.standard_runs import Run, approach_speed, measured_runs, simulated_run
+from cases.criteria.standard_runs import Run, approach_speed, figures_of, measured_runs, simulated_run, simulated_trial
+from cases.maneuvers.definitions import Maneuver, parse_maneuver
+from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import library, load_ship
-from cases.simulation.simulate import write_trial
+from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
 from fitting.report.plot_maneuvers import maneuver_figure
-from mmg.errors import OutOfRange, UserError
+from mmg.errors import OutOfRange, UnknownName, UserError
+from mmg.messages import has_code
+from mmg.model import assemble
+from mmg.ship import CalibrationMark
 from mmg_ident.commands.imo import imo
 from mmg_ident.commands.main import app
+from tests.support.measured_maneuvers import logged
 
 ESSO = load_ship("esso_osaka_3m")
 NOTHING = Trial("none", {"t": np.array([0.0, 1.0])})
@@ -148,30 +161,6 @@ def test_test_speed_is_as_given_or_the_ships_or_froude() -> None:
         approach_speed(ESSO, -1.0)
 
 
-KVLCC2 = {
-    "turning:35": {"advance": 3.077, "transfer": 1.325, "tactical_diameter": 3.109},
-    "turning:-35": {"advance": 3.088, "transfer": 1.325, "tactical_diameter": 3.094},
-    "zigzag:10/10": {"overshoot_1": 5.1, "overshoot_2": 14.1},
-    "zigzag:-10/10": {"overshoot_1": 7.3, "overshoot_2": 9.0},
-    "zigzag:20/20": {"overshoot_1": 10.6, "overshoot_2": 16.0},
-    "zigzag:-20/20": {"overshoot_1": 13.9, "overshoot_2": 11.8},
-}
-"""KVLCC2 L7 at 1.179 m/s, rudder 15.82 deg/s, step 0.01 L/U (a public standard model); lengths in L, angles in deg."""
-
-
-@pytest.mark.parametrize("text", KVLCC2)
-def test_kvlcc2_figures_are_the_published_simulation(text: str) -> None:
-    """Turning within 0.1 %. Overshoots up to 0.2 deg lower: there the rudder is reversed at the next step (0.06 s)."""
-    if "kvlcc2_l7" not in library():
-        pytest.skip("no ship kvlcc2_l7 in the library")
-    run = simulated_run(load_ship("kvlcc2_l7"), text, 1.179, rudder_rate=math.radians(15.82))
-    for name, published in KVLCC2[text].items():
-        if name.startswith("overshoot"):
-            assert -0.25 < math.degrees(run.figures[name]) - published < 0.05
-        else:
-            assert run.figures[name] / 7.0 == pytest.approx(published, rel=1e-3)
-
-
 def test_measured_values_stand_beside_the_two_kvlcc2_ships_only() -> None:
     run = run_of("turning:35", "turning", {"advance": 600.0})
     assert assess(run, None, "kvlcc2_full")[0].reference == 3.09 == REFERENCES["kvlcc2_l7"]["turning:35", "advance"]
@@ -209,18 +198,18 @@ def test_no_number_is_cut_on_a_terminal_of_80_columns(monkeypatch: pytest.Monkey
 def test_verb_reads_back_the_runs_it_wrote_with_the_same_figures(tmp_path: Path) -> None:
     texts = ("turning:35", "zigzag:20/20", "crash-stop")
     runs = {text: simulated_run(ESSO, text, 0.5) for text in texts}
-    for run in runs.values():
-        write_trial(run.trial, tmp_path / f"{run.trial.name}.csv")
+    for made in runs.values():
+        write_trial(made.trial, tmp_path / f"{made.trial.name}.csv")
     result = mmg("imo", tmp_path, "--ship", "esso_osaka_3m", "--scale", "108.33", "--json")
     assert result.exit_code == 0, result.exception
-    found = {run["kind"]: run for run in json.loads(result.stdout)["runs"]}
+    found = {one["kind"]: one for one in json.loads(result.stdout)["runs"]}
     assert set(found) == {"turning", "zigzag", "crash-stop"}
-    for run in runs.values():
-        own = found[run.kind]
-        assert own["order_time_s"] == pytest.approx(run.order_time, abs=0.1)
+    for made in runs.values():
+        own = found[made.kind]
+        assert own["order_time_s"] == pytest.approx(made.order_time, abs=0.1)
         for name in ("advance", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach"):
-            if name in run.figures:
-                assert own["figures"][name] == pytest.approx(run.figures[name], rel=0.02), name
+            if name in made.figures:
+                assert own["figures"][name] == pytest.approx(made.figures[name], rel=0.02), name
 
 
 @pytest.mark.data
@@ -303,3 +292,212 @@ def test_a_ship_with_two_rudders_is_judged_by_their_mean() -> None:
     measured = measured_runs(run.trial, run.length)[0]
     assert measured.rudder == pytest.approx(math.radians(35), abs=0.01)
     assert measured.figures["advance"] == pytest.approx(run.figures["advance"], rel=0.02)
+
+
+def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each() -> None:
+    ship = load_ship("kvlcc2_full")
+    found = imo_figures(ship)
+    data = found.to_dict()
+    assert data["verdict"] == found.verdict and len(data["rows"]) == len(found.rows) == len(found.to_pandas())
+    assert {run["name"] for run in data["runs"]} >= {"turning:35", "zigzag:10/10", "crash-stop"}
+    assert has_code(found.notices, "reference_values") and has_code(found.notices, "not_checked")
+    measured = imo_figures_of_trials([found.runs[0].trial], ship)
+    advance = {row.figure: row.value for row in measured.rows}["advance"]
+    assert advance == pytest.approx({row.figure: row.value for row in found.rows}["advance"], rel=0.02)
+
+
+def test_what_cannot_be_judged_is_refused() -> None:
+    ship = load_ship("kvlcc2_full")
+    with pytest.raises(UnknownName):
+        imo_figures(ship, maneuvers=["straight"])
+    with pytest.raises(UserError, match="length"):
+        imo_figures_of_trials([])
+
+
+def test_a_calibration_is_named_and_keeps_the_published_values_of_the_ship_it_began_from() -> None:
+    ship = load_ship("kvlcc2_full")
+    mark = CalibrationMark("sea trial 3", "2026-01-02", "ab12", "kvlcc2_full")
+    found = imo_figures(replace(ship, name="our tanker", mark=mark))
+    content = found.to_dict()
+    assert content["ship"] == "our tanker" and content["calibration"] == {
+        "name": "sea trial 3", "date": "2026-01-02", "data": "ab12", "start": "kvlcc2_full",
+    }  # fmt: skip
+    plain = imo_figures(ship)
+    known = {(row.run, row.figure): row.reference for row in plain.rows}
+    assert {(row.run, row.figure): row.reference for row in found.rows} == known and any(known.values())
+    assert plain.to_dict()["calibration"] is None
+
+
+HULL = SETS["161 m cargo, hard, 2 Hz"].hull
+UNIT = HULL.length / HULL.speed
+
+
+def pair(current: tuple[float, float]) -> list[Trial]:
+    """A circle and a zigzag of the foreign ship in a current [m/s]."""
+    rng, trials = np.random.default_rng(5), []
+    plant = Plant(HULL, Weather(current=current), rng)
+    for name, order in (("circle", circle(35, 1.0, 5 * UNIT)), ("zigzag", zigzag(10, 1.0, 5 * UNIT))):
+        columns = run(plant, order, 40 * UNIT, 1.0, 1.0)
+        trials.append(replace(logged(columns | {"n": np.full(len(columns["t"]), 2.0)}, HULL.length, rng), name=name))
+    return trials
+
+
+@pytest.fixture(scope="module")
+def drifting() -> list[Trial]:
+    return pair((0.5, -0.6))
+
+
+def test_the_current_of_a_circle_and_the_figures_without_it_are_those_of_still_water(drifting: list[Trial]) -> None:
+    found = current_of(measured_runs(drifting[0], HULL.length)[0])
+    assert found is not None and (found.north, found.east) == pytest.approx((0.5, -0.6), abs=0.01)
+    corrected = imo_figures_of_trials(drifting, length=HULL.length, correct=True)
+    for still, row in zip(
+        imo_figures_of_trials(pair((0.0, 0.0)), length=HULL.length).rows, corrected.rows, strict=True
+    ):
+        tolerance = 0.2 if row.unit == "deg" else 0.02
+        assert row.value == pytest.approx(still.value, abs=tolerance), row.figure
+    advance, diameter = (next(r for r in corrected.rows if r.figure == f) for f in ("advance", "tactical_diameter"))
+    assert abs(advance.measured - advance.value) > 0.05 and abs(diameter.measured - diameter.value) > 0.5
+    assert "0.78" in " ".join(corrected.notices)
+
+
+def test_a_circle_that_is_too_short_gives_no_current_and_that_is_said(drifting: list[Trial]) -> None:
+    psi = drifting[0].psi_unwrapped
+    rows = np.abs(psi - psi[0]) < math.radians(400)
+    short = Trial("short", {n: v[rows] for n, v in drifting[0].columns.items()})
+    assert current_of(measured_runs(short, HULL.length)[0]) is None
+    found = imo_figures_of_trials([short], length=HULL.length, correct=True)
+    assert all(row.measured == row.value for row in found.rows)
+
+
+def test_wind_is_taken_off_by_the_model_and_its_drift_is_not_taken_for_current() -> None:
+    ship = load_ship("esso_osaka_3m")
+
+    def turn(wind: str | None) -> Trial:
+        plan = parse_maneuver("turning:35", ship, speed=0.4)
+        return replace(simulated_trial(ship, replace(plan, duration=1.6 * plan.duration), wind=wind), name="turn")
+
+    still = imo_figures_of_trials([turn(None)], ship).rows
+    corrected = imo_figures_of_trials([turn("1.2:40")], ship, correct=True)
+    for a, b in zip(still, corrected.rows, strict=True):
+        assert b.value == pytest.approx(a.value, abs=0.03) and abs(b.measured - a.value) > 0.1, a.figure
+
+
+def test_verb_takes_a_current_and_refuses_one_that_is_none(drifting: list[Trial], tmp_path: Path) -> None:
+    path = tmp_path / "zigzag.csv"
+    write_trial(drifting[1], path)
+    towards = math.degrees(math.atan2(-0.6, 0.5)) % 360
+    words = ["imo", str(path), "--length", "161", "--current", f"{math.hypot(0.5, 0.6)}:{towards}", "--json"]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.exception
+    row = json.loads(result.stdout)["rows"][0]
+    assert row["figure"] == "initial_turning_track" and abs(row["measured"] - row["value"]) > 0.01
+    for text in ("fast", "1", "-1:20", "nan:3"):
+        error = CliRunner().invoke(app, ["imo", str(path), "--length", "161", "--current", text]).exception
+        assert isinstance(error, UserError) and "SPEED:TOWARDS" in str(error)
+
+
+APPROACH = {"kvlcc2_l7": (1.179, 15.82), "kvlcc2_full": (7.9739, 2.34)}
+"""Speed [m/s] and rudder rate [deg/s]."""
+
+TURNS = {
+    ("kvlcc2_l7", 35): (3.077, 1.325, 3.109),
+    ("kvlcc2_l7", -35): (3.088, 1.325, 3.094),
+    ("kvlcc2_full", 35): (2.976, 1.270, 3.004),
+    ("kvlcc2_full", -35): (3.001, 1.281, 3.013),
+}
+STEADY = {"kvlcc2_l7": (0.381, 0.865, 19.1), "kvlcc2_full": (0.377, 0.890, 19.4)}
+ZIGZAGS = {
+    ("kvlcc2_l7", 10): (5.1, 14.1),
+    ("kvlcc2_l7", -10): (7.3, 9.0),
+    ("kvlcc2_l7", 20): (10.6, 16.0),
+    ("kvlcc2_l7", -20): (13.9, 11.8),
+    ("kvlcc2_full", 10): (4.9, 13.3),
+    ("kvlcc2_full", -10): (7.1, 8.6),
+    ("kvlcc2_full", 20): (10.5, 15.6),
+    ("kvlcc2_full", -20): (13.7, 11.5),
+}
+LAST_DIGIT = 0.055
+"""Overshoots are printed with one decimal [deg]; the smooth model is up to 0.005 deg off the exact one."""
+
+
+def maneuvered(name: str, text: str, dt: float) -> tuple[Maneuver, Trial]:
+    """A manoeuvre from the approach of the reference; dt in L/U."""
+    speed, rate = APPROACH[name]
+    ship = load_ship(name)
+    maneuver = parse_maneuver(text, ship, speed=speed, rudder_rate=np.radians(rate))
+    return maneuver, simulate(ship, maneuver, dt=dt * ship.particulars["L"] / speed)
+
+
+@pytest.mark.parametrize(("name", "rudder_angle"), TURNS)
+def test_turning_circles(name: str, rudder_angle: int) -> None:
+    """Advance, transfer, tactical diameter by L within 0.2 % of the reference simulation; 0.05 % measured."""
+    maneuver, trial = maneuvered(name, f"turning:{rudder_angle}", 0.005)
+    figures = turning_figures(since(trial, maneuver.parameters["order_time"]), maneuver.parameters["rudder"])
+    L = load_ship(name).particulars["L"]
+    got = [figures[key] / L for key in ("advance", "transfer", "tactical_diameter")]
+    np.testing.assert_allclose(got, TURNS[name, rudder_angle], rtol=0.002)
+    if rudder_angle > 0:
+        u, v, r = trial.states[-1, 3:]
+        steady = np.hypot(u, v) / maneuver.speed, r * L / np.hypot(u, v), np.degrees(np.arctan2(-v, u))
+        np.testing.assert_allclose(steady, STEADY[name], rtol=0.01)
+
+
+@cache
+def ramp_step(name: str) -> ca.Function:
+    """One Runge-Kutta step with the rudder moving evenly from one angle to the other; the smooth model."""
+    ship = load_ship(name)
+    n = revolutions_for(ship, APPROACH[name][0])
+    rates = assemble(ship, symbols=()).rates
+    z, before, after, h = ca.SX.sym("z", 6), ca.SX.sym("before"), ca.SX.sym("after"), ca.SX.sym("h")
+
+    def f(state, delta):
+        return rates(state, ca.vertcat(n, delta, 0, 0), [])
+
+    k1 = f(z, before)
+    k2 = f(z + h / 2 * k1, (before + after) / 2)
+    k3 = f(z + h / 2 * k2, (before + after) / 2)
+    k4 = f(z + h * k3, after)
+    return ca.Function("step", [z, before, after, h], [z + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)], {"cse": True})
+
+
+def overshoots(name: str, degrees: int, step: float) -> tuple[float, float]:
+    """First two overshoots [deg] when the heading is looked at every ``step`` L/U, as the reference does."""
+    speed, rate = APPROACH[name]
+    h = step * load_ship(name).particulars["L"] / speed
+    state, delta, side, peaks = np.array([0, 0, 0, speed, 0, 0.0]), 0.0, np.sign(degrees), [0.0]
+    angle = np.radians(abs(degrees))
+    advance = ramp_step(name)
+    while len(peaks) < 4:
+        if side * state[2] >= angle:
+            side = -side
+            peaks.append(0.0)
+        order = side * angle
+        reached = delta + np.clip(order - delta, -np.radians(rate) * h, np.radians(rate) * h)
+        state = np.array(advance(state, delta, reached, h)).ravel()
+        delta = reached
+        peaks[-1] = max(peaks[-1], -side * state[2])
+    return float(np.degrees(peaks[1] - angle)), float(np.degrees(peaks[2] - angle))
+
+
+@pytest.mark.parametrize(("name", "degrees"), ZIGZAGS)
+def test_zigzag_overshoots_sampled_as_in_the_reference(name: str, degrees: int) -> None:
+    """Within 1 % of the reference simulation, and to its printed decimal: steps of 0.01 L/U, rudder in ramps."""
+    got = overshoots(name, degrees, 0.01)
+    np.testing.assert_allclose(got, ZIGZAGS[name, degrees], rtol=0.01)
+    np.testing.assert_allclose(got, ZIGZAGS[name, degrees], atol=LAST_DIGIT, rtol=0)
+
+
+@pytest.mark.parametrize(("name", "degrees"), [("kvlcc2_l7", 10), ("kvlcc2_full", -20)])
+def test_zigzag_overshoots_of_the_library(name: str, degrees: int) -> None:
+    """With fine steps the counter order is not late: within 3 % of the reference, 1 % of the same in ramps.
+
+    The reference sees the heading every 0.01 L/U (0.06 s of the model): its counter orders are up to that much
+    late, which is 0.1 deg of overshoot, 2.4 % of 7.3 deg. Smoothing is no part of it: exact branches give the
+    same to 0.2 %.
+    """
+    maneuver, trial = maneuvered(name, f"zigzag:{degrees}/{abs(degrees)}", 0.004)
+    figures = figures_of(trial, maneuver)
+    got = np.degrees([figures["overshoot_1"], figures["overshoot_2"]])
+    np.testing.assert_allclose(got, ZIGZAGS[name, degrees], rtol=0.03)
+    np.testing.assert_allclose(got, overshoots(name, degrees, 0.002), rtol=0.01)

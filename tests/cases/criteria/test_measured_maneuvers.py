@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
+from benchmarks.file_faults.plant import SETS, Plant, Weather, run
 from cases.criteria.figures import parabolic
-from cases.criteria.measured_maneuvers import find_maneuvers
+from cases.criteria.imo import assess, imo_figures_of_trials
+from cases.criteria.measured_maneuvers import find_maneuvers, nominal, ordered_heading
 from cases.criteria.standard_runs import figures_of, measured_runs
 from cases.io.read import read_trial
-from cases.maneuvers.definitions import parse_maneuver
+from cases.maneuvers.definitions import Zigzag, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate
-from cases.trial import Trial
-from mmg.errors import Missing, UnknownName
+from cases.trial import Span, Trial, left_out
+from mmg.errors import Missing, UnknownName, UserError
+from mmg.messages import has_code
+from mmg_ident import simulate as simulated
+from tests.support.measured_maneuvers import foreign, logged, program, title
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -151,3 +158,231 @@ def test_what_is_not_in_the_data_is_not_found() -> None:
 def test_a_heading_is_smoothed_by_parabolas(count: int) -> None:
     values = np.random.default_rng(count).standard_normal(count)
     np.testing.assert_allclose(parabolic(values, 9), savgol_filter(values, 9, 2), atol=1e-12)
+
+
+MODEL, FULL_SIZE = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz"
+SEED = 77
+
+
+def titles(trial: Trial, length: float) -> list[str]:
+    return [execute.title for execute in find_maneuvers(trial, length)]
+
+
+@pytest.mark.parametrize("steps", [(5, 1), (20, 10)])
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("name", [MODEL, FULL_SIZE])
+def test_zigzags_of_any_step_of_a_foreign_ship_are_read_as_ordered(
+    name: str, side: int, steps: tuple[int, int]
+) -> None:
+    case = foreign(name, "zigzag", side, steps, np.random.default_rng([SEED, *steps]))
+    assert titles(case.trial, case.length) == [title("zigzag", side, steps)]
+
+
+def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> None:
+    ship = load_ship("esso_osaka_3m")
+    clean = simulate(ship, parse_maneuver("zigzag:5/1", ship, speed=0.5, duration=260.0), 0.2)
+    trial = logged(dict(clean.columns), 3.0, np.random.default_rng(SEED))
+    (found,) = find_maneuvers(trial, 3.0)
+    assert found.title == "zigzag 5/1" and len(found.reversals) >= 8
+    (measured,) = measured_runs(trial, 3.0)
+    assert 0 < math.degrees(measured.figures["overshoot_1"]) < 5
+
+
+def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
+    some = SETS[FULL_SIZE]
+    unit, rng = some.hull.length / some.hull.speed, np.random.default_rng(SEED)
+    plan = [("zigzag", 10.0, 10.0), ("turning", 35.0, 560.0), ("zigzag", -20.0, 20.0)]
+    columns = run(Plant(some.hull, Weather(), rng), program(plan, 2.0, 15 * unit), 130 * unit, 1.0, 2.0)
+    trial = logged(columns | {"n": np.full(len(columns["t"]), 1.5)}, some.hull.length, rng)
+    found = imo_figures_of_trials([trial], length=some.hull.length)
+    assert [r.title for r in found.runs] == ["zigzag 10/10", "turning 35", "zigzag -20/20"]
+    assert [r.name for r in found.runs] == [f"run {k} ({r.title})" for k, r in enumerate(found.runs, 1)]
+    assert "1 of 1 runs, 3 manoeuvres" in found.heading
+    rows = {(row.run, row.figure): row for row in found.rows}
+    assert rows["run 2 (turning 35)", "advance"].verdict == "pass"
+    assert rows["run 1 (zigzag 10/10)", "overshoot_1"].verdict == "pass"
+    assert found.runs[0].end < found.runs[1].order_time < found.runs[1].end < found.runs[2].order_time
+
+
+@pytest.mark.parametrize("begins", [-25.0, 3.0])
+def test_a_short_or_unrecorded_approach_is_judged_and_told(begins: float) -> None:
+    """begins: first sample after the order [s] of a 320 m ship."""
+    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
+    whole = measured_runs(case.trial, case.length)[0]
+    t = case.trial.t - case.trial.t[0]
+    cut = Trial("cut", {n: v[t >= whole.order_time + begins] for n, v in case.trial.columns.items()})
+    found = imo_figures_of_trials([cut], length=case.length)
+    row = next(row for row in found.rows if row.figure == "advance")
+    assert row.verdict == "pass" and row.why
+    assert row.value == pytest.approx(whole.figures["advance"] / case.length, abs=0.15)
+
+
+def test_a_record_that_begins_within_the_turn_is_not_judged() -> None:
+    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
+    whole = measured_runs(case.trial, case.length)[0]
+    t = case.trial.t - case.trial.t[0]
+    cut = Trial("cut", {n: v[t >= whole.order_time + 100.0] for n, v in case.trial.columns.items()})
+    rows = imo_figures_of_trials([cut], length=case.length).rows
+    assert {row.verdict for row in rows if row.limit} == {"not judged"}
+
+
+def test_a_turn_that_never_comes_round_says_what_it_does_not_reach() -> None:
+    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
+    whole = measured_runs(case.trial, case.length)[0]
+    t, turned = case.trial.t - case.trial.t[0], np.abs(case.trial.psi_unwrapped - case.trial.psi_unwrapped[0])
+    rows = (turned < math.radians(60)) | (t < whole.order_time)
+    cut = Trial("cut", {n: v[rows] for n, v in case.trial.columns.items()})
+    found = imo_figures_of_trials([cut], length=case.length)
+    assert {row.why for row in found.rows if row.figure == "advance"} == {"the run does not reach it"}
+    wander = cut.with_columns(delta=0.02 * np.sin(cut.t / 30))
+    with pytest.raises(Missing):
+        imo_figures_of_trials([wander], length=case.length)
+
+
+def test_a_rudder_that_is_logged_off_its_zero_is_told() -> None:
+    case = foreign(MODEL, "zigzag", -1, (10, 10), np.random.default_rng(SEED))
+    (found,) = find_maneuvers(case.trial.with_columns(delta=case.trial["delta"] + math.radians(2.5)), case.length)
+    assert found.title == "zigzag -10/10"
+
+
+def test_a_zigzag_with_the_rudder_logged_the_wrong_way_round_is_named_and_not_judged() -> None:
+    case = foreign(MODEL, "zigzag", 1, (10, 10), np.random.default_rng(SEED))
+    found = imo_figures_of_trials([case.trial.with_columns(delta=-case.trial["delta"])], length=3.0, scale=108.0)
+    assert found.runs[0].title == "zigzag 10/10"
+    assert {row.verdict for row in found.rows if row.limit} == {"not judged"}
+
+
+@dataclass
+class LateZigzag(Zigzag):
+    """A zigzag whose rudder begins to move a ``reaction`` [s] after the heading at which it is ordered over."""
+
+    reaction: float = 0.0
+    due: float | None = field(default=None, init=False)
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        if self.due is None and self._beyond(state) >= -1e-9:
+            self.due = t + self.reaction
+        if self.due is not None and t >= self.due - 1e-9:
+            self.side, self.count, self.due = -self.side, self.count + 1, None
+        over = self.last_execute is not None and self.count >= self.last_execute
+        return None if over else (self.n, self.side * self.rudder)
+
+
+def late_run(name: str, steps: str, reaction: float, dt: float, seed: int | None = None) -> tuple[Trial, float]:
+    """A zigzag of a ship of the library, sampled every ``dt`` [s], with noise where there is a seed; and her length."""
+    ship = load_ship(name)
+    maneuver = parse_maneuver(f"zigzag:{steps}", ship, sampled=True)
+    made = maneuver.orders
+    assert isinstance(made, partial)
+    late = partial(LateZigzag, *made.args, reaction=reaction, **made.keywords)
+    run, length = simulate(ship, replace(maneuver, orders=late), dt), ship.particulars["L"]
+    return (run if seed is None else add_noise(run, SensorNoise.for_length(length), seed)), length
+
+
+@pytest.mark.parametrize("seed", [None, 1])
+@pytest.mark.parametrize("steps", ["10/10", "20/10", "-15/5", "30/5", "20/20"])
+@pytest.mark.parametrize(
+    ("name", "reaction", "dt"), [("esso_osaka_3m", 0.8, 0.1), ("kvlcc2_full", 4.0, 1.0), ("mariner", 2.0, 0.5)]
+)
+def test_a_late_helm_does_not_make_another_zigzag(
+    name: str, reaction: float, dt: float, steps: str, seed: int | None
+) -> None:
+    run, length = late_run(name, steps, reaction, dt, seed)
+    rudder, heading = steps.split("/")
+    execute = find_maneuvers(run, length)[0]
+    assert execute.title == f"zigzag {rudder}/{heading}"
+    assert math.degrees(execute.heading) > float(heading) + 0.3  # the heading itself is told as it was
+
+
+@pytest.mark.parametrize(("name", "dt"), [("esso_osaka_3m", 0.5), ("kvlcc2_full", 5.0), ("mariner", 3.0)])
+@pytest.mark.parametrize("steps", ["10/10", "20/10", "15/5", "30/5"])
+def test_a_record_of_few_samples_does_not_make_another_zigzag(name: str, dt: float, steps: str) -> None:
+    ship = load_ship(name)
+    run = simulate(ship, parse_maneuver(f"zigzag:{steps}", ship), dt)
+    assert find_maneuvers(run, ship.particulars["L"])[0].title == f"zigzag {steps}"
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "steps"),
+    [("esso_osaka_3m", 0.1, "10/12"), ("esso_osaka_3m", 0.1, "10/8"), ("kvlcc2_full", 0.2, "10/11")],
+)
+def test_an_unusual_heading_is_believed_where_every_reversal_shows_it(name: str, dt: float, steps: str) -> None:
+    """After a reaction she would have turned less far at the first reversal, where her yaw rate is least."""
+    run, length = late_run(name, steps, 0.0, dt)
+    assert find_maneuvers(run, length)[0].title == f"zigzag {steps}"
+
+
+def test_a_rudder_is_named_by_a_usual_angle_or_in_whole_degrees() -> None:
+    assert [nominal(math.radians(degrees)) for degrees in (3.0, 7.9, 12.2, 33.1, 10.5)] == [3, 8, 12, 35, 10]
+
+
+@pytest.mark.parametrize(("scatter", "named"), [(0.2, 12.0), (1.5, 10.0)])
+def test_a_heading_is_named_by_what_its_own_scatter_allows(scatter: float, named: float) -> None:
+    """Eight reversals at 11.6 deg without delay, of which each is off by ``scatter`` [deg] to this side or that."""
+    sides = (-1.0) ** np.arange(8)
+    off = scatter * np.array([1, 1, -1, -1, 1, 1, -1, -1])
+    headings = np.radians(sides * (11.6 + off)) * np.ones((2, 1))
+    assert ordered_heading(headings, np.array([-0.1, 0.1]), sides, np.full(8, 1e-3), 20.0) == named
+
+
+def test_a_zigzag_of_the_standard_that_was_reversed_too_late_says_so() -> None:
+    run, length = late_run("mariner", "10/10", 3.5, 0.5)
+    measured = measured_runs(run, length)[0]
+    assert measured.steps == (10, 10) and math.degrees(measured.heading) > 12
+    whys = {row.why for row in assess(measured) if row.figure.startswith("overshoot")}
+    assert all("2 deg" in why for why in whys)
+
+
+@pytest.fixture(scope="module")
+def zigzag() -> Trial:
+    return simulated("esso_osaka_3m", "zigzag:20/20", duration=200.0)
+
+
+def figures(trial: Trial) -> dict[str, float | None]:
+    return {row.figure: row.value for row in imo_figures_of_trials([trial], length=3.0).rows}
+
+
+def times(trial: Trial) -> tuple[float, ...]:
+    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+    return (run.order_time, *run.reversals)
+
+
+def test_a_short_broken_stretch_is_bridged(zigzag: Trial) -> None:
+    second = times(zigzag)[1]
+    broken = left_out(zigzag, [(second - 2.0, second - 1.5)], "test")
+    found = imo_figures_of_trials([broken], length=3.0)
+    assert has_code(found.notices, "left_out") and has_code(found.notices, "bridged")
+    sound = figures(zigzag)
+    assert figures(broken).keys() == sound.keys()
+    for name, value in figures(broken).items():
+        assert value == pytest.approx(sound[name], rel=0.02), name
+
+
+def test_a_zigzag_counts_up_to_the_reversal_before_a_stretch_that_decides(zigzag: Trial) -> None:
+    last = times(zigzag)[3]
+    broken = left_out(zigzag, [(last + 0.5, last + 25.0)], "test")
+    found, sound = figures(broken), figures(zigzag)
+    assert found["overshoot_1"] == pytest.approx(sound["overshoot_1"], rel=0.02)
+    assert found.get("overshoot_3") is None and all(v is None or np.isfinite(v) for v in found.values())
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_turn_with_a_stretch_that_decides_is_refused_in_a_line(moved: bool) -> None:
+    trial = simulated("esso_osaka_3m", "turning:35", duration=120.0)
+    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+    read = run.order_time + run.figures["time_90"]
+    span: Span = (run.order_time + 20.0, run.order_time + 20.5) if moved else (read - 2.0, read + 2.0)
+    broken = left_out(trial, [span], "test", [span] if moved else ())
+    with pytest.raises(UserError, match="something else moved the ship" if moved else "turns by more than 5 deg"):
+        imo_figures_of_trials([broken], length=3.0)
+    many = imo_figures_of_trials([broken, trial], length=3.0)
+    assert len(many.runs) == 1 and has_code(many.notices, "no_maneuver_found")
+
+
+def test_a_turn_without_what_lies_between_its_readings_has_the_same_figures() -> None:
+    trial = simulated("esso_osaka_3m", "turning:35", duration=120.0)
+    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+    first, second = (run.order_time + run.figures[name] for name in ("time_90", "time_180"))
+    broken = left_out(trial, [(run.order_time + 2.0, first - 1.0), (first + 1.0, second - 1.0)], "test")
+    for figure, value in figures(broken).items():
+        assert value == pytest.approx(figures(trial)[figure], rel=1e-3), figure

@@ -203,38 +203,28 @@ def test_a_map_for_a_file_that_is_not_there(tmp_path: Path) -> None:
     assert "'Kurs'" in import_logs([path], own).problems[0]
 
 
+BYTES = (
+    b"\0", b"\xff\xfe", b";;", b",", b"\r", b'"', b"-999", b"1e400", b"nan", b"9" * 400, b"$GPRMC,", b"\t", b"T25:61",
+    b"\n",
+)  # fmt: skip
+
+
 @pytest.mark.slow
-def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path) -> None:
-    """A thousand damaged logs: read, or refused in a line."""
+@pytest.mark.parametrize("large", [False, True])
+def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, large: bool) -> None:
+    """Hundreds of damaged logs, read at once or in pieces: read, or refused in a line."""
+    if large:
+        monkeypatch.setattr("cases.io.text_table.MOST_KEPT", 60)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", 9000)
     good = [raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run()).read_bytes()[:6000]]
     good.append(raw_logs.nmea(tmp_path / "b.nmea", raw_logs.run()).read_bytes()[:6000])
     good.append(plain(tmp_path / "c.txt", UNITS).read_bytes()[:6000])
-    rng = np.random.default_rng(8)
-    pieces = [
-        b"\0",
-        b"\xff\xfe",
-        b";;",
-        b",",
-        b"\r",
-        b'"',
-        b"-999",
-        b"1e400",
-        b"nan",
-        b"9" * 400,
-        b"$GPRMC,",
-        b"\t",
-        b"T25:61",
-    ]
-    read = 0
+    rng, read = np.random.default_rng(8), 0
     for i in range(300):
         content = bytearray(good[i % 3])
         for _ in range(int(rng.integers(1, 6))):
-            at = int(rng.integers(0, len(content)))
-            piece = pieces[int(rng.integers(0, len(pieces)))]
-            if rng.random() < 0.5:
-                content[at : at + len(piece)] = piece
-            else:
-                content[at:at] = piece
+            at, piece = int(rng.integers(0, len(content))), BYTES[int(rng.integers(0, len(BYTES)))]
+            content[at : at + len(piece) * int(rng.integers(0, 2))] = piece
         path = tmp_path / f"damaged{'.nmea' if i % 3 == 1 else '.csv'}"
         path.write_bytes(bytes(content[: int(rng.integers(200, len(content)))]))
         found = import_logs([path])
@@ -258,9 +248,3 @@ def test_what_fuzzing_found_is_one_line(name: str, text: str, words: str, tmp_pa
     (tmp_path / name).write_text(text)
     found = import_logs([tmp_path / name])
     assert not found.runs and len(found.problems) == 1 and words in found.problems[0], found.problems
-
-
-def test_a_column_of_the_map_without_its_header_is_one_line(tmp_path: Path) -> None:
-    (tmp_path / "import.toml").write_text('[columns]\npsi = { unit = "deg" }\n')
-    with pytest.raises(UserError, match="from"):
-        read_map(tmp_path / "import.toml")

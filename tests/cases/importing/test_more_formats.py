@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.importing.import_logs import Imported, import_logs
+from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap, line_of, read_map
-from cases.importing.written_trials import write_import
 from cases.io.toml_file import validated
 from cases.trial import Trial
 from tests.support import format_logs, raw_logs

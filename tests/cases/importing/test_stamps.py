@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cases.importing.import_logs import Imported, import_logs
+from cases.checks import check
+from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap
+from cases.io.conventions import implausible
+from cases.io.read import read_trials
+from cases.io.toml_file import validated
+from cases.trial import Trial
 from tests.support import raw_logs
 from tests.support.raw_logs import bridge, stamp, table
 
@@ -109,3 +116,140 @@ def test_a_zone_of_two_digits_is_one(tmp_path: Path) -> None:
     times = [stamp(t)[:-6].replace("T", " ") + "+00" for t in truth.t]
     found = import_logs([table(tmp_path / "a.csv", {**bridge(truth), "Time": times})], ImportMap(zone_hours=9.0))
     assert found.runs[0].day == "2026-05-04" and found.runs[0].logs
+
+
+PODS = [
+    ("azimuth", "azimuth_2", "n_azimuth", "n_azimuth_2"),
+    ("azimuth", "azimuth_3", "n_azimuth", "n_azimuth_3"),
+    ("azimuth_stbd", "azimuth_port", "n_azimuth_stbd", "n_azimuth_port"),
+    ("Pod angle stbd", "Pod angle port", "Pod speed stbd", "Pod speed port"),
+]
+
+
+@pytest.mark.parametrize("pods", PODS, ids=[pods[1] for pods in PODS])
+@pytest.mark.parametrize("unit", [" [deg]", ""])
+def test_pods_and_winds_go_the_short_way_between_samples(tmp_path: Path, pods: tuple[str, ...], unit: str) -> None:
+    """They are logged every 4 s beside a heading every half second."""
+    truth = raw_logs.run()
+    angle = 355.0 + 15.0 * np.sin(truth.t / 12)
+    wrapped, n = angle % 360, truth["n"]
+    log = bridge(truth)
+    nav = {name: log[name] for name in ("Time", "Latitude", "Longitude", "SOG [kn]", "COG [deg]", "Heading [deg]")}
+    slow = {"Time": [stamp(t) for t in truth.t], f"{pods[0]}{unit}": wrapped, f"{pods[1]}{unit}": wrapped}
+    slow |= {f"{pods[2]} [rps]": n, f"{pods[3]} [rps]": n}
+    slow |= {"True wind speed [m/s]": np.full(len(n), 4.0), f"True wind direction{unit}": wrapped}
+    slow |= {"AWS [m/s]": np.full(len(n), 5.0), f"AWA{unit}": wrapped}
+    table(tmp_path / "nav.csv", nav)
+    table(tmp_path / "pods.csv", slow, np.arange(len(n)) % 8 == 0)
+    found = import_logs([tmp_path])
+    assert not found.problems, found.problems
+    columns = found.runs[0].columns
+    second = "azimuth_3" if "3" in pods[1] else "azimuth_2"
+    true = np.radians(np.interp(columns["t"], truth.t, angle))
+    for name in ("azimuth", second, "wind_direction", "apparent_wind_direction"):
+        assert np.cos(columns[name] - true).min() > np.cos(np.radians(1.0)), name
+        assert columns[name].max() - columns[name].min() <= 2 * np.pi and np.abs(columns[name]).max() < 2 * np.pi, name
+
+
+def test_a_position_over_the_date_line_stays_there(tmp_path: Path) -> None:
+    log = bridge(raw_logs.run("turning:35"), (-17.0, 179.99995))
+    log["Longitude"] = (np.asarray(log["Longitude"], dtype=float) + 180) % 360 - 180
+    split = ("Time", "Latitude", "Longitude", "SOG [kn]", "COG [deg]")
+    table(tmp_path / "gnss.csv", {name: log[name] for name in split}, np.arange(len(log["Time"])) % 4 == 3)
+    table(tmp_path / "bridge.csv", {name: v for name, v in log.items() if name not in split[1:]})
+    found = import_logs([tmp_path])
+    assert not found.problems and np.abs(found.runs[0].columns["y"]).max() < 100
+    assert np.isfinite(found.runs[0].columns["y"]).mean() > 0.9
+
+
+def rounds(count: float = 3.2, heading: float = 0.0, wind: float = 0.7, side: int = 1) -> tuple[Trial, dict[str, Any]]:
+    """Circles under a rudder that goes up and down, in a steady wind, begun at a ``heading`` [rad], and what a bridge
+    logs of the apparent wind."""
+    fine = np.arange(0.0, 2 * np.pi * count / 0.05, 0.01)
+    r, u = 0.05 * side * (1 + 0.2 * np.sin(fine / 20)), 1.0 + 0.1 * np.cos(fine / 20)
+    psi = heading + np.concatenate([[0.0], np.cumsum(r[1:] + r[:-1]) * 0.005])
+    path = (u - 4j * r) * np.exp(1j * psi)
+    path = np.concatenate([[0.0], np.cumsum(path[1:] + path[:-1]) * 0.005])
+    delta, n = 0.5 * side * (1 + 0.2 * np.sin(fine / 20 + 0.5)), 10.0 + 0.3 * np.sin(fine / 30)
+    columns = {"t": fine, "x": path.real, "y": path.imag, "psi": np.angle(np.exp(1j * psi)), "u": u, "v": -4 * r}
+    truth = Trial("turn", {name: v[::100] for name, v in {**columns, "r": r, "n": n, "delta": delta}.items()})
+    air = -6.0 * np.exp(1j * wind) - (truth["u"] + 1j * truth["v"]) * np.exp(1j * truth["psi"])
+    seen = -air * np.exp(-1j * truth["psi"])
+    return truth, {"AWS [m/s]": np.abs(seen), "AWA [deg]": np.degrees(np.angle(seen)) % 360}
+
+
+LOGGERS = [",", ";", "\t", "excel", "parquet", "nmea"]
+PLACES = [(34.7, 135.4), (-33.0, 151.0), (10.0, 179.9999), (-60.0, -179.9999), (0.0001, 0.0001), (78.0, 15.0)]
+DAYS = ["2026-05-04T09:30", "2024-02-29T23:57", "1999-12-31T23:58", "2016-12-31T23:59"]
+
+
+def written(
+    logger: str, folder: Path, truth: Trial, more: dict[str, Any], place: tuple[float, float], day: str
+) -> Path:
+    """The log of a bridge as that ``logger`` writes it."""
+    import pandas as pd
+
+    begin = datetime.datetime.fromisoformat(f"{day}:00+00:00")
+    if logger == "nmea":
+        return raw_logs.nmea(folder / "log.nmea", truth, damaged=False, origin=place, begin=begin)
+    frame = pd.DataFrame(bridge(truth, place) | more)
+    frame["Longitude"] = (frame["Longitude"] + 180) % 360 - 180
+    frame["Time"] = [stamp(t, begin) for t in truth.t]
+    if logger == "excel":
+        frame.to_excel(folder / "log.xlsx", index=False)
+        return folder / "log.xlsx"
+    if logger == "parquet":
+        frame.to_parquet(folder / "log.parquet")
+        return folder / "log.parquet"
+    decimal = "," if logger == ";" else "."
+    frame.round(7).to_csv(folder / "log.txt", sep=logger, decimal=decimal, index=False)
+    return folder / "log.txt"
+
+
+@pytest.mark.parametrize("seed", range(18))
+def test_what_is_imported_is_right_to_the_check(tmp_path: Path, seed: int) -> None:
+    """Circles of one to six rounds, either way, from any heading, in any wind, anywhere, on any day, by any logger."""
+    rng = np.random.default_rng(seed)
+    truth, wind = rounds(rng.uniform(1, 6), *rng.uniform(-np.pi, np.pi, 2), side=int(rng.choice([-1, 1])))
+    logger, place = LOGGERS[seed % len(LOGGERS)], PLACES[seed // 3 % len(PLACES)]
+    path = written(logger, tmp_path, truth, wind, place, str(rng.choice(DAYS)))
+    chosen = validated(ImportMap, {"reference_point": [0.0, 0.0]}, "map")
+    found = import_logs([path], chosen)
+    assert not found.problems, found.problems
+    trial = read_trials(write_import(found, chosen, tmp_path / "out"))[0]
+    report = check([trial])[0]
+    assert report.verdict not in ("contradictory", "doubtful"), [
+        f.text for f in report.findings if f.level == report.verdict
+    ]
+    for name in ("psi", "wind_direction", "apparent_wind_direction"):
+        if name in trial:
+            values = trial[name]
+            assert values.max() - values.min() <= 2 * np.pi and np.abs(values).max() < 2 * np.pi, name
+    off = {name: np.abs(trial[name] - np.interp(trial.t, truth.t, truth[name])).max() for name in "uvr"}
+    assert max(off["u"], off["v"]) < 0.02 and off["r"] < 0.002, off
+
+
+def test_a_position_at_a_pole_is_refused(tmp_path: Path) -> None:
+    truth, wind = rounds()
+    found = import_logs([written(",", tmp_path, truth, wind, (89.99999, 0.0), DAYS[0])])
+    assert found.problems and "Latitude" in found.problems[0]
+
+
+@pytest.mark.parametrize(("unit", "mislabelled"), [(1.0, False), (180 / np.pi, True)])
+def test_a_unit_of_the_apparent_wind_is_advised_only_where_the_wind_agrees(
+    tmp_path: Path, unit: float, mislabelled: bool
+) -> None:
+    """An angle that goes on with the turns of the ship reaches 18 rad; degrees labelled rad reach 360."""
+    truth, wind = rounds()
+    log = {**bridge(truth), **wind}
+    angle = np.unwrap(np.radians(log["AWA [deg]"])) if not mislabelled else np.radians(log["AWA [deg]"])
+    columns = {**truth.columns, "apparent_wind_speed": log["AWS [m/s]"], "apparent_wind_direction": angle * unit}
+    columns = {name: v for name, v in columns.items() if name not in ("wind_speed", "wind_direction")}
+    assert np.abs(columns["apparent_wind_direction"]).max() > 4 * np.pi
+    (tmp_path / "trials").mkdir()
+    Trial("turn", columns).to_pandas().to_csv(tmp_path / "trials" / "turn.csv", index=False)
+    trial = read_trials(tmp_path / "trials", refuse=False)[0]
+    report = check([trial])[0]
+    advice = [f.text for f in report.findings if f.code == "unit"]
+    assert bool(advice) is mislabelled, advice
+    assert bool(implausible(trial.columns)) is mislabelled

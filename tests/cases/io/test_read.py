@@ -6,16 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
+from cases.io.conventions import implausible
 from cases.io.read import read_trial, read_trials
-from cases.io.unit_sanity import implausible
 from cases.quantities import UNITS
 from mmg.errors import Missing, UserError
 from mmg.messages import has_code
-from mmg.motion.frames import apparent_wind, true_wind
+from mmg.motion.frames import apparent_wind
 from tests.support.trial_files import motion_columns, write_csv
 
 DEG = np.pi / 180
@@ -184,18 +181,6 @@ def test_true_wind_follows_from_the_apparent_one_with_a_notice(tmp_path):
     np.testing.assert_allclose(trial["wind_speed"], truth["wind_speed"], rtol=1e-9)
     np.testing.assert_allclose(trial["wind_direction"], truth["wind_direction"], rtol=1e-9)
     assert any("derived" in notice for notice in trial.notices)
-
-
-def test_going_ahead_in_still_air_the_apparent_wind_is_a_headwind():
-    speed, angle = apparent_wind(np.zeros(1), np.zeros(1), np.array([0.7]), np.array([2.0]), np.zeros(1))
-    assert speed[0] == pytest.approx(2.0) and angle[0] == pytest.approx(0.0)
-
-
-@given(arrays(float, 5, elements=st.floats(0.1, 3.0)))
-def test_apparent_and_true_wind_undo_each_other(a):
-    motion = (a[2:3], a[3:4], a[4:5])
-    speed, direction = true_wind(*apparent_wind(a[:1] + 3.2, a[1:2], *motion), *motion)
-    assert speed[0] == pytest.approx(a[0] + 3.2) and direction[0] == pytest.approx(a[1])
 
 
 @pytest.mark.parametrize(

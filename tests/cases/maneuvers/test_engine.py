@@ -11,8 +11,7 @@ import pytest
 from cases.criteria.imo import imo_figures
 from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_run
 from cases.maneuvers.definitions import parse_maneuver, stopping_notices
-from cases.maneuvers.engine import USUAL, ZERO_THRUST, Engine, engine_of, engine_words
-from cases.maneuvers.self_propulsion import approach
+from cases.maneuvers.self_propulsion import USUAL, ZERO_THRUST, Engine, approach, engine_of, engine_words
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.simulation.simulate_batch import simulate_batch, simulate_pushed

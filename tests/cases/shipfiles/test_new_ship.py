@@ -4,19 +4,37 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.literature import SHIPS
 from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.estimates import resistance
-from cases.shipfiles.new_ship import ORDER, complete, new_ship, parse_particulars
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.maneuvers.self_propulsion import actuator_positions
+from cases.shipfiles.new_ship import (
+    CORRECTIONS,
+    HULLS,
+    LINEAR,
+    ORDER,
+    STARTING,
+    complete,
+    estimates,
+    is_starting_ship,
+    new_ship,
+    parse_particulars,
+    resistance,
+    spread,
+)
+from cases.shipfiles.particulars import unusual
+from cases.shipfiles.ship_file import LIBRARY, dump_ship, library, load_ship, parse_ship
 from cases.simulation.simulate import simulate
+from mmg.components import empirical
 from mmg.components.propeller.b_series import K_Q_TERMS, K_T_TERMS, open_water, thrust_parabola
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
+from mmg.messages import has_code
 from mmg.model import assemble
 from mmg_ident.commands.main import main
 
@@ -117,6 +135,9 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
         (["320", "58", "20.8", "0.81", "rho=1.025"], "rho = 1.025"),
         (["320", "58", "20.8", "0.81", "m=312600"], "m = 312600 kg"),
         (["L=320", "L=300", "58", "20.8", "0.81"], "given twice"),
+        (["320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "15.5"], "U_0=7.97"),
+        (["180", "32", "11", "0.8", "U_0=14.5"], "C_b = 0.8"),
+        (["320", "58", "20.8", "0.81", "m=200e6"], "m / .rho L B d C_b."),
     ],
 )
 def test_unphysical_particulars_are_refused_with_their_value(words: list[str], message: str) -> None:
@@ -139,3 +160,192 @@ def test_the_newcomers_three_commands(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["ships", "--new", "320", "58", "-20.8", "0.81"]) == 2
     line = capsys.readouterr().err.strip()
     assert "-20.8" in line and "\n" not in line
+
+
+KVLCC2_HULL = {"L": 7.0, "B": 1.27, "d": 0.455, "C_b": 0.81}
+
+
+def test_the_mean_of_the_regressions_is_near_the_captive_tests_of_the_kvlcc2() -> None:
+    """Published: Y_v -0.315, Y_r 0.083, N_v -0.137, N_r -0.049; single regressions are up to 42 % off."""
+    found = empirical.linear_derivatives(**KVLCC2_HULL, m_x=0.022)
+    assert len(found) == 6
+    published = {s: load_ship("kvlcc2_l7").coefficients[s].value for s in LINEAR}
+    for symbol, value in published.items():
+        values = [each[symbol] for each in found.values()]
+        assert np.mean(values) == pytest.approx(value, rel=0.17)
+        assert min(values) <= value <= max(values) or symbol == "N_v"
+
+
+def test_regressions_by_hand() -> None:
+    """Norrbin: pi d/L (1.69 + 0.08 C_b B/(pi d)); Wagner Smitt: 1.59 pi d/L; Lee: -0.4545 + 0.065 C_b B/d."""
+    found = empirical.linear_derivatives(**KVLCC2_HULL, m_x=0.022)
+    unit, full = np.pi * 0.065, 0.81 * 1.27 / (np.pi * 0.455)
+    assert found["Norrbin (1971)"]["Y_v"] == pytest.approx(-unit * (1.69 + 0.08 * full))
+    assert found["Wagner Smitt (1971)"]["N_r"] == pytest.approx(-0.21 * unit)
+    assert found["Lee (1998)"]["Y_v"] == pytest.approx(-0.4545 + 0.065 * 0.81 * 1.27 / 0.455)
+
+
+@pytest.mark.parametrize("hull", HULLS)
+def test_priors_are_no_narrower_than_the_regressions_scatter_and_factors_are_said(hull: str) -> None:
+    p = complete(KVLCC2_HULL)[0]
+    rows, scatter = estimates(p, hull), spread(p, 0.022)
+    neutral = empirical.linear_derivatives(**KVLCC2_HULL, m_x=empirical.motora_added_mass(**KVLCC2_HULL)["m_x"])
+    for symbol in LINEAR:
+        value, share, source = rows[symbol]
+        factor = CORRECTIONS[hull].get(symbol, 1.0)
+        assert value == pytest.approx(factor * np.mean([each[symbol] for each in neutral.values()]))
+        assert share >= 0.99 * scatter[symbol] and ("times" in source) == (factor != 1.0)
+
+
+def test_imo_gives_a_starting_ship_intervals_and_a_ship_of_the_library_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fitting.prediction.figure_intervals.DRAWS", 20)
+    ship = new_ship("mine", KVLCC2_HULL)
+    assert ship.description == STARTING and is_starting_ship(ship) and not is_starting_ship(load_ship("kvlcc2_l7"))
+    symbol = ship.symbols[0]
+    calibrated = ship.coefficients[symbol].with_(prior_value=1.0, prior_std=1.0)
+    assert not is_starting_ship(ship.with_coefficients({symbol: calibrated}))
+    (tmp_path / "mine.toml").write_text(dump_ship(ship), encoding="utf-8")
+    command = ["imo", str(tmp_path / "mine.toml"), "--json"]
+    assert main(command) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    row = next(r for r in rows if r["figure"] == "tactical_diameter")
+    low, high = row["interval_90"]
+    assert low < 3.33 < high and low < row["value"] < high
+    assert main([*command, "--scatter", "0"]) == 0
+    assert all(r["interval_90"] is None for r in json.loads(capsys.readouterr().out)["rows"])
+
+
+TEXT = (LIBRARY / "esso_osaka_3m.toml").read_text(encoding="utf-8")
+
+
+def changed(key: str, value: float) -> str:
+    """The ESSO OSAKA's ship file with one particular replaced or added."""
+    text, count = re.subn(rf"(?m)^{key} = [^#\n]*", f"{key} = {value} ", TEXT, count=1)
+    return text if count else TEXT.replace("[ship]\n", f"[ship]\n{key} = {value}\n", 1)
+
+
+WRONG = {
+    "negative draught": ("d", -0.2, "d = -0.2 m (draught)"),
+    "block coefficient above 1": ("C_b", 1.2, "C_b = 1.2"),
+    "negative block coefficient, though no model needs it": ("C_b", -0.8, "C_b = -0.8 (block"),
+    "propeller larger than the draught": ("D_P", 0.5, "D_P = 0.5 m: the propeller is larger than the draught"),
+    "breadth above length": ("B", 4.0, "B"),
+    "length in millimetres": ("L", 3000.0, "L = 3000 m"),
+    "mass in tonnes": ("m", 0.2446, "m = 0.2446 kg"),
+    "mass in grams": ("m", 244600.0, "m = 244600 kg"),
+    "density in t/m3": ("rho", 0.998, "rho = 0.998"),
+    "density of air in g/m3": ("rho_a", 1225.0, "rho_a = 1225"),
+    "rudder area in cm2": ("A_R", 106.3, "A_R = 106.3"),
+    "rudder higher than the draught": ("aspect_ratio", 15.0, "aspect_ratio = 15"),
+    "rudder off the ship": ("x_R", -20.0, "x_R = -20 m"),
+    "centre of gravity off the ship": ("x_G", 5.0, "x_G = 5 m"),
+    "screws off the ship": ("y_P", 0.4, "y_P = 0.4 m"),
+    "screws at a negative distance": ("y_P", -0.1, "y_P = -0.1 m"),
+    "lateral area in cm2": ("A_L", 5203.8, "A_L = 5203.8"),
+    "rudder rate in deg/s": ("rudder_rate", 20.0, "rudder_rate = 20 rad/s"),
+    "rudder that cannot move": ("rudder_rate", 0.0, "rudder_rate = 0 rad/s"),
+    "a breadth whose square is no number": ("B", 1e300, "B = 1e+300 m is out of all proportion"),
+    "a mass of next to nothing": ("m", 1e-300, "m = 1e-300 kg is out of all proportion"),
+    "negative speed": ("U_0", -2.0, "U_0 = -2 m/s"),
+}
+"""What is wrong -> key, value, what the line must say."""
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_ship_file_with_particulars_of_no_ship_is_refused(case: str) -> None:
+    key, value, words = WRONG[case]
+    with pytest.raises(BadValue) as raised:
+        parse_ship(changed(key, value), "mine.toml")
+    line = str(raised.value)
+    assert line.startswith("mine.toml: [ship]") and words in line and "\n" not in line
+
+
+@pytest.mark.parametrize(("key", "value"), [("C_b", 1.0), ("x_G", -0.1), ("y_P", 0.1), ("D_P", 0.2), ("x_R", -1.7)])
+def test_unusual_particulars_of_a_possible_ship_are_taken(key: str, value: float) -> None:
+    assert parse_ship(changed(key, value)).particulars[key] == value
+
+
+def test_every_ship_of_the_library_loads() -> None:
+    assert all(load_ship(name) for name in library())
+
+
+AZIMUTH = """[ship]
+L = 3.0
+B = 0.49
+d = 0.2
+m = 244.6
+x_G = 0.09
+rho = 998.0
+D_az = 0.08
+x_az = -1.4
+y_az = 0.0
+[model]
+hull = "unified"
+azimuth = "azimuth"
+"""
+
+
+@pytest.mark.parametrize(("side", "x_az"), [(1, -1.4), (-1, -1.4), (1, 1.2)])
+def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side: int, x_az: float) -> None:
+    """A positive rudder order turns to starboard, wherever the thruster is; the approach is steady."""
+    from cases.maneuvers.definitions import parse_maneuver
+    from cases.simulation.simulate import simulate
+
+    ship = parse_ship(AZIMUTH.replace("-1.4", str(x_az)))
+    trial = simulate(ship, parse_maneuver(f"turning:{side * 20}", ship, duration=40), 0.1)
+    lead = trial.t < 4.9
+    assert trial["n_azimuth"][0] > 1
+    assert abs(trial["u"][lead] - trial["u"][0]).max() < 1e-6
+    assert side * trial["r"][-1] > 0.01
+    assert side * x_az * trial["azimuth"][-1] > 0
+
+
+def test_a_batch_drives_an_azimuth_thruster_as_a_single_run_does() -> None:
+    from cases.maneuvers.definitions import parse_maneuver
+    from cases.simulation.simulate import simulate
+    from cases.simulation.simulate_batch import simulate_batch
+
+    ship = parse_ship(AZIMUTH)
+    plan = parse_maneuver("turning:20", ship, duration=40)
+    alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5, held=True)
+    assert abs(alone.states - batch.states[:, :, 0]).max() < 1e-9
+
+
+def test_a_ship_with_propeller_and_azimuth_thruster_leaves_that_at_rest() -> None:
+    ship = parse_ship(AZIMUTH.replace("[model]\n", 'D_P = 0.084\npitch_ratio = 0.7\n[model]\npropeller = "hachii"\n'))
+    moved = actuator_positions(ship, 10.0, 0.3)
+    assert (moved["n"], moved["n_azimuth"], moved["azimuth"]) == (10.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("161 23.2 7.5 0.6 U_0=15", "U_0=7.72"),
+        ("325 53 21.7 0.83 U_0=1.5", "Froude number 0.027"),
+        ("180 30 10 0.7 A_R=6", "A_R / .L d. = 0.00333"),
+        ("180 30 10 0.7 D_P=9.7", "D_P / d = 0.97"),
+        ("180 60 10 0.7", "L / B = 3"),
+        ("180 30 20 0.7", "B / d = 1.5"),
+        ("180 30 10 0.7 m=42e6", "1.08"),
+        ("180 30 10 0.95", "C_b = 0.95"),
+    ],
+)
+def test_what_few_ships_have_is_one_warning(words: str, said: str) -> None:
+    ship = new_ship("mine", parse_particulars(words.split()))
+    found = [notice for notice in ship.notices if has_code([notice], "unusual_particular")]
+    assert len(found) == 1
+    with pytest.raises(AssertionError, match=said):
+        raise AssertionError(found[0])
+
+
+@pytest.mark.parametrize("real", SHIPS, ids=lambda real: real.name)
+def test_ships_of_the_literature_are_not_unusual(real) -> None:
+    assert list(unusual({**real.particulars, "U_0": real.speed})) == []
+
+
+def test_the_command_warns_and_says_how_far_the_ship_can_be_trusted(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["ships", "--new", "161", "23.2", "7.5", "0.6", "U_0=15"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert sum(line.startswith("warning: U_0 = 15 m/s") for line in lines) == 1

@@ -9,7 +9,7 @@ import pytest
 
 from cases.criteria.standard_runs import simulated_trial
 from cases.io.read import read_trials
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import Limits
 from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed, ranges_of
 from cases.simulation.simulate import write_trial

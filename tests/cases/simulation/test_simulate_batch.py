@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.maneuvers.orders import Turning
+from cases.maneuvers.definitions import Maneuver, Turning, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate

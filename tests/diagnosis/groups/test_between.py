@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cases.evidence.kinematics import consistency
-from cases.io.groups import Groups
+from cases.io.campaigns import Groups
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.findings import Between, GroupDifference

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cases.maneuvers.orders import Limits
+from cases.maneuvers.definitions import Limits
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.io.leave_out import left_out
 from cases.shipfiles.ship_file import load_ship
-from cases.trial import Trial
+from cases.trial import Trial, left_out
 from fitting.prediction.predict import predict, window_rows
 from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
 from fitting.prediction.stretches import Stretch, wrapped_error

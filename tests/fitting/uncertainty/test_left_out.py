@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cases.io.leave_out import inside
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
+from cases.trial import inside
 from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions, calibrate
 from fitting.result import read_fit

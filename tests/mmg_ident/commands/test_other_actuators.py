@@ -18,7 +18,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
-from tests.cases.shipfiles.test_particulars import AZIMUTH
+from tests.cases.shipfiles.test_new_ship import AZIMUTH
 
 PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
 

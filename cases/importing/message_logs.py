@@ -1,4 +1,5 @@
-"""Logs of JSON: Signal K deltas, a line each, and time series packages of ISO 19848."""
+"""Logs of a message a line: NMEA 2000, by nmea2000 (candump, Yacht Devices, Actisense N2K ASCII, canboat's plain lines
+and its JSON), Signal K deltas, and time series packages of ISO 19848."""
 
 from __future__ import annotations
 
@@ -12,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from cases.importing.clocks import DAY
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
-from mmg.errors import BadValue, Conflict
+from mmg.errors import BadValue, Conflict, NotInstalled
 from mmg.messages import Message
 
 PATHS = {
@@ -42,8 +44,6 @@ PATHS = {
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
 DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
-
-
 VIS = {
     "absolute.latitude": "latitude", "latitude": "latitude", "absolute.longitude": "longitude",
     "longitude": "longitude", "heading.true": "psi", "course.over.ground": "cog", "speed.over.ground": "sog",
@@ -202,3 +202,169 @@ def with_local_ids(table: RawTable) -> RawTable:
     """The ``table`` with what local ids among its headers mean."""
     found = {header: means for header in table.headers if (means := vis_meaning(header)) != Meaning("")}
     return replace(table, means=table.means | found) if found else table
+
+
+LINES = tuple(
+    re.compile(rf"^\s*{line}\s*$", re.IGNORECASE)
+    for line in (
+        r"\((?P<stamp>[-\d.:T Z]+)\)\s+\S+\s+(?P<frame>[0-9A-F]{8})(?:#|\s+\[\d\]\s+)(?P<data>[0-9A-F ]+)",  # candump
+        r"(?P<stamp>[\d:]+\.\d+)\s+[RT]\s+(?P<frame>[0-9A-F]{8})\s+(?P<data>[0-9A-F ]+)",  # Yacht Devices
+        r"A(?P<stamp>\d{6}\.\d+)\s+(?P<source>[0-9A-F]{2})[0-9A-F]{3}\s+(?P<pgn>[0-9A-F]{5})\s+(?P<data>[0-9A-F]+)",
+        r"(?P<stamp>\d{4}[-\d:.T ]+Z?),\d+,(?P<pgn>\d+),(?P<source>\d+),\d+,\d+,(?P<data>[0-9A-F,]+)",  # canboat
+    )
+)
+"""What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's."""
+UNTIMED = re.compile(r"^\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A-F ]+$", re.IGNORECASE)
+"""A line of candump without its option -L or -t."""
+JSON = re.compile(r'^\s*\{.*"pgn"')
+PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
+FIELDS = {
+    127245: (("position", "delta", "angle"),),
+    127250: (("heading", "psi", "angle"), ("variation", "variation", "angle")),
+    127251: (("rate", "r", "rate"),), 127258: (("variation", "variation", "angle"),),
+    127488: (("speed", "", "shaft"),), 127493: (), 129025: PLACE, 129029: PLACE,
+    129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),
+    130306: (("windSpeed", "", "m/s"), ("windAngle", "", "angle")),
+}  # fmt: skip
+"""Groups of parameters that are read: fields, what they are ("" where another field says it), and their units."""
+WIND = {
+    "True (ground referenced to North)": ("wind_speed", "wind_direction"),
+    "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
+    "True (boat referenced)": ("wind_speed", "true_wind_angle"),
+}
+"""Reference of 130306 -> what speed and angle are."""
+SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
+STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
+UNKNOWN = dict.fromkeys(SI, "")
+"""Units of the decoder, and of canboat's JSON, whose first line may say which they are."""
+
+
+def is_nmea2000(content: bytes) -> bool:
+    """Whether most lines of the begin of ``content`` are messages of NMEA 2000."""
+    return mostly(content, *LINES, UNTIMED, JSON)
+
+
+def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
+    """The table of the log ``path``; each source of each group of parameters has times of its own.
+
+    chosen: the map; its ``variation`` is that of magnetic headings where the log has none. Raises UserError where
+    nmea2000 is missing, lines have no times, two sources say the same, and headings are magnetic without a variation.
+    """
+    messages, damaged, units, others = [], 0, UNKNOWN, Counter[str]()
+    decoders = _decoders(path)
+    lines = [line for line in read_bytes(path).decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
+    if sum(bool(UNTIMED.fullmatch(line)) for line in lines[:50]) > 25:
+        raise BadValue(f"{path}: its lines have no times; log with candump -L, or -t a")
+    absolute = True
+    for line in lines:
+        if line.lstrip().startswith("{"):
+            found, own = _of_json(line)
+            units = own or units
+        else:
+            found, units = _of_line(line, *decoders), SI
+        if found is None:
+            damaged += '"version"' not in line
+        elif found[3] is not None:
+            absolute &= found[0] > DAY
+            messages.append(found)
+        elif found[1] not in FIELDS:
+            others[str(found[1])] += 1
+    t = np.array([message[0] for message in messages])
+    if not absolute:
+        t = t + DAY * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * DAY)
+    elif chosen.zone_hours and not lines[0].lstrip().startswith("("):  # candump writes seconds since 1970
+        t = t - 3600.0 * chosen.zone_hours
+    heard = _heard(t, messages, units)
+    accounts = [Account(pgn, count, (), NOT_READ) for pgn, count in others.items()]
+    said = [Message(f"NMEA 2000: {len(messages)} messages that are read", "nmea2000")]
+    if damaged:
+        said.append(Message(f"lines that are damaged or no messages, left out: {damaged}", "damaged"))
+    return table_of_series(path, heard.series(), chosen, Clock(t, absolute, "time", "of the logger"), said, accounts)
+
+
+Found = tuple[float, int, int, Any]
+"""Time [s], group of parameters, source, and fields: None of a group that is not read, or of a part of a message."""
+
+
+def _decoders(path: Path) -> tuple[Any, Any]:
+    """What decodes frames, as candump writes them, and whole messages, as canboat does."""
+    try:
+        from nmea2000.decoder import NMEA2000Decoder
+        from nmea2000.input_formats import N2KFormat
+    except ImportError:
+        words = "NMEA 2000 needs nmea2000 (Python 3.11 or later); pip install 'mmg-ident[import]'"
+        raise NotInstalled(f"{path}: {words}") from None
+    frames, whole = (NMEA2000Decoder(kind, units="si") for kind in (N2KFormat.CANDUMP3, N2KFormat.BASIC_STRING))
+    return frames, whole
+
+
+def _of_line(line: str, frames: Any, whole: Any) -> Found | None:
+    """What a line that is no JSON says, None where it is damaged. frames, whole: decoders."""
+    match = next(filter(None, (kind.fullmatch(line) for kind in LINES)), None)
+    if match is None:
+        return None
+    said = match.groupdict()
+    stamp, data = said["stamp"], re.sub("[ ,]", "", said["data"])
+    try:
+        if frame := said.get("frame"):
+            when = float(stamp) if ":" not in stamp else seconds_of_stamp(stamp)
+            pgn, source, *_ = frames.extract_header(int(frame, 16))
+            decoder, text = frames, f"(0.0) can0 {frame}#{data}"
+        else:
+            when = seconds_of_stamp(re.sub(r"^(\d\d)(\d\d)(?=\d\d\.)", r"\1:\2:", stamp))
+            pgn, source = (int(said[name], 10 if "," in line else 16) for name in ("pgn", "source"))
+            content = [data[i : i + 2] for i in range(0, len(data), 2)]
+            decoder, text = whole, f"2000-01-01T00:00:00.0Z,6,{pgn},{source},255,{len(content)},{','.join(content)}"
+        message = decoder.decode(text) if pgn in FIELDS else None
+    except (ValueError, OverflowError, LookupError, ArithmeticError):
+        return None
+    return when, pgn, source, None if message is None else {f.id: f.value for f in message.fields}
+
+
+def _of_json(line: str) -> tuple[Found | None, dict[str, str] | None]:
+    """What a line of canboat's JSON says, None where it is damaged; and the units that it names for all lines."""
+    try:
+        document = json.loads(line)
+        if "version" in document:
+            return None, SI if document.get("units") == "si" else STD
+        pgn, source, stamp = int(document["pgn"]), int(document["src"]), str(document["timestamp"])
+        fields = {}
+        for name, value in document["fields"].items():
+            first, *rest = re.findall(r"\w+", name)
+            value = value.get("name", value.get("value")) if isinstance(value, dict) else value
+            fields[first.lower() + "".join(word.capitalize() for word in rest)] = value
+        return (seconds_of_stamp(stamp), pgn, source, fields if pgn in FIELDS else None), None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+        return None, None
+
+
+def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard:
+    """What the ``messages`` (N) say at the times t (N,) [s], in these ``units``."""
+    heard, gears = Heard(), dict[str, Any]()
+    for when, (_, pgn, source, said) in zip(t.tolist(), messages, strict=True):
+        if pgn == 127493:
+            gears[str(said.get("instance"))] = said.get("transmissionGear")
+        if pgn in (129025, 129029) and said.get("method") in ("no GNSS", 0):
+            continue
+        reference = str(said.get("reference", said.get("cogReference", "")))
+        part = reference if pgn == 130306 else said.get("instance") if pgn in (127245, 127488) else None
+        name = f"{pgn} (source {source})" + ("" if part is None else f" {part}")
+        for field, quantity, kind in FIELDS[pgn]:
+            value, may_be, rank = number(said.get(field)), "", int(pgn in (127258, 129029))
+            if field == "heading" and reference == "Magnetic":
+                quantity, rank = "heading_magnetic", 1
+                value += np.nan_to_num(number(said.get("deviation")))
+            elif field in ("heading", "cog") and reference != "True":
+                continue
+            elif pgn == 127488:
+                may_be = ENGINE
+                value = -value if gears.get(str(part)) == "Reverse" else value
+            elif pgn == 130306 and reference in WIND:
+                quantity = WIND[reference][field == "windAngle"]
+            elif pgn == 130306 and "water" in reference:
+                may_be = f"{'true_wind_angle' if field == 'windAngle' else 'wind_speed'} {OVER_WATER}"
+            elif pgn == 130306:
+                continue
+            header = f"{name} {'magnetic ' if rank and field == 'heading' else ''}{field}"
+            heard.say(name, when, header, value, Meaning(quantity, units.get(kind, kind), may_be), rank)
+    return heard
