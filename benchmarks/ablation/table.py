@@ -24,7 +24,8 @@ GROUNDS = {"records": METRICS, "gunnerus": METRICS[:2], "pond": METRICS[:2], "kv
 CLEAR = 2.0
 """Standard errors from which a change counts."""
 FIRST = "as it is"
-TWO = "two numbers"
+TWO, FIVE = "two numbers", "five lines"
+"""Rows that are no switch: an answer from the evidence alone, and the verdict that replaced the rules above it."""
 SHORT = (
     f"the best candidate is named where its refit gains more than {BETTER:g} in BIC, "
     f"unknown where an unnamed form has a log Bayes factor above {UNNAMED:g}"
@@ -170,7 +171,7 @@ def _measures(pairs: Sequence[tuple[Mapping[str, Any], Answer]]) -> dict[str, An
 
 def page(kept: Mapping[str, Any], date: str) -> str:
     """The page of the ``kept`` rows, written at a ``date``."""
-    own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO}
+    own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO, FIVE}
     lines = [HEAD.format(date=date), ""]
     head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
     lines += table(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
