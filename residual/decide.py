@@ -82,11 +82,14 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
         return Decision(False, _words(reason), nan, nan, nan, nan, reason=reason)
     window, spread = _pooled(good, 0)
     restart, restart_spread = _pooled(good, 1)
+    # of all trainings together: each has judged other runs
     rows = np.vstack([_numbered(o.judged) for o in good])
     error, groups = _jackknife(rows)
+    # Student's t by scipy.special: scipy.stats takes long to import, and a decision is also read without training
     limit = error * float(stdtrit(groups - 1, LEVEL)) if groups > 1 else nan
     faults = (
         (-inf in (window, restart), "its predictions diverge where those of the calibrated ship do not"),
+        # written so that NaN is a fault
         (not window >= MINIMUM_GAIN, f"less than {MINIMUM_GAIN:.0%} is gained"),
         (window <= spread, "the gain is within the spread of seeds"),
         (isfinite(limit) and window <= limit, "the gain is within what the choice of judged runs makes of it"),
@@ -100,6 +103,7 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
             f"no whole run judged it (fewer than {WHOLE} runs; give --validate one that is not trained on)",
         ),
     )
+    # the first fault alone: they are ordered from what rules out all else to what is closest to a decision
     reason = next((words for fails, words in faults if fails), "")
     chance = f"chance: {percent(spread, False)} among {len(good)} training(s)"
     if isfinite(limit):
@@ -138,6 +142,7 @@ def _jackknife(rows: np.ndarray) -> tuple[float, int]:
 
     Of fewer than WHOLE runs by blocks of their windows.
     """
+    # runs are independent, windows of one are not; blocks of windows stand for runs where there are too few
     which = rows[:, :1] if len(np.unique(rows[:, 0])) >= WHOLE else rows[:, [0, 1, 4]]
     number = np.unique(which, axis=0, return_inverse=True)[1].ravel()
     groups = int(number.max()) + 1 if len(rows) else 0
@@ -145,6 +150,7 @@ def _jackknife(rows: np.ndarray) -> tuple[float, int]:
         return nan, groups
     sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])
     others = sums.sum(axis=1, keepdims=True) - sums
+    # of sums, not the mean of ratios: a run with next to no error before would rule
     gains = 1 - others[1] / others[0]
     return sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum()), groups
 
@@ -160,8 +166,10 @@ def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
     if not len(before):
         return nan, nan
     if not np.isfinite(after).all():
+        # a prediction that diverges is worse than any gain elsewhere can make up for
         return -inf, nan
     gain, share = 1 - after / before, before * count / (before * count).sum()
     pooled = float(share @ gain)
+    # weighted as the mean is; n / (n - 1) as for an ordinary standard deviation
     spread = sqrt(share @ (gain - pooled) ** 2 * len(gain) / (len(gain) - 1)) if len(gain) > 1 else 0.0
     return pooled, spread

@@ -47,6 +47,7 @@ def normal(draw: torch.Generator, width: int) -> nn.Parameter:
 def hidden(x: torch.Tensor, W: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     """A layer tanh(W x + b) - tanh(b) (rows, M), zero at the origin, of ``x`` (columns, M)."""
     column = b[:, None]
+    # subtracted after the nonlinearity: biases shift where the layer bends, and the origin stays at zero
     return torch.tanh(torch.addmm(column, W, x)) - torch.tanh(column)
 
 
@@ -72,6 +73,7 @@ class TwoLayers(nn.Module):
 
     def plain(self) -> tuple[torch.Tensor, ...]:
         """W1 (H, F), b1 (H,), W2 (H, H), b2 (H,), W3 (3, H), b3 (3,) of layers W tanh(.) + b of the same output."""
+        # scales go into the outer weights and tanh(b) into the next biases: the C loop then has plain layers only
         W3 = self.scale[:, None] * self.W3
         return (
             self.W1 / self.feature_scale, self.b1,
@@ -98,7 +100,9 @@ class Residual(TwoLayers):
         super().__init__()
         F = len(feature_scale)
         draw = torch.Generator().manual_seed(seed)
+        # the order of the draws is part of a seed: another order is another training
         self.W1, self.W2 = uniform(draw, width, F), uniform(draw, width, width)
+        # zeros here alone: with W3 = 0 the gradient by W3 is not zero, so that training leaves this point
         self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
         self.b1, self.b2 = normal(draw, width), normal(draw, width)
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
@@ -129,7 +133,9 @@ class Symmetric(TwoLayers):
         super().__init__()
         self.own = own
         scales = own.feature_scale
+        # weights see scaled features, and two features that change places may have unlike scales
         mirror = torch.as_tensor(mirror_of(features_of(actuators))) * scales[None, :] / scales[:, None]
+        # not in the file of weights: it follows from the actuators
         self.register_buffer("mirror", mirror, persistent=False)
         self.register_buffer("turned", torch.tensor([[1.0], [-1.0], [-1.0]], dtype=torch.float64), persistent=False)
 
@@ -139,12 +145,15 @@ class Symmetric(TwoLayers):
             return getattr(self.own, name)
         if name == "W1":
             return torch.cat([self.own.W1, self.own.W1 @ self.mirror])
+        # the halves do not mix before the last layer, where their mean is taken
         if name == "W2":
             return torch.block_diag(self.own.W2, self.own.W2)
         if name == "W3":
             return 0.5 * torch.cat([self.own.W3, self.turned * self.own.W3], dim=1)
+        # tanh(b) is subtracted from each half, so that both have the biases of the one residual
         if name in ("b1", "b2"):
             return getattr(self.own, name).repeat(2)
+        # nn.Module finds parameters and buffers there
         return super().__getattr__(name)
 
 
@@ -160,6 +169,7 @@ class Hybrid(TrainableSystem):
     def __init__(self, physics: Any, residual: TwoLayers, features: np.ndarray) -> None:
         super().__init__()
         self.physics, self.residual = physics, residual
+        # compiled only when it is first used: scoring a single system needs no compiler
         self.fused = FusedRollout(physics, len(residual.b1))
         self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
 
@@ -168,6 +178,7 @@ class Hybrid(TrainableSystem):
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         rates, features = self.physics.rates_and_features(z, controls)
+        # on u, v, r alone: kinematics are exact, and memory states belong to the physics
         return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
 
     def columns(self, z: torch.Tensor) -> torch.Tensor:
@@ -175,12 +186,14 @@ class Hybrid(TrainableSystem):
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """As of any system, as one compiled loop where there is a compiler."""
+        # single operators give the same states (tests/residual/test_physics.py) some seven times slower
         if self.fused.library is None:
             return super().simulate(z, controls, h, method)
         return self.fused(z, controls, h, self.residual.plain(), method)
 
     def penalty(self) -> torch.Tensor:
         """Mean of (residual / its scale)^2 over the training rows and components."""
+        # by its scale: surge, sway and yaw, of unlike units, then count alike
         return ((self.residual(self.features) / self.residual.scale[:, None]) ** 2).mean()
 
 
@@ -214,6 +227,7 @@ OUTPUT = 0.3
 
 def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> Hybrid:
     """A calibrated ``ship`` with a residual of these ``scales``, ``settings`` and ``seed`` that is still zero."""
+    # half as wide, since the mirror image doubles it: the cost stays what the width asks for
     width = max(1, settings.width // 2) if settings.symmetric else settings.width
     own = Residual(scales.feature, scales.output, width, seed)
     residual: TwoLayers = Symmetric(own, ship.actuators) if settings.symmetric else own
@@ -230,6 +244,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], 
     assert rows is not None
     logged, controls = rows.targets[0], rows.controls[0]
     with torch.no_grad():
+        # of the ship, not of the measurement: differences of noisy velocities would make the scale too large
         rates = physics.rates(physics.start(logged, controls), controls)[3:6].numpy()
     return replace(scales, output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE)
 
@@ -243,6 +258,7 @@ def network_of(task: Task, outcomes: Sequence[Outcome]) -> Network | None:
 
     outcomes: of the seeds. None where all diverged.
     """
+    # seeds that diverged are left out of the mean, not counted as zero
     residuals = [cast(Hybrid, system).residual for system in restored(task, outcomes)]
     if not residuals:
         return None

@@ -30,9 +30,11 @@ def _evaluated(batch: BatchFunction, inputs: Sequence[Tensor]) -> list[Tensor]:
     """Outputs (rows, M), float64, of inputs (rows, M), or (rows, 1) for all points; without gradients."""
     M, arrays = max(a.shape[-1] for a in inputs), []
     for i, a in enumerate(inputs):
+        # nonzeros are rows, as every function here is dense
         rows = batch.function.nnz_in(i)
         if a.shape not in ((rows, M), (rows, 1)):
             raise ValueError(f"tensor {tuple(a.shape)}; needed: ({rows}, {M}) or ({rows}, 1)")
+        # ``BatchFunction`` takes a value for all points as a vector
         arrays.append(a.detach().numpy() if a.shape[1] == M else a.detach().numpy()[:, 0])
     return [torch.from_numpy(a).contiguous() for a in batch.at(*arrays)]
 
@@ -46,6 +48,7 @@ class Operator:
 
     def __init__(self, function: ca.Function, compiled: bool = True) -> None:
         self.function, self.compiled = dense(function), compiled
+        # by the inputs that need a gradient: code for the others would be compiled and computed for nothing
         self._reverse: dict[tuple[int, ...], BatchFunction] = {}
 
     @cached_property
@@ -58,6 +61,7 @@ class Operator:
         f = self.function
         inputs, seeds = f.sx_in(), [ca.SX.sym(f"seed{j}", f.nnz_out(j)) for j in range(f.n_out())]
         chosen = ca.vertcat(*[inputs[i] for i in wanted])
+        # one reverse sweep over all outputs costs a few evaluations; Jacobians would cost one sweep an output
         products = ca.jtimes(ca.vertcat(*f.call(inputs)), chosen, ca.vertcat(*seeds), True)
         ends = [0, *accumulate(f.nnz_in(i) for i in wanted)]
         return dense(ca.Function(f"{f.name()}_reverse", [*inputs, *seeds], ca.vertsplit(products, ends)))
@@ -75,6 +79,7 @@ class Operator:
 def dense(function: ca.Function) -> ca.Function:
     """The same ``function`` with dense outputs and common parts computed once."""
     inputs = function.sx_in()
+    # densified first: sparse outputs of unlike patterns could not be stacked as rows
     outputs = ca.cse([ca.densify(e) for e in function.call(inputs)])
     return ca.Function(function.name(), inputs, outputs, {"cse": True})
 
@@ -156,6 +161,7 @@ class Physics:
     def start(self, logged: Tensor, controls: Tensor) -> Tensor:
         """States (S, M) logged as (6, M) under inputs (C, M), their memory settled; without gradient."""
         six, inputs = (a.detach().cpu().double().numpy() for a in (logged, controls))
+        # measured effects are inverted and memory settled in numpy: a start is data, which needs no gradient
         return torch.from_numpy(states_behind(self.model, six, inputs, self.ship.values[:0])).to(logged)
 
 
@@ -201,6 +207,7 @@ class FusedRollout:
         text = _LOOP.read_text(encoding="utf-8").replace("@arrays@", " ".join(f"double* {name};" for name in _ARRAYS))
         for name in "SCFH":
             text = text.replace(f"@{name}@", str(getattr(self, name)))
+        # the loop calls the functions of the first unit inline and must be compiled with them
         first, *units = source(parts).split(UNIT)
         return load_library(UNIT.join([first + text, *units]), FLAGS)[0]
 
@@ -218,6 +225,7 @@ class FusedRollout:
             raise ValueError(f"start {tuple(start.shape)}, inputs {tuple(controls.shape)} or weights do not fit")
         if self.library is None:
             raise RuntimeError("no C compiler for fused rollouts")
+        # the last point is repeated: any valid state will do, and zeros could be where a ship never is
         extra = padded(M) - M
         if extra:
             start, controls = (torch.cat([a, a[..., -1:].expand(*a.shape[:-1], extra)], -1) for a in (start, controls))
@@ -237,6 +245,7 @@ class _Rollout(torch.autograd.Function):
         arrays = {name: a.detach().contiguous() for name, a in zip(names, (controls, *given), strict=True)}
         arrays["out"] = torch.empty((N + 1, fused.S, M), dtype=torch.float64)
         arrays |= {name: torch.empty((*size, M), dtype=torch.float64) for name, size in sizes.items()}
+        # kept on the context: ``save_for_backward`` is for inputs and outputs, which most of these are not
         ctx.fused, ctx.settings = fused, (M, N, euler, h)
         _run(fused, "forward", ctx.settings, arrays)
         out = arrays.pop("out")
@@ -251,6 +260,7 @@ class _Rollout(torch.autograd.Function):
             raise RuntimeError("a fused rollout goes backward once; simulate again")
         T = N if euler else 4 * N
         arrays = {"seeds": seeds.contiguous(), **{name: kept[name] for name in ("controls", "Z", "T1", "T2")}}
+        # transposed once here, so that the loop backward reads rows one after the other
         arrays |= {name: kept[name].T.contiguous() for name in ("W1", "W2", "W3")}
         arrays["first"] = torch.empty((fused.S, M), dtype=torch.float64)
         sizes = ("G1", fused.H), ("G2", fused.H), ("GA", 3)
@@ -258,7 +268,9 @@ class _Rollout(torch.autograd.Function):
         _run(fused, "backward", ctx.settings, arrays)
         gradients: list[Tensor] = []
         for at, given in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
+            # products of all evaluations at once by the linear algebra library, faster than sums within the loop
             gradients += [(arrays[at] @ kept[given].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
+        # a long rollout holds hundreds of megabytes, which the next windows need
         kept.clear()
         return None, None, None, None, arrays["first"], *gradients
 

@@ -89,14 +89,17 @@ def split_pieces(
     """
     h = settings.step
     assert h is not None
+    # only runs in which a window fits can judge or stop; the slack is for steps that are no binary fractions
     runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
     if len(runs) >= FOLDS:
         fold = turn % FOLDS
         of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
+        # runs too short for a window are still worth training on
         parts = [(p, of_run.get(p.run, 0)) for p in pieces]
     elif len(runs) >= WHOLE and judge:
         fold = turn % len(runs)
         others = [p for p in pieces if p.run != runs[fold]]
+        # the judging run stays whole, as it decides; stopping may be by blocks, which cost fewer data to train on
         cut, _ = _blocks_by_role(others, turn, settings.block, h, least + GAP, judge=False)
         parts = [*cut, *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
@@ -108,6 +111,7 @@ def split_pieces(
 def _role(number: int, turn: int, folds: int, judge: bool) -> int:
     """What a run or block serves for: 0 to train, 1 to stop, 2 to judge. Later rounds stop by other parts."""
     part, fold = number % folds, turn % folds
+    # one further than what judges, and one more in each later round, never the same part
     stop = (fold + 1 + turn // folds % (folds - 1)) % folds if judge else fold
     return 1 if part == stop else 2 if judge and part == fold else 0
 
@@ -120,12 +124,15 @@ def _blocks_by_role(
     for length in (seconds, *(s for s in SHORTER if s < seconds)):
         cut = blocks(pieces, length, h)
         long = [b.steps * h >= least - 1e-9 for b in cut]
+        # as long as possible: each cut loses a gap to either side
         if sum(long) >= FOLDS:
             break
+    # three at the least: one part each to train, to stop and to judge by
     folds = max(3, min(FOLDS, sum(long)))
     roles = [
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
     ]
+    # half of the gap on either side of a cut, rounded up, so that no more rows than needed are lost
     apart = _with_gaps(list(zip(cut, roles, strict=True)), math.ceil(GAP / 2 / h - 1e-9))
     return _joined(apart), turn % folds
 
@@ -148,6 +155,7 @@ def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
     result: list[tuple[Piece, int]] = []
     for block, part in parts:
         last = result[-1][0] if result else None
+        # a joined block holds longer rollouts than its parts
         if last and part == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
             result[-1] = (Piece(last.run, last.grid, last.first, block.last), 0)
         else:
@@ -166,6 +174,7 @@ def splits_of(
     splits = []
     for i in range(settings.seeds):
         if held_out and not judged_apart:
+            # the same trials stop and judge: black boxes and comparisons are judged by test trials afterwards
             split = Split(list(pieces), list(held_out), list(held_out), 0)
         else:
             split = split_pieces(pieces, i, settings, WINDOW, judge=judged_apart and not held_out)
@@ -173,6 +182,7 @@ def splits_of(
                 split = split._replace(judge=list(held_out), fold=0)
             elif not judged_apart:
                 split = split._replace(judge=split.stop)
+        # each split: with few runs a later turn can lack what the first has
         _check(split, settings, bool(held_out))
         splits.append(split)
     return splits
@@ -188,6 +198,7 @@ def _check(split: Split, settings: TrainSettings, given: bool) -> None:
     if given and all(p.steps < rows for p in split.judge):
         raise TooFewData(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
     if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
+        # a piece may serve for two: its seconds count once
         every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
         total = sum(p.steps * h for p in every.values())
         raise TooFewData(

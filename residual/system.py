@@ -45,6 +45,7 @@ class TrainableSystem(nn.Module):
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """State (Z, M) a step of h [s] later, inputs held: one Runge-Kutta (rk4) or Euler step of ``rates``."""
         if method == "euler":
+            # for the published networks, which are defined by Euler steps
             return z + h * self.rates(z, controls)
         return rk4_step(lambda state, _: self.rates(state, controls), z, h)
 
@@ -65,6 +66,7 @@ class TrainableSystem(nn.Module):
         ``past`` holds the rows before the first one. A model that remembers overrides this (Eq. 13, 14 and 15).
         """
         N, _, M = logged.shape
+        # all rows as points side by side: one call instead of N
         rows, inputs = logged.transpose(0, 1).reshape(6, N * M), controls.transpose(0, 1).reshape(-1, N * M)
         return self.rates(self.start(rows, inputs), inputs)[3:6].reshape(3, N, M).transpose(0, 1)
 
@@ -107,6 +109,7 @@ def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -
     method: "rk4" or "euler".
     """
     start = system.start(batch.targets[0], batch.controls[0], batch.past)
+    # columns are made of all rows at once, as points: measurement has no memory beyond the state
     every = system.simulate(start, batch.controls, batch.h, method).transpose(0, 1)
     Z, rows, M = every.shape
     return system.columns(every.reshape(Z, rows * M)).reshape(6, rows, M).transpose(0, 1)
@@ -118,6 +121,7 @@ def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -
     predicted: columns (N + 1, 6, M) of the windows of ``batch``; sigma: (6,). A column that was not measured counts
     nothing; heading errors are taken as they are, since both headings are continuous from the same start.
     """
+    # without row 0, which is the start and has no error
     error = (predicted[1:] - batch.targets[1:]) * batch.mask[1:] / sigma[:, None]
     return (error**2).sum(dim=1).mean(dim=0)
 
@@ -133,6 +137,7 @@ def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor
 def measured_accelerations(batch: RolloutBatch) -> tuple[torch.Tensor, torch.Tensor]:
     """Forward differences of the logged u, v, r of ``batch`` (N, 3, M) and where both rows were measured."""
     velocities, mask = batch.targets[:, 3:], batch.mask[:, 3:]
+    # forward, as an Euler step goes from one row to the next (Eq. 22)
     return (velocities[1:] - velocities[:-1]) / batch.h, mask[1:] * mask[:-1]
 
 

@@ -122,9 +122,11 @@ class _Diverged(Exception):
 
 def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
     """How the training of a ``task`` ended; a training that fails raises nothing. progress: called after each epoch."""
+    # seeds run side by side in processes: threads of each would only take processors from the others
     torch.set_num_threads(1)
     began, settings = time.perf_counter(), task.settings
     with interrupts_noted():
+        # each attempt begins with the same weights and draws, so that only the lower rate differs
         for restart in range(RESTARTS + 1):
             rate = settings.rate * LOWER**restart
             attempt = _Attempt(task, began, rate, progress)
@@ -133,8 +135,10 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
                 break
             except _Diverged:
                 status = "diverged"
+    # also after a divergence: the best weights before it are judged, for the record
     attempt.system.load_state_dict(attempt.best, strict=False)
     systems = task.system(), attempt.system
+    # the untrained system is predicted once more: the windows that judge are not those whose error is in the history
     judged, before, after = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
     return Outcome(
         seed=task.seed,
@@ -160,6 +164,7 @@ class _Attempt:
         self.task, self.began, self.rate, self.progress = task, began, rate, progress
         self.system = task.system()
         self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
+        # a generator of its own: the outcome of a seed must not depend on what else was drawn in its process
         self.draw = torch.Generator().manual_seed(task.seed)
         self.stages = stages(task, self.system.past)
         self.count = max((len(batch) for _, batch, _ in self.stages), default=0)
@@ -167,10 +172,13 @@ class _Attempt:
         held = windows(task.split.stop, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
         assert held is not None
         self.held, self.best = held, self._state()
+        # the untrained weights are the first best ones: a training that never helps ends where it began
         self.before = self.least = self._stop_error()
+        # row 0 is the untrained system, which has no rollouts and no loss yet
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
 
     def _state(self) -> dict[str, torch.Tensor]:
+        # copies: the optimizer changes the parameters in place
         return {name: p.detach().clone() for name, p in self.system.named_parameters()}
 
     def _stop_error(self) -> float:
@@ -182,6 +190,8 @@ class _Attempt:
         t, optimizer = self.task.settings, Adam(self.system.learned())
         plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
         for done, (seconds, batch) in enumerate(plan):
+            # over the whole curriculum, not each stage: longer rollouts, with their steeper gradients, meet the lower
+            # rates
             cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
             loss = self._epoch(optimizer, rate, batch)
@@ -196,16 +206,21 @@ class _Attempt:
     def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
         """One pass over the windows in random order at a ``rate``; mean loss."""
         t, scales = self.task.settings, self.task.scales
+        # parts of about equal size, where a fixed size would leave a last part of few windows and noisy gradients
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
         losses = []
         for which in parts:
             some = batch.chosen(which)
             if t.jitter:
+                # noise anew in each epoch, so that it cannot be learned
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             self.system.zero_grad()
             loss = self._loss(some)
             loss.backward()
+            # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
+            # before the step: after one step with NaN every weight is NaN. A finite loss may have a gradient that is
+            # not
             if not torch.isfinite(loss) or not torch.isfinite(norm):
                 raise _Diverged
             optimizer.step(rate)
@@ -225,8 +240,10 @@ class _Attempt:
     @torch.no_grad()
     def _keep(self, epoch: int, seconds: float, loss: float) -> None:
         """Note the error of the stop windows and keep the weights if they are the best so far."""
+        # after the epoch, with the weights as they now are; the loss is a mean over weights that changed meanwhile
         error = self._stop_error()
         self.history.append((epoch, seconds, loss, error))
+        # the small term serves data on which the ship has no error to begin with
         if not math.isfinite(error) or error > 100 * self.before + 1e-9:
             raise _Diverged
         if error < self.least:
@@ -234,6 +251,7 @@ class _Attempt:
 
     def _stopped(self) -> bool:
         task = self.task
+        # limit, Ctrl-C here, and Ctrl-C in the process that started this one, which says so by a file
         late = task.seconds is not None and time.perf_counter() - self.began > task.seconds
         return late or INTERRUPTED.requested or (task.stop is not None and task.stop.exists())
 
@@ -261,6 +279,7 @@ def restored(task: Task, outcomes: Sequence[Outcome]) -> list[TrainableSystem]:
     systems = []
     for o in outcomes:
         if o.status != "diverged":
+            # built by its seed again: what is not a parameter, as scales, comes from the task
             system = replace(task, seed=o.seed).system()
             system.load_state_dict({name: torch.as_tensor(a) for name, a in o.state.items()}, strict=False)
             systems.append(system)
@@ -299,7 +318,9 @@ def tasks_of(
     pieces, held_out = (pieces_of(some, h, kind.inputs(ship), means) for some in (trials, validation))
     settings = replace(settings, step=h)
     splits = splits_of(settings, pieces, held_out, judged_apart)
+    # of all pieces, those that judge included: the mean network needs one set of scales for all seeds
     scales = kind.scales(ship, pieces, trials, h)
+    # each seed takes the next turn of the split, so that seeds differ in weights and in what judges
     return [Task(kind.build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
 
 
@@ -322,6 +343,7 @@ def training_store(
     """
     about = {
         "--model": getattr(settings, "kind", "hybrid"),
+        # what changes no number may change between a run and its continuation
         "settings": {name: value for name, value in asdict(settings).items() if name not in FREE},
         "ship": hash_of_ship(ship),
         "trial files": hashes_of_trials(trials),
@@ -378,12 +400,14 @@ def train_seeds(
     workers = max(1, min(width(settings.workers), len(missing)))
     if missing:
         LOGGER.info("training from seed(s) %s in %d process(es)", ", ".join(str(t.seed) for t in missing), workers)
+    # the limit is for all: a process trains its seeds one after the other, so that each has its part of it
     limit = settings.time_limit / -(-len(missing) // workers) if settings.time_limit and missing else None
     done = len(tasks) - len(missing)
     with tempfile.TemporaryDirectory() as scratch:
         stop = Path(scratch) / "stop"
 
         def interrupted() -> None:
+            # processes of a pool get no signal of their own on every system; all of them can look for a file
             stop.touch()
             if not any(stop.parent.glob(f"{STARTED}*")):
                 raise KeyboardInterrupt  # nothing to keep: do not wait for processes that are still starting
@@ -401,8 +425,10 @@ def train_seeds(
 
         with interrupts_noted(interrupted):
             jobs = [(replace(task, stop=stop, seconds=limit), store) for task in missing]
+            # epochs of several processes would arrive mixed, and their function cannot be sent to them
             work = partial(_trained, progress=progress) if workers == 1 else _trained
             made = run_all(work, jobs, workers, note)
+        # asked before the folder is gone
         broken = stop.exists()
     found = known | {o.seed: o for o in made if o}
     outcomes = [o for o in (found.get(task.seed) for task in tasks) if o]
@@ -420,6 +446,7 @@ def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None)
     with contextlib.suppress(OSError):  # a worker of another machine has no such folder
         task.stop.with_name(f"{STARTED}{task.seed}").touch()
     outcome = train_one(task, progress)
+    # a stopped seed is not kept: continued, it is trained whole, to the same numbers as without an interruption
     if store and outcome.status != "stopped":
         save_outcome(store, outcome)
     return outcome

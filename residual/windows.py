@@ -28,6 +28,7 @@ def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: in
 
     None reaches out of its piece; ``past`` rows before each start, inside the piece, are given along.
     """
+    # only whole windows: a window over the end of a piece would see rows that judge or stop
     starts = [(p.grid, k) for p in pieces for k in range(p.first + past, p.last - steps + 1, stride)]
     if not starts:
         return None
@@ -38,6 +39,7 @@ def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: in
     return RolloutBatch(
         h,
         _stacked(g.controls[k : k + steps] for g, k in starts),
+        # a gap must be a number: 0 times NaN is NaN, also in gradients. The mask takes it out
         torch.nan_to_num(targets),
         torch.isfinite(targets).double(),
         before,
@@ -75,6 +77,7 @@ def augmented(
     batch = windows(pieces, h, rows - 1, max(1, rows // slices), past)
     if batch is None or not copies:
         return batch
+    # positions and heading stay as measured, as in Table 5
     velocities = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
     copied = batch.chosen(torch.arange(len(batch)).repeat(copies))
     return jittered(copied, velocities, torch.Generator().manual_seed(seed))
@@ -96,11 +99,14 @@ def compare_errors(
     """
     past, scale = systems[0].past, torch.as_tensor(sigma)
     errors = []
+    # overlapping windows, and restarts side by side, as the scores have them
     for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
         batch = windows(pieces, h, round(length / h), round(stride / h), past)
         errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
+    # as ``windows`` counts them, so that each error finds its run again
     counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
     where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
+    # NaN and not zero where none fits: zero would be a perfect prediction
     (a, b), (c, d) = (e.mean(axis=1).tolist() if e.size else (np.nan, np.nan) for e in errors)
     return np.column_stack([where, errors[0].T]), (a, c), (b, d)
 
@@ -158,6 +164,7 @@ def training_scales(
     if rows is None:
         raise TooFewData("too little data to train on: no piece of a trial is longer than a step without a gap")
     measured, mask = measured_accelerations(rows)
+    # differences over a gap are no accelerations
     known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
     states = [p.grid.states[p.first : p.last + 1] for p in pieces]
     sigma = _loss_sigma(states, ship.particulars["L"])
@@ -166,6 +173,7 @@ def training_scales(
     rms, std = np.sqrt((features**2).mean(axis=1)), features.std(axis=1)
     acceleration = np.maximum(known.std(axis=1), LEAST_SCALE)
     return Scales(
+        # a feature that is always zero keeps scale 1, so that it stays zero and does not blow up outside the data
         feature=np.where(rms > LEAST_SCALE, rms, 1.0),
         output=acceleration,
         mean=features.mean(axis=1),
@@ -185,6 +193,7 @@ def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
     The deviation of positions over a whole pond would make the drift of a window invisible.
     """
     std = np.nanstd(np.vstack(states)[:, 3:], axis=0)
+    # a constant velocity has no scale by which its error could be measured
     if not (std > 0).all():
         raise TooFewData("u, v or r never changes in the training trials, so there is nothing to learn from")
     position = POSITION * length_scale(length)

@@ -26,7 +26,7 @@ ESSO = load_ship("esso_osaka_3m")
 SHIPS = {name: load_ship(name) for name in library()}
 OTHERS = {
     "memory": with_effects("rudder_lag", "hull_memory", "control_delay"),
-    "place_and_current": with_effects("current", "bank"),
+    "place": with_effects("current", "bank"),
     "measured": with_effects("antenna_offset", "log_scale"),
     "hybrid": ESSO.with_network(random_network(ESSO, members=2)),
 }
@@ -113,7 +113,7 @@ def test_gradients_are_those_of_finite_differences(way):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_features_and_columns_are_those_of_the_model(way):
-    for ship in (OTHERS["measured"], OTHERS["place_and_current"], OTHERS["memory"]):
+    for ship in (OTHERS["measured"], OTHERS["place"], OTHERS["memory"]):
         z, c = points(ship)
         physics, model = physics_of(way)(ship), assemble(ship, ())
         seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
@@ -129,7 +129,7 @@ def test_features_and_columns_are_those_of_the_model(way):
     [
         ("esso_osaka_3m", "euler"),
         ("memory", "rk4"),
-        *(pytest.param(name, "rk4", marks=pytest.mark.slow) for name in ("vectwin_3m", "place_and_current")),
+        *(pytest.param(name, "rk4", marks=pytest.mark.slow) for name in ("vectwin_3m", "place")),
     ],
 )
 def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
