@@ -139,13 +139,16 @@ def _diagnosed(
     found = result.found
     if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
+    is_left = result.is_left or result.verdict == "unknown"
+    missing = estimated_force(result.after) if is_left else None
+    budget = budget_of(p, found, missing, options.seed)
+    while budget is not None and len(found.effects) > 1 and budget.parts and not budget.parts[-1].matters:
+        found = found.without_last  # with hardly any random force every rounding is significant
+        budget = budget_of(p, found, missing, options.seed)
     late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
     same = summary.equivalence_class(found) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    is_left = result.is_left or result.verdict == "unknown"
-    missing = estimated_force(result.after) if is_left else None
-    budget = budget_of(p.steps, p.data, gridded, found.fits, [c.effect for c in found.effects], missing, options.seed)
     held = _held_out(p, found.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)

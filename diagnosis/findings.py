@@ -110,6 +110,12 @@ def group_row(
     return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)
 
 
+TESTS, LEFT_OUT = "test trials", "left-out runs"
+"""What a budget is made of."""
+MATTERS = 0.05
+"""Share of the avoidable error below which a further effect is not named, and nothing is called a remainder."""
+
+
 @dataclass(frozen=True)
 class BudgetShare:
     """A part of the error that could be avoided: its share with the 90 % interval."""
@@ -117,6 +123,11 @@ class BudgetShare:
     name: str
     share: Real
     interval_90: tuple[Real, Real]
+
+    @property
+    def matters(self) -> bool:
+        """Whether it may be more than MATTERS."""
+        return self.interval_90[1] > MATTERS
 
 
 @dataclass(frozen=True)
@@ -140,14 +151,8 @@ class Budget:
 
     @property
     def matters(self) -> bool:
-        """Whether what is unexplained may be more than MATTERS."""
-        return self.unexplained is None or self.unexplained.interval_90[1] > MATTERS
-
-
-TESTS, LEFT_OUT = "test trials", "left-out runs"
-"""What a budget is made of."""
-MATTERS = 0.05
-"""Share of the avoidable error up to which an unexplained part is not called a remainder."""
+        """Whether what is unexplained may be more than MATTERS, as far as is known."""
+        return self.unexplained is None or self.unexplained.matters
 
 
 @dataclass(frozen=True)
@@ -186,11 +191,11 @@ class UnexplainedForce:
     manoeuvre that would tell more. force, std: (K, R, 3) [N, N, N m] and standard deviation, None after reading.
     """
 
-    evidence: Real
     channels: Mapping[str, UnexplainedChannel]
     follows: tuple[Mapping[str, Any], ...]
     times: tuple[UnexplainedTime, ...]
     advice: str
+    evidence: Real = 0.0
     force: Any = None
     std: Any = None
 

@@ -21,6 +21,8 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
+from diagnosis.hypotheses.forward_selection import Selection
+from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
 
@@ -35,21 +37,17 @@ SURE = 0.05
 
 
 def budget_of(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    tests: GriddedTrials | None,
-    fits: Sequence[Estimate],
-    names: Sequence[str],
-    missing: ForceEstimate | None = None,
-    seed: int = 0,
+    problem: SearchProblem, found: Selection, missing: ForceEstimate | None = None, seed: int = 0
 ) -> Budget | None:
     """Where the 30 s error of trials that took no part comes from.
 
-    steps: the transition model; data: the training trials; tests: trials that took no part, None: then each training
-    run is predicted by coefficients without it; fits: without any effect, and as each of the named effects was added;
-    names: of these; missing: the force without a name that is left, None: nothing is; seed: of all draws. Returns None
-    where no whole window can be predicted, and where there is a single run that would have to be left out.
+    problem: model, training trials, and tests, trials that took no part (None: then each training run is predicted by
+    coefficients without it); found: the effects, with the fits as each was added; missing: the force without a name
+    that is left, None: nothing is; seed: of all draws. Returns None where no whole window can be predicted, and where
+    there is a single run that would have to be left out.
     """
+    steps, data, tests, fits = problem.steps, problem.data, problem.tests, found.fits
+    names = [c.effect for c in found.effects]
     if tests is None and len(np.unique(data.run)) < 2:
         return None
     seen, final, rng = data if tests is None else tests, fits[-1], np.random.default_rng(seed)
@@ -78,7 +76,7 @@ def budget_of(
         by=LEFT_OUT if tests is None else TESTS,
         before=float(mean[0]),
         after=float(mean[-1]),
-        floor=floor,
+        floor=float(floor),
         parts=tuple(rows[:-1]),
         unexplained=rows[-1] if rows else None,
         units={name: (float(a), float(b), float(c)) for name, (a, b, c) in zip(UNITS, ends.T, strict=True)},

@@ -93,8 +93,9 @@ def test_a_bad_log_is_refused_in_one_line(tmp_path: Path, make: Callable[[Path],
 
 
 def test_all_problems_of_a_folder_are_said_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
     logs = tmp_path / "logs"
     logs.mkdir()
     plain(logs / "good.txt", UNITS)
@@ -103,7 +104,7 @@ def test_all_problems_of_a_folder_are_said_and_nothing_is_written(
     assert main(["import", str(logs), "--out", str(tmp_path / "out")]) == 2
     err = capsys.readouterr().err
     assert err.count("one.csv") == 1 and err.count("two.csv") == 1 and "2 problems" in err
-    assert len(err.strip().splitlines()) == 3  # one line each, and how many
+    assert len(err.strip().splitlines()) == 4  # heads, one line each, and how many
     assert sorted(p.name for p in tmp_path.iterdir()) == ["logs"]
 
 

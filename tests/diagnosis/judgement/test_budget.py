@@ -29,8 +29,7 @@ def gridded(problem: SearchProblem, seed: int, effects: list[str]) -> GriddedTri
 
 
 def budget_for(problem: SearchProblem, found: Selection, tests: GriddedTrials | None) -> Budget:
-    names = [c.effect for c in found.effects]
-    made = budget_of(problem.steps, problem.data, tests, found.fits, names)
+    made = budget_of(replace(problem, tests=tests), found)
     assert made is not None
     return made
 
@@ -67,14 +66,14 @@ def test_a_force_without_a_name_is_unexplained() -> None:
     problem, _ = problem_of(pushed_trials(1))
     steps, data, null = pushed_by(problem, 1, 2, "cos", 0.6)
     missing = estimated_force(unnamed_forms(steps, data, null))
-    made = budget_of(steps, data, data, [null], [], missing)
+    made = budget_of(replace(problem, steps=steps, data=data, tests=data), Selection((), null, null, ()), missing)
     assert made is not None and made.unexplained is not None
     assert made.unexplained.share == 1.0 and made.matters and made.floor < 0.8 * made.before
 
 
 def test_a_single_run_cannot_be_left_out() -> None:
     problem, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 100.0),)))
-    assert budget_of(problem.steps, problem.data, None, [null], []) is None
+    assert budget_of(problem, Selection((), null, null, ())) is None
 
 
 def test_a_run_is_left_out_as_by_a_fit_without_it(streamed: tuple[SearchProblem, Selection]) -> None:

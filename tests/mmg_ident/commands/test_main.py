@@ -278,7 +278,8 @@ def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tm
 
 
 @pytest.mark.parametrize("verb", ["check", "fit"])
-def test_all_problems_of_a_folder_stand_in_one_table(verb: str, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_all_problems_of_a_folder_stand_in_one_table(verb: str, tmp_path: Path, capsys, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setenv("COLUMNS", "400")
     good = motion_columns(60.0)
     (tmp_path / "set").mkdir()
     write_csv(tmp_path / "set" / "good.csv", good, rows=None)
