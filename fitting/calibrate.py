@@ -43,7 +43,7 @@ from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked, with_values
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
+from fitting.solvers.control import Made, left_out_message, make_in_turn
 from fitting.uncertainty.refits import check_request, refit_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows

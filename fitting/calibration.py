@@ -30,18 +30,15 @@ from fitting.identifiability.data_checks import (
 )
 from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings, with_estimates
 from fitting.nlp.fisher_information import Information, information
-from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
-from fitting.nlp.windows import Segments, cut
+from fitting.nlp.windows import Segments, cut, default_step
 from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
-from fitting.solvers.condensing import solve_led
-from fitting.solvers.ipopt import Solution
-from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import Resumption, noise_of, solve_row, solve_with_noise_estimation
-from fitting.solvers.residual_noise import ResidualNoise
+from fitting.solvers.control import Control
+from fitting.solvers.noise import ResidualNoise, Resumption, noise_of, solve_row, solve_with_noise_estimation
+from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, UnknownName
@@ -248,17 +245,18 @@ def estimate_coefficients(
     is kept and ``converged`` is False. Raises UserError for input from which nothing can be identified.
     """
     began, warm, settings = time.perf_counter(), warm or {}, settings or Settings()
+    control = Control.within(settings.time_limit, progress, settings.max_iterations)
     first, x, settings, warnings, notices = prepared(ship, trials, settings, warm, captive, per_run)
     free = first.prior
     if "held" in warm:  # these coefficients stay where they are
         here = free.mean + free.std * first.split(x)[1]
         first = first.with_bounds(np.where(warm["held"], here, free.lower), np.where(warm["held"], here, free.upper))
-    timings = {"prepare": time.perf_counter() - began}
+    prepare = time.perf_counter() - began
     resumed = Resumption.of_arrays(warm, first)
     near = resumed is None and len(warm.get("nodes", ())) == first.B
-    solves = solve_with_noise_estimation(first, x, settings, began, progress, resumed, near, draft)
-    timings["solve"] = time.perf_counter() - began - timings["prepare"]
-    best, starts = solve_starts(solves.problem, solves.solution, settings, began, progress)
+    solves = solve_with_noise_estimation(first, x, settings, control, resumed, near, draft)
+    timings = {"prepare": prepare, "solve": time.perf_counter() - began - prepare}
+    best, starts = solve_starts(solves.problem, solves.solution, settings, control)
     statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)
     if not solves.draft:
         warnings += outlying_runs(statistics["problem"].with_changes(), best.x, statistics["spread"].moves)
@@ -298,7 +296,7 @@ def solve_again(found: Calibration, hold: Mapping[str, float], progress: OnProgr
     held, (nodes, p) = problem.with_bounds(lower, upper), problem.split(found.solution.x)
     x = held.join(nodes, np.clip(p, *held.p_bounds()))
     s = found.settings
-    best = solve_led(held, x, s.tolerance, s.max_iterations, s.time_limit, progress, "refit")
+    best = solve(held, x, Control.within(s.time_limit, progress, s.max_iterations).of("refit"), s.tolerance)
     names = found.constants.runs if found.constants else ()
     own = ByCampaign(prior.constants, names, prior.campaign) if prior.campaign else prior.constants
     seconds = time.perf_counter() - began

@@ -197,7 +197,7 @@ def calibrate(
     """
     from fitting import calibrate as pipeline
     from fitting.settings import Settings
-    from fitting.solvers.interrupts import unless_interrupted
+    from fitting.solvers.control import unless_interrupted
     from mmg_ident.settings import check_settings, checked_settings
 
     settings = replace(settings or Settings(), **checked_settings(Settings, values))

@@ -29,7 +29,7 @@ from fitting.report.delivered import Delivered, delivered, delivery_sections
 from fitting.report.page import citations_of, environment, label_of, write_page
 from fitting.report.plot_style import figures_of
 from fitting.report.use import shown_quantity
-from fitting.solvers.interrupts import LEFT_OUT
+from fitting.solvers.control import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
 from mmg.network import Network

@@ -11,8 +11,7 @@ import numpy as np
 from fitting.identifiability.analysis import DETERMINED, WORSE, CoefficientFinding, Identifiability, at_bound
 from fitting.nlp.problem import Prior, Problem
 from fitting.settings import Start
-from fitting.solvers.ipopt import Solution
-from fitting.solvers.multistart import disagreement
+from fitting.solvers.solve import Solution, disagreement
 from mmg.messages import Message
 from mmg.ship import Ship
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fitting.prediction.stretches import FadingCurrent, Record, Stretch, WindowBatch, rollout, wrapped_error
+from fitting.nlp.windows import Record, Stretch
+from fitting.prediction.stretches import FadingCurrent, WindowBatch, rollout, wrapped_error
 from mmg.model import settled
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator

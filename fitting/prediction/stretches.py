@@ -7,39 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fitting.nlp.windows import Stretch
 from mmg.model import INVERSIONS, columns, settled
 from mmg.motion.frames import earth_to_body
 from mmg.rollout import Simulator
-
-
-@dataclass(frozen=True)
-class Record:
-    """What a prediction needs of a trial: t (N,), logged states (N, 6), inputs of the model (N, C), usable rows (N,).
-
-    has_position: whether positions were measured; without them the states' x and y are zero. values: all coefficients
-    (P,) of the ship in this run, None: those of the simulator.
-    """
-
-    t: np.ndarray
-    states: np.ndarray
-    controls: np.ndarray
-    good: np.ndarray
-    has_position: bool
-    values: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Stretch:
-    """Rows ``first`` .. ``last`` (inclusive) of a record."""
-
-    record: Record
-    first: int
-    last: int
-
-    @property
-    def logged(self) -> np.ndarray:
-        """The logged states, (last - first + 1, 6)."""
-        return self.record.states[self.first : self.last + 1]
 
 
 @dataclass(frozen=True)
@@ -65,13 +36,12 @@ class WindowBatch:
     @classmethod
     def of(cls, stretches: Sequence[Stretch]) -> WindowBatch:
         """The ``stretches`` side by side, M of them over N steps. All of their records have values, or none has."""
-        N = max(1, max(s.last - s.first for s in stretches))
+        N = max(1, max(s.steps for s in stretches))
         steps = np.zeros((N, len(stretches)))
         inputs = np.zeros((N, stretches[0].record.controls.shape[1], len(stretches)))
         for i, s in enumerate(stretches):
-            rows = s.last - s.first
-            steps[:rows, i] = np.diff(s.record.t[s.first : s.last + 1])
-            inputs[:rows, :, i] = s.record.controls[s.first : s.last]
+            steps[: s.steps, i] = np.diff(s.t)
+            inputs[: s.steps, :, i] = s.controls
             inputs[0, :, i] = s.record.controls[s.first]
         own = [s.record.values for s in stretches if s.record.values is not None]
         logged = np.array([s.record.states[s.first] for s in stretches]).T

@@ -18,8 +18,8 @@ import numpy as np
 
 from cases.simulation.harbour_inputs import ranges_of
 from cases.trial import Trial
-from fitting.nlp.grid import default_step, grids
 from fitting.nlp.prior import Prior
+from fitting.nlp.windows import default_step, pieces_of
 from mmg.errors import OutOfRange, TooFewData
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
@@ -85,17 +85,15 @@ def subsequences(trials: Sequence[Trial], h: float, length: float, inputs: Seque
     if N < 1:
         raise OutOfRange(f"subsequences of {length:g} s are shorter than one step of {h:g} s; use a smaller --step")
     starts, controls, measured, weights = [], [], [], []
-    for trial in trials:
-        for grid in grids(trial, h, inputs):
-            total = len(grid.controls)
-            for first in range(0, total if total >= min(10, N) else 0, N):
-                rows = np.arange(first, first + N)
-                there = rows < total
-                rows = np.minimum(rows, total - 1)
-                starts.append(np.concatenate([[0.0, 0.0], grid.states[first, 2:]]))
-                controls.append(grid.controls[rows])
-                measured.append(np.where(there[:, None], grid.states[rows + 1, VELOCITIES], 0.0))
-                weights.append(there)
+    for piece in pieces_of(trials, h, inputs):
+        for first in range(0, piece.steps if piece.steps >= min(10, N) else 0, N):
+            rows = np.arange(first, first + N)
+            there = rows < piece.steps
+            rows = np.minimum(rows, piece.steps - 1)
+            starts.append(np.concatenate([[0.0, 0.0], piece.logged[first, 2:]]))
+            controls.append(piece.controls[rows])
+            measured.append(np.where(there[:, None], piece.logged[rows + 1, VELOCITIES], 0.0))
+            weights.append(there)
     if not starts:
         names = ", ".join(t.name for t in trials)
         raise TooFewData(f"{names}: no piece without gaps has ten steps of {h:g} s; use longer records")

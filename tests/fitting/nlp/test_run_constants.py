@@ -25,7 +25,7 @@ from fitting.nlp.run_constants import RunConstants
 from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers.ipopt import solve
+from fitting.solvers.solve import solve
 from fitting.uncertainty.sandwich import changes_without_each
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue

@@ -11,9 +11,10 @@ import pytest
 from cases.io.leave_out import left_out
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import predict, window_rows
 from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
-from fitting.prediction.stretches import Stretch, wrapped_error
+from fitting.prediction.stretches import wrapped_error
 from fitting.report.run_folder import plain
 from mmg.errors import TooFewData, UserError
 from mmg.rollout import Simulator

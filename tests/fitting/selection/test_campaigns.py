@@ -38,7 +38,7 @@ from fitting.selection.campaigns import (
 from fitting.selection.left_out_runs import estimates_without
 from fitting.settings import Settings
 from fitting.solvers import condensing
-from fitting.solvers.ipopt import Guess, Solution
+from fitting.solvers.solve import Guess, Solution
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
