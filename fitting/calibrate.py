@@ -19,6 +19,7 @@ from fitting.calibration import (
     Second,
     answers,
     estimate_coefficients,
+    finished,
     solve_again,
     with_second,
 )
@@ -232,9 +233,7 @@ def _estimated(
     fit = made.get("values by campaign", CampaignFit(found))
     if not fit.calibration.draft:
         return fit
-    last = estimate_coefficients(model, trials, settings, progress, found.iterate, options.captive)
-    timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
-    return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
+    return replace(fit, calibration=finished(found, progress))
 
 
 def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:

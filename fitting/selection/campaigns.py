@@ -23,12 +23,15 @@ from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from cases.trial_set import TrialSet
-from fitting.calibration import Calibration, estimate_coefficients, prepared
+from fitting.calibration import Calibration, estimated
 from fitting.nlp.fisher_information import Information, information
+from fitting.nlp.loss import Loss
 from fitting.nlp.prior import Prior
+from fitting.nlp.problem import Problem
 from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
+from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName
@@ -244,13 +247,16 @@ def _with_constants(
     prior = prior_with(ship, own, ())
     place = dict(zip(fit.prior.symbols, fit.p, strict=True))
     p = np.concatenate([[place[s] for s in ship.free], np.zeros(len(prior.mean) - prior.shared)])
-    warm = {"p": p, "sigma": fit.sigma, "nodes": _nodes(fit, ship)}
     passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
-    problem, x, *_ = prepared(ship, trials, settings, warm, captive, own)
-    warm["p"] = estimates_without(information(problem, x), [()], problem.p_bounds())[0]
-    new = estimate_coefficients(ship, trials, settings, progress, warm, captive, own)
+    loss, nodes = Loss(settings.loss), _nodes(fit, ship)
+    problem = Problem.of(ship, prior, fit.segments, fit.sigma, loss, captive, settings.compiled)
+    x = problem.join(nodes, np.clip(p, *problem.p_bounds()))
+    x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
+    control = Control.within(settings.time_limit, progress, settings.max_iterations)
+    new = estimated(problem, x, settings, control, own, near=True)
+    new = replace(new, data_warnings=fit.data_warnings, notices=fit.notices)
     same = CampaignFit(fit)
     if not new.converged or new.constants is None:
         return same, widths

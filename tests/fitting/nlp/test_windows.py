@@ -74,7 +74,7 @@ def test_uneven_sampling_gives_the_same_grid_within_interpolation() -> None:
     trial = Trial("uneven", {k: v[keep] for k, v in columns.items()})
     a, b = pieces_of([make_trial()], 1.0)[0], pieces_of([trial], 1.0)[0]
     count = min(len(a.t), len(b.t))
-    np.testing.assert_allclose(a.states[:count, :2], b.states[:count, :2], atol=2e-3)
+    np.testing.assert_allclose(a.logged[:count, :2], b.logged[:count, :2], atol=2e-3)
 
 
 def test_a_record_that_is_too_short_is_refused_in_one_line() -> None:
