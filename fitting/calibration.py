@@ -20,7 +20,13 @@ import numpy as np
 from cases.checks import inputs_are_constant
 from cases.inputs import assumed
 from cases.trial import Trial
-from fitting.identifiability.analysis import Identifiability, analyse
+from fitting.identifiability.analysis import (
+    Identifiability,
+    analyse,
+    calibrated_ship,
+    estimate_warnings,
+    with_estimates,
+)
 from fitting.identifiability.data_checks import (
     against_captive,
     contradictions,
@@ -28,11 +34,10 @@ from fitting.identifiability.data_checks import (
     refuse_outliers,
     unexcited_astern,
 )
-from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings, with_estimates
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
+from fitting.nlp.prior import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
 from fitting.nlp.windows import Segments, cut, default_step
 from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 from mmg.compile.batch import BatchFunction
 from mmg.compile.intervals import Lanes
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step

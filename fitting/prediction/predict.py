@@ -16,9 +16,8 @@ from cases.io.files import replace_text
 from cases.io.leave_out import bridged
 from cases.trial import Trial
 from fitting.nlp.windows import Record, Stretch
-from fitting.prediction.adaptation import Adaptation, adapt
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import WindowBatch, rollout, wrapped_error
+from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, rollout, wrapped_error
 from fitting.report.run_folder import write_whole
 from mmg.errors import NotWritable
 from mmg.messages import Message

@@ -26,9 +26,8 @@ from cases.trial_set import TrialSet
 from fitting.calibration import Calibration, estimated
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
-from fitting.nlp.prior import Prior
+from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.score import pooled_sigma
 from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
 from fitting.solvers.control import Control

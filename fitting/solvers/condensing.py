@@ -21,8 +21,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
+from fitting.nlp.prior import Columns
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import Columns
 
 
 @dataclass(frozen=True)

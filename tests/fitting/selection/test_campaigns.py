@@ -19,8 +19,8 @@ from fitting import calibration
 from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
+from fitting.nlp.prior import ByCampaign, RunConstants, prior_with
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns import (
     LEVEL,
