@@ -208,7 +208,7 @@ def _result(
 
 def _estimated(
     ship: Ship,
-    trials: Sequence[Trial],
+    trials: TrialSet,
     settings: Settings,
     options: FitOptions,
     made: Made,

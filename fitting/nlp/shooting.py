@@ -11,17 +11,21 @@ y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.elimination_c import Elimination, elimination
 from fitting.nlp.prior import group_sums
+from fitting.nlp.windows import Chains
 from mmg.compile.batch import MORE, BatchFunction, batch_functions, differences, finite_at
+from mmg.compile.cache import load_library
+from mmg.compile.codegen import EXPORT, c_file
 from mmg.compile.intervals import IntervalKernel, Lanes
+from mmg.compile.paths import FLAGS
 from mmg.model import Model
 
 if TYPE_CHECKING:
@@ -126,6 +130,62 @@ class Measurement:
         J = self.jacobian(z.T, theta)
         first = np.swapaxes(J, 1, 2) @ (w[:, :, None] * J)
         return first if we is None else first + self.hessian(z.T, theta, we.T)
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """The elimination of the nodes of all windows, and the way back, in C: one window after the other, its rows in
+    cache. The same as ``fitting.nlp.fisher_information.Eliminated``, and as ``carried`` of the condensing method, which
+    are in numpy for what has no compiler."""
+
+    library: ctypes.CDLL
+
+    def eliminated(
+        self, chains: Chains, nodes: np.ndarray, node_slope: np.ndarray, maps: np.ndarray, off: np.ndarray,
+        inside: tuple[np.ndarray, np.ndarray] | None,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """Rows (W, S, n), slope (W, n), second factor (M, S, n - S), rows (M, S, n) and slope (M, S) ahead: what
+        ``Eliminated`` has, from rows (B, S, n) and slopes (B, n) of the nodes, maps (M, S, n) and off (M, S or more) of
+        the intervals, and rows (M, S, n) and slopes (M, n) of the samples inside them, or None."""
+        (M, S, n), W = maps.shape, len(chains.first) - 1
+        given = [np.ascontiguousarray(a, dtype=float) for a in (nodes, node_slope, *(inside or ()), maps, off)]
+        shapes = ((W, S, n), (W, n), (M, S, n - S), (M, S, n), (M, S))
+        found = tuple(np.empty(shape) for shape in shapes)
+        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
+        at[2:2] = [] if inside else [ctypes.c_void_p(None)] * 2
+        out = [ctypes.c_void_p(a.ctypes.data) for a in found]
+        sizes, row = [ctypes.c_longlong(k) for k in (W, S, n)], ctypes.c_longlong(off.shape[1])
+        if self.library.eliminate(*sizes, *_addresses(chains), *at, row, *out):
+            raise MemoryError("no memory for the elimination of nodes")
+        return found
+
+    def carried(
+        self, chains: Chains, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray | None, nodes: int
+    ) -> np.ndarray:
+        """Steps (nodes, S) of all nodes from those of the first ones (W, S) and of the coefficients p (W or 1, n - S),
+        None for none; maps: (M, S, n), off: (M, S)."""
+        (_, S, n), W = maps.shape, len(chains.first) - 1
+        given = [np.ascontiguousarray(a, dtype=float) for a in (maps, off, first)]
+        own = np.ascontiguousarray(p) if p is not None else None
+        steps, sizes = np.zeros((nodes, S)), [ctypes.c_longlong(k) for k in (W, S, n)]
+        row = ctypes.c_longlong(n - S if own is not None and len(own) > 1 else 0)
+        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
+        at += [ctypes.c_void_p(own.ctypes.data if own is not None else None)]
+        self.library.carry(*sizes, *_addresses(chains), *at, row, ctypes.c_void_p(steps.ctypes.data))
+        return steps
+
+
+def _addresses(chains: Chains) -> list[object]:
+    """Of the ``chains``, for the C functions."""
+    arrays = (chains.first, chains.number, chains.start, chains.end)
+    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
+
+
+@cache
+def elimination(compiled: bool) -> Elimination | None:
+    """The functions, compiled or from the cache; None where that is not possible or not wanted."""
+    library = load_library(EXPORT + c_file(__file__, "elimination.c"), FLAGS)[0] if compiled else None
+    return Elimination(library) if library else None
 
 
 class Kernels:

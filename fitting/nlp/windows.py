@@ -16,7 +16,6 @@ import numpy as np
 
 from cases.inputs import STANDARD, model_inputs, step_means
 from cases.trial import Trial
-from fitting.nlp.elimination_c import Chains
 from mmg.errors import TooFewData
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed
@@ -127,6 +126,24 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
     samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))
     return step if abs(step / dt - samples) < 1e-3 else samples * dt
+
+
+@dataclass(frozen=True)
+class Chains:
+    """The intervals of each of W windows, from its last one on: numbers (M,), those of window w from first (W + 1,) [w]
+    on; start, end: (M,) nodes of each interval."""
+
+    first: np.ndarray
+    number: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, window: np.ndarray, start: np.ndarray, end: np.ndarray) -> Chains:
+        """window, start, end: (M,) of each interval; nodes follow each other in time."""
+        order = np.lexsort((-start, window))
+        first = np.concatenate([[0], np.cumsum(np.bincount(window))])
+        return cls(*(np.ascontiguousarray(a, dtype=np.int64) for a in (first, order, start, end)))
 
 
 @dataclass(frozen=True)

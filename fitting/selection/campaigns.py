@@ -21,7 +21,6 @@ import numpy as np
 from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
-from cases.trial import Trial
 from cases.trial_set import TrialSet
 from fitting.calibration import Calibration, estimated
 from fitting.nlp.fisher_information import Information, information
@@ -29,7 +28,7 @@ from fitting.nlp.loss import Loss
 from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
 from fitting.nlp.problem import Problem
 from fitting.prediction.score import pooled_sigma
-from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
+from fitting.selection.left_out_runs import estimates_without, leave_out, relative_change
 from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
@@ -129,15 +128,15 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
     return [each for each in rows if each.effect not in ship.effects or not ship.coefficients[each.symbol].fixed]
 
 
-def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
+def may_keep(ship: Ship, trials: TrialSet, wanted: tuple[str, ...] = ()) -> bool:
     """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
-    if wanted == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
+    if wanted == ("none",) or len(trials.campaigns.comparable) < 2:
         return False
     return bool(instruments(ship, wanted))
 
 
 def by_campaign(
-    fit: Calibration, trials: Sequence[Trial], wanted: tuple[str, ...] = (), progress: OnProgress | None = None
+    fit: Calibration, trials: TrialSet, wanted: tuple[str, ...] = (), progress: OnProgress | None = None
 ) -> CampaignFit:
     """The calibration ``fit`` with a value per campaign of each instrument for which that pays, else as it is.
 
@@ -150,7 +149,7 @@ def by_campaign(
     same, ship = CampaignFit(fit), fit.problem.ship
     if wanted == ("none",):
         return same
-    campaigns, tried = TrialSet.of(trials).campaigns, instruments(ship, wanted)
+    campaigns, tried = trials.campaigns, instruments(ship, wanted)
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
         return replace(same, messages=(*campaigns.messages, *why_not(campaigns, bool(wanted))))
@@ -226,7 +225,7 @@ def _with_constants(
     fit: Calibration,
     campaigns: Campaigns,
     readings: Mapping[str, RunReadings],
-    trials: Sequence[Trial],
+    trials: TrialSet,
     progress: OnProgress | None,
 ) -> tuple[CampaignFit, dict[str, float]]:
     """The calibration with constants by campaign of the ``readings`` (by symbol) where it converges and runs left out
@@ -260,8 +259,7 @@ def _with_constants(
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    trials, folds = list(trials), apart(trials)
-    unit = pooled_sigma([t for t in trials if t.has_position])
+    folds, unit = trials.apart, pooled_sigma(trials)
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
@@ -354,10 +352,10 @@ def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
     return (Message(words, "one_run_a_campaign"),)
 
 
-def not_asked(trials: Sequence[Trial], wanted: Sequence[str]) -> tuple[Message, ...]:
+def not_asked(trials: TrialSet, wanted: Sequence[str]) -> tuple[Message, ...]:
     """What to say of campaigns of ``trials`` where each run has constants of its own; nothing for a single campaign, or
     where "none" is ``wanted``. Raises UserError for campaigns that contradict each other."""
-    if tuple(wanted) == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
+    if tuple(wanted) == ("none",) or len(trials.campaigns.comparable) < 2:
         return ()
     words = (
         "trials of several campaigns, but instruments keep one value for all of them: with --per-run nothing else is "
