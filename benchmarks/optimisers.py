@@ -21,7 +21,7 @@ from fitting.calibration import estimate_coefficients
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers.condensing import solve_led
+from fitting.solvers.solve import solve
 
 STEP, WINDOW = 1.0, 100.0
 """Of the integration and of a window [s]."""
@@ -75,7 +75,7 @@ def main() -> None:
     times = []
     for _ in range(5):
         began = time.perf_counter()
-        ours = solve_led(problem, problem.start(), 1e-6, 300, None, None, "")
+        ours = solve(problem, problem.start())
         times.append(time.perf_counter() - began)
     seconds = sorted(times)[2]
     one = SingleShooting(whole, ours.objective * (1 + 1e-5), LONGEST * seconds)

@@ -81,6 +81,16 @@ class TrialSet(Sequence[Trial]):
         """For each, the others with which it shares rows."""
         return tuple(found for found, _ in self._duplicates)
 
+    @property
+    def apart(self) -> list[tuple[int, ...]]:
+        """Folds that leave out each alone, those that share rows together: numbers of trials."""
+        groups, position = list(range(len(self))), {t.name: i for i, t in enumerate(self)}
+        for i, copies in enumerate(self.copies):
+            for copy in copies:
+                pair = (groups[i], groups[position[copy["other"]]])
+                groups = [min(pair) if g in pair else g for g in groups]
+        return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
+
     @cached_property
     def campaigns(self) -> Campaigns:
         """Who belongs to which campaign. Raises UserError where sidecar, day and folder contradict each other."""

@@ -27,7 +27,6 @@ from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.estimation.time_limit import OutOfTimeError, time_limit, timed
 from diagnosis.findings import (
     Between,
     DiagnosisInputs,
@@ -62,6 +61,7 @@ from diagnosis.validation.held_out import compare, prediction_errors
 from diagnosis.validation.learned_rest import with_learned
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
+from fitting.solvers.control import Control, OutOfTimeError
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
@@ -92,7 +92,8 @@ def diagnose(
     limit is reached before there is a verdict; what comes after it is left out then, with a warning.
     """
     o, began = options or DiagnosisOptions(), time.perf_counter()
-    with time_limit(o.time_limit):
+    control = Control.within(o.time_limit, progress)
+    with control.in_force():
         trials, tests, by_role = parted(trials, tests, o.between)
         trials, copies = diagnosable_trials(trials)
         groups = trials.groups(o.between) if o.between else None
@@ -106,9 +107,8 @@ def diagnose(
         remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
         told = told_of_predictions(ship, calibrated_on)
         inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
-        progress = timed(progress)
         try:
-            found = _diagnosed(ship, trials, kept, place, o, known, groups, progress)
+            found = _diagnosed(ship, trials, kept, place, o, known, groups, control.note)
         except (BrokenModelError, np.linalg.LinAlgError) as error:
             why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
             return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
@@ -116,7 +116,7 @@ def diagnose(
             words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
             raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
         found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
-        return with_learned(found, trials, kept, o, progress) if o.learn else found
+        return with_learned(found, trials, kept, o, control.note) if o.learn else found
 
 
 def _diagnosed(

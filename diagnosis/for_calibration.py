@@ -26,7 +26,7 @@ from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import fit_as_read, fit_of_more, prepare, priors_before, with_sensor_faults
-from fitting.nlp.grid import default_step
+from fitting.nlp.windows import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
 from mmg.errors import NotCalibrated, Unsupported, UserError

@@ -32,7 +32,7 @@ from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.inputs import CalibrationTrials
-from fitting.nlp.grid import default_step
+from fitting.nlp.windows import default_step
 from mmg.errors import Missing
 from mmg.messages import Message
 from mmg.motion.froude import time_scale

@@ -19,6 +19,7 @@ from fitting.calibration import (
     Second,
     answers,
     estimate_coefficients,
+    finished,
     solve_again,
     with_second,
 )
@@ -43,7 +44,7 @@ from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked, with_values
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.interrupts import Made, left_out_message, make_in_turn
+from fitting.solvers.control import Made, left_out_message, make_in_turn
 from fitting.uncertainty.refits import check_request, refit_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
@@ -207,7 +208,7 @@ def _result(
 
 def _estimated(
     ship: Ship,
-    trials: Sequence[Trial],
+    trials: TrialSet,
     settings: Settings,
     options: FitOptions,
     made: Made,
@@ -232,9 +233,7 @@ def _estimated(
     fit = made.get("values by campaign", CampaignFit(found))
     if not fit.calibration.draft:
         return fit
-    last = estimate_coefficients(model, trials, settings, progress, found.iterate, options.captive)
-    timings = {name: seconds + last.timings[name] for name, seconds in found.timings.items()}
-    return replace(fit, calibration=replace(last, passes=(*found.passes, *last.passes), timings=timings))
+    return replace(fit, calibration=finished(found, progress))
 
 
 def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:

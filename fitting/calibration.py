@@ -20,7 +20,13 @@ import numpy as np
 from cases.checks import inputs_are_constant
 from cases.inputs import assumed
 from cases.trial import Trial
-from fitting.identifiability.analysis import Identifiability, analyse
+from fitting.identifiability.analysis import (
+    Identifiability,
+    analyse,
+    calibrated_ship,
+    estimate_warnings,
+    with_estimates,
+)
 from fitting.identifiability.data_checks import (
     against_captive,
     contradictions,
@@ -28,20 +34,16 @@ from fitting.identifiability.data_checks import (
     refuse_outliers,
     unexcited_astern,
 )
-from fitting.identifiability.verdicts import calibrated_ship, estimate_warnings, with_estimates
 from fitting.nlp.fisher_information import Information, information
-from fitting.nlp.grid import default_step
 from fitting.nlp.loss import Loss
+from fitting.nlp.prior import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
-from fitting.nlp.windows import Segments, cut
+from fitting.nlp.windows import Segments, cut, default_step
 from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
-from fitting.solvers.condensing import solve_led
-from fitting.solvers.ipopt import Solution
-from fitting.solvers.multistart import solve_starts
-from fitting.solvers.noise_iteration import Resumption, noise_of, solve_row, solve_with_noise_estimation
-from fitting.solvers.residual_noise import ResidualNoise
+from fitting.solvers.control import Control
+from fitting.solvers.noise import ResidualNoise, Resumption, noise_of, solve_row, solve_with_noise_estimation
+from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, UnknownName
@@ -63,8 +65,8 @@ class Calibration:
     last solve; solution: of that solve; passes: objective and status of every solve. information: of each window on p,
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
-    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; draft: its last
-    solve is left out, ``solution`` is where that begins.
+    was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; outlying: on runs
+    that the others contradict; draft: its last solve is left out, ``solution`` is where that begins.
     """
 
     ship: Ship
@@ -86,6 +88,7 @@ class Calibration:
     resumption: Resumption
     constants: RunConstants | None
     draft: bool = False
+    outlying: tuple[Message, ...] = ()
 
     @property
     def converged(self) -> bool:
@@ -120,6 +123,7 @@ class Calibration:
             *estimate_warnings(self.problem, self.solution, p, list(self.starts)),
             *_unsure(self.solution, len(self.starts), self.settings, condition_number(self.covariance)),
             *self.data_warnings,
+            *self.outlying,
         )
 
     def with_estimate(self, p: np.ndarray, more: np.ndarray) -> Calibration:
@@ -242,27 +246,50 @@ def estimate_coefficients(
     of a fit in which they move; captive: points whose forces are fitted too; per_run: coefficients of effects of the
     ship, fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``);
     draft: leave out the last solve where rough ones of all windows came before, for a calibration that another may
-    replace;
-    with the iterate of a draft as ``warm`` that solve is made. Returns the calibration, whose ship is without those
+    replace; ``finished`` makes it. Returns the calibration, whose ship is without those
     effects of runs, and has those of campaigns at their mean; a solver that stops early is no error: the best iterate
     is kept and ``converged`` is False. Raises UserError for input from which nothing can be identified.
     """
     began, warm, settings = time.perf_counter(), warm or {}, settings or Settings()
-    first, x, settings, warnings, notices = prepared(ship, trials, settings, warm, captive, per_run)
-    free = first.prior
-    if "held" in warm:  # these coefficients stay where they are
-        here = free.mean + free.std * first.split(x)[1]
-        first = first.with_bounds(np.where(warm["held"], here, free.lower), np.where(warm["held"], here, free.upper))
-    timings = {"prepare": time.perf_counter() - began}
-    resumed = Resumption.of_arrays(warm, first)
-    near = resumed is None and len(warm.get("nodes", ())) == first.B
-    solves = solve_with_noise_estimation(first, x, settings, began, progress, resumed, near, draft)
-    timings["solve"] = time.perf_counter() - began - timings["prepare"]
-    best, starts = solve_starts(solves.problem, solves.solution, settings, began, progress)
+    control = Control.within(settings.time_limit, progress, settings.max_iterations)
+    problem, x, settings, warnings, notices = prepared(ship, trials, settings, warm, captive, per_run)
+    resumed = Resumption.of_arrays(warm, problem)
+    near = resumed is None and len(warm.get("nodes", ())) == problem.B
+    prepare = time.perf_counter() - began
+    found = estimated(problem, x, settings, control, per_run, resumed, near, draft, warm.get("held"))
+    timings = {**found.timings, "prepare": prepare, "total": prepare + found.timings["total"]}
+    said = tuple(dict.fromkeys(notices))
+    return replace(found, data_warnings=tuple(warnings), notices=said, timings=timings)
+
+
+@with_one_thread
+@np.errstate(all="ignore")
+def estimated(
+    problem: Problem,
+    x: np.ndarray,
+    settings: Settings,
+    control: Control,
+    per_run: Own = (),
+    resumed: Resumption | None = None,
+    near: bool = False,
+    draft: bool = False,
+    held: np.ndarray | None = None,
+) -> Calibration:
+    """The calibration by ``problem`` from x (n,), without warnings and notices on its trials.
+
+    settings: with step and window; control: of all solves; per_run, draft: as of ``estimate_coefficients``; resumed,
+    near: as of ``solve_with_noise_estimation``; held: (P,) coefficients that stay where they are.
+    """
+    began, free = time.perf_counter(), problem.prior
+    if held is not None:
+        here = free.mean + free.std * problem.split(x)[1]
+        problem = problem.with_bounds(np.where(held, here, free.lower), np.where(held, here, free.upper))
+    solves = solve_with_noise_estimation(problem, x, settings, control, resumed, near, draft)
+    seconds = time.perf_counter() - began
+    best, starts = solve_starts(solves.problem, solves.solution, settings, control)
     statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)
-    if not solves.draft:
-        warnings += outlying_runs(statistics["problem"].with_changes(), best.x, statistics["spread"].moves)
-    timings["total"] = time.perf_counter() - began
+    moves = statistics["spread"].moves
+    outlying = [] if solves.draft else outlying_runs(statistics["problem"].with_changes(), best.x, moves)
     return Calibration(
         **statistics,
         noise=solves.noise,
@@ -270,11 +297,26 @@ def estimate_coefficients(
         settings=settings,
         passes=solves.passes,
         starts=tuple(starts),
-        data_warnings=tuple(warnings),
-        notices=tuple(dict.fromkeys(notices)),
-        timings=timings,
+        data_warnings=(),
+        notices=(),
+        timings={"prepare": 0.0, "solve": seconds, "total": time.perf_counter() - began},
         resumption=solves.resumption,
         draft=solves.draft,
+        outlying=tuple(outlying),
+    )
+
+
+def finished(draft: Calibration, progress: OnProgress | None = None) -> Calibration:
+    """The ``draft`` with its last solve made; progress: called at each iteration."""
+    control = Control(progress, iterations=draft.settings.max_iterations)
+    last = estimated(draft.problem, draft.solution.x, draft.settings, control, resumed=draft.resumption)
+    timings = {name: seconds + last.timings[name] for name, seconds in draft.timings.items()}
+    return replace(
+        last,
+        passes=(*draft.passes, *last.passes),
+        data_warnings=draft.data_warnings,
+        notices=draft.notices,
+        timings=timings,
     )
 
 
@@ -298,7 +340,7 @@ def solve_again(found: Calibration, hold: Mapping[str, float], progress: OnProgr
     held, (nodes, p) = problem.with_bounds(lower, upper), problem.split(found.solution.x)
     x = held.join(nodes, np.clip(p, *held.p_bounds()))
     s = found.settings
-    best = solve_led(held, x, s.tolerance, s.max_iterations, s.time_limit, progress, "refit")
+    best = solve(held, x, Control.within(s.time_limit, progress, s.max_iterations).of("refit"), s.tolerance)
     names = found.constants.runs if found.constants else ()
     own = ByCampaign(prior.constants, names, prior.campaign) if prior.campaign else prior.constants
     seconds = time.perf_counter() - began

@@ -26,7 +26,7 @@ from cases.trial import Trial
 from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
-from fitting.solvers.interrupts import left_out_message, unless_interrupted
+from fitting.solvers.control import left_out_message, unless_interrupted
 from mmg.errors import Missing, UserError, name_fault
 from mmg.notebook import html_table
 from mmg.rollout import Simulator

@@ -197,7 +197,7 @@ def calibrate(
     """
     from fitting import calibrate as pipeline
     from fitting.settings import Settings
-    from fitting.solvers.interrupts import unless_interrupted
+    from fitting.solvers.control import unless_interrupted
     from mmg_ident.settings import check_settings, checked_settings
 
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
@@ -270,11 +270,11 @@ def predict(
     from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
     from cases.trial_set import TrialSet
-    from fitting.prediction.adaptation import Adaptation
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.score import past_to_use
+    from fitting.prediction.stretches import Adaptation
     from mmg.errors import OutOfRange, TooFewData, Unsupported
     from mmg.messages import Message
     from mmg.progress import Progress

@@ -15,11 +15,11 @@ import torch
 from torch import nn
 
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch
 from mmg.network import Layers, Network, features_of
 from mmg.ship import Ship
 from residual.physics import FusedRollout, Physics
 from residual.settings import TrainSettings
-from residual.splits import Piece
 from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
 from residual.windows import LEAST_SCALE, Scales, training_scales, windows
@@ -234,7 +234,7 @@ def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int)
     return Hybrid(Physics(ship), residual, scales.features)
 
 
-def hybrid_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
+def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
     """Scales for a residual on ``ship`` from ``pieces`` of ``trials`` on a grid of ``h`` [s].
 
     Raises UserError where there are no rows, or nothing moves in them.

@@ -16,6 +16,7 @@ from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
+from fitting.nlp.windows import pieces_of
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
@@ -34,7 +35,6 @@ from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
 from residual.settings import KEEP, BlackBoxSettings, TrainSettings
-from residual.splits import pieces_of
 from residual.train import ModelKind, Outcome, Task, tasks_of, train_seeds
 from residual.windows import LEAST_SCALE, Scales, windows
 

@@ -28,7 +28,7 @@ from fitting.report import run_folder
 from fitting.report.page import citations_of, label_of, rendered, write_page
 from fitting.report.plot_style import figures_of
 from fitting.report.use import Delivered, delivered, delivery_sections, shown_quantity
-from fitting.solvers.interrupts import LEFT_OUT
+from fitting.solvers.control import LEFT_OUT
 from mmg.errors import BadValue
 from mmg.messages import Message, has_code, message_rows, messages_from
 from mmg.network import Network

@@ -1,4 +1,4 @@
-"""Trials as gap-free pieces on a grid, and what each seed trains on, stops by and is judged by. Needs no torch.
+"""What of the gap-free pieces of trials each seed trains on, stops by and is judged by. Needs no torch.
 
 Rotating fifths of the runs judge, or single runs of a few. What judges takes no part in the training, not even in the
 choice of the weights: those chosen on the windows that then decide look better than they are (Cawley and Talbot, 2010,
@@ -9,52 +9,19 @@ predicted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import accumulate
 from typing import NamedTuple
 
-import numpy as np
-
-from cases.inputs import step_means
-from cases.trial import Trial
-from fitting.nlp.grid import Grid, grids
+from fitting.nlp.windows import Stretch
 from mmg.errors import TooFewData
 from residual.settings import BlackBoxSettings, TrainSettings
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A stretch of one run on the grid, rows ``first`` .. ``last`` (inclusive) of it."""
-
-    run: int
-    grid: Grid
-    first: int
-    last: int
-
-    @property
-    def steps(self) -> int:
-        return self.last - self.first
-
-
-def pieces_of(
-    trials: Sequence[Trial], h: float, inputs: Sequence[str], means: Callable[..., np.ndarray] = step_means
-) -> list[Piece]:
-    """The gap-free pieces of ``trials`` on a grid of ``h`` [s] with these ``inputs``, numbered by their run.
-
-    means: how samples of the inputs (N, C) become means over steps, as of ``fitting.nlp.grid.grids``.
-    """
-    return [Piece(i, g, 0, len(g.controls)) for i, trial in enumerate(trials) for g in grids(trial, h, inputs, means)]
-
-
-def blocks(pieces: Sequence[Piece], seconds: float, h: float) -> list[Piece]:
+def blocks(pieces: Sequence[Stretch], seconds: float, h: float) -> list[Stretch]:
     """``pieces`` on a grid of ``h`` [s] cut evenly into blocks of about ``seconds`` that share only their end rows."""
-    result = []
-    for piece in pieces:
-        parts = max(1, round(piece.steps * h / seconds))
-        edges = piece.first + np.linspace(0, piece.steps, parts + 1).round().astype(int)
-        result += [Piece(piece.run, piece.grid, a, b) for a, b in pairwise(edges.tolist())]
-    return result
+    return [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / seconds)))]
 
 
 WINDOW = 30.0
@@ -70,16 +37,16 @@ SHORTER = (120.0, 90.0, 75.0)
 
 
 class Split(NamedTuple):
-    """Pieces to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
+    """Stretchs to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
 
-    train: list[Piece]
-    stop: list[Piece]
-    judge: list[Piece]
+    train: list[Stretch]
+    stop: list[Stretch]
+    judge: list[Stretch]
     fold: int
 
 
 def split_pieces(
-    pieces: Sequence[Piece], turn: int, settings: TrainSettings, least: float, judge: bool = True
+    pieces: Sequence[Stretch], turn: int, settings: TrainSettings, least: float, judge: bool = True
 ) -> Split:
     """The split of the training number ``turn`` = 0, 1, ..., in which one part of ``pieces`` judges after the other.
 
@@ -117,8 +84,8 @@ def _role(number: int, turn: int, folds: int, judge: bool) -> int:
 
 
 def _blocks_by_role(
-    pieces: Sequence[Piece], turn: int, seconds: float, h: float, least: float, judge: bool
-) -> tuple[list[tuple[Piece, int]], int]:
+    pieces: Sequence[Stretch], turn: int, seconds: float, h: float, least: float, judge: bool
+) -> tuple[list[tuple[Stretch, int]], int]:
     """Blocks of ``seconds``, or shorter for FOLDS of them, GAP apart, and what each serves for; those shorter than
     ``least`` [s] are trained on."""
     for length in (seconds, *(s for s in SHORTER if s < seconds)):
@@ -137,7 +104,7 @@ def _blocks_by_role(
     return _joined(apart), turn % folds
 
 
-def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piece, int]]:
+def _with_gaps(parts: Sequence[tuple[Stretch, int]], rows: int) -> list[tuple[Stretch, int]]:
     """Blocks cut short by ``rows`` wherever the next one of the same run serves differently."""
     result = []
     for k, (block, part) in enumerate(parts):
@@ -146,25 +113,25 @@ def _with_gaps(parts: Sequence[tuple[Piece, int]], rows: int) -> list[tuple[Piec
             for j in (k - 1, k + 1)
         )
         if block.steps > before + after:
-            result.append((Piece(block.run, block.grid, block.first + before, block.last - after), part))
+            result.append((replace(block, first=block.first + before, last=block.last - after), part))
     return result
 
 
-def _joined(parts: Sequence[tuple[Piece, int]]) -> list[tuple[Piece, int]]:
+def _joined(parts: Sequence[tuple[Stretch, int]]) -> list[tuple[Stretch, int]]:
     """Neighbouring blocks that are trained on, joined again."""
-    result: list[tuple[Piece, int]] = []
+    result: list[tuple[Stretch, int]] = []
     for block, part in parts:
         last = result[-1][0] if result else None
         # a joined block holds longer rollouts than its parts
-        if last and part == result[-1][1] == 0 and last.grid is block.grid and last.last == block.first:
-            result[-1] = (Piece(last.run, last.grid, last.first, block.last), 0)
+        if last and part == result[-1][1] == 0 and last.record is block.record and last.last == block.first:
+            result[-1] = (replace(last, last=block.last), 0)
         else:
             result.append((block, part))
     return result
 
 
 def splits_of(
-    settings: TrainSettings, pieces: Sequence[Piece], held_out: Sequence[Piece], judged_apart: bool
+    settings: TrainSettings, pieces: Sequence[Stretch], held_out: Sequence[Stretch], judged_apart: bool
 ) -> list[Split]:
     """What each seed of a training is trained on, stopped by and judged by. Needs no torch.
 

@@ -25,14 +25,14 @@ from torch.optim.adam import adam
 
 from cases.inputs import step_means
 from cases.trial import Trial
-from fitting.nlp.grid import default_step
+from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
+from fitting.solvers.control import Control, interrupts_noted
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
-from residual.splits import WINDOW, Piece, Split, pieces_of, splits_of
+from residual.splits import WINDOW, Split, splits_of
 from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, state_loss
 from residual.windows import STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
 
@@ -125,11 +125,12 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
     # seeds run side by side in processes: threads of each would only take processors from the others
     torch.set_num_threads(1)
     began, settings = time.perf_counter(), task.settings
+    control = replace(Control.within(task.seconds, progress), stop=task.stop)
     with interrupts_noted():
         # each attempt begins with the same weights and draws, so that only the lower rate differs
         for restart in range(RESTARTS + 1):
             rate = settings.rate * LOWER**restart
-            attempt = _Attempt(task, began, rate, progress)
+            attempt = _Attempt(task, rate, control)
             try:
                 status = attempt.run()
                 break
@@ -160,8 +161,8 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
 class _Attempt:
     """One attempt at one learning rate."""
 
-    def __init__(self, task: Task, began: float, rate: float, progress: OnProgress | None) -> None:
-        self.task, self.began, self.rate, self.progress = task, began, rate, progress
+    def __init__(self, task: Task, rate: float, control: Control) -> None:
+        self.task, self.rate, self.control = task, rate, control
         self.system = task.system()
         self.sigma, self.score = (torch.as_tensor(a) for a in (task.scales.sigma, task.scales.score))
         # a generator of its own: the outcome of a seed must not depend on what else was drawn in its process
@@ -196,10 +197,10 @@ class _Attempt:
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
             loss = self._epoch(optimizer, rate, batch)
             self._keep(done + 1, seconds, loss)
-            if self.progress:
+            if self.control.progress:
                 values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
-                self.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
-            if self._stopped():
+                self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
+            if self.control.stops:
                 return "stopped"
         return "finished"
 
@@ -225,7 +226,7 @@ class _Attempt:
                 raise _Diverged
             optimizer.step(rate)
             losses.append(float(loss.detach()))
-            if self._stopped():
+            if self.control.stops:
                 break
         return float(np.mean(losses))
 
@@ -248,12 +249,6 @@ class _Attempt:
             raise _Diverged
         if error < self.least:
             self.least, self.best = error, self._state()
-
-    def _stopped(self) -> bool:
-        task = self.task
-        # limit, Ctrl-C here, and Ctrl-C in the process that started this one, which says so by a file
-        late = task.seconds is not None and time.perf_counter() - self.began > task.seconds
-        return late or INTERRUPTED.requested or (task.stop is not None and task.stop.exists())
 
 
 def stages(task: Task, past: int) -> list[Stage]:
@@ -294,7 +289,7 @@ class ModelKind(NamedTuple):
     """
 
     build: BuildSystem
-    scales: Callable[[Ship, Sequence[Piece], Sequence[Trial], float], Scales]
+    scales: Callable[[Ship, Sequence[Stretch], Sequence[Trial], float], Scales]
     inputs: Callable[[Ship], tuple[str, ...]]
     features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
 

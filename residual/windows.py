@@ -14,22 +14,23 @@ import torch
 
 from cases.evidence.signals import white_noise
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
 from residual.settings import SETS
-from residual.splits import WINDOW, Piece
+from residual.splits import WINDOW
 from residual.system import Past, RolloutBatch, TrainableSystem, measured_accelerations, rollout, squares
 
 
-def windows(pieces: Sequence[Piece], h: float, steps: int, stride: int, past: int = 0) -> RolloutBatch | None:
+def windows(pieces: Sequence[Stretch], h: float, steps: int, stride: int, past: int = 0) -> RolloutBatch | None:
     """Slices of ``steps`` steps of ``h`` [s] every ``stride`` rows of each of ``pieces``; None where none fits.
 
     None reaches out of its piece; ``past`` rows before each start, inside the piece, are given along.
     """
     # only whole windows: a window over the end of a piece would see rows that judge or stop
-    starts = [(p.grid, k) for p in pieces for k in range(p.first + past, p.last - steps + 1, stride)]
+    starts = [(p.record, k) for p in pieces for k in range(p.first + past, p.last - steps + 1, stride)]
     if not starts:
         return None
     targets = _stacked(g.states[k : k + steps + 1] for g, k in starts)
@@ -65,7 +66,7 @@ def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) ->
 
 
 def augmented(
-    pieces: Sequence[Piece], h: float, rows: int, name: str, noise: torch.Tensor, seed: int, past: int = 0
+    pieces: Sequence[Stretch], h: float, rows: int, name: str, noise: torch.Tensor, seed: int, past: int = 0
 ) -> RolloutBatch | None:
     """Windows of I = ``rows`` rows of ``pieces`` on a grid of ``h`` [s], as the set of that ``name`` cuts and copies
     them (Wakita et al. 2024, Eq. 15 to 23); None where none fits.
@@ -89,7 +90,11 @@ scores (fitting/prediction/score.py)."""
 
 
 def compare_errors(
-    systems: tuple[TrainableSystem, TrainableSystem], pieces: Sequence[Piece], h: float, sigma: np.ndarray, method: str
+    systems: tuple[TrainableSystem, TrainableSystem],
+    pieces: Sequence[Stretch],
+    h: float,
+    sigma: np.ndarray,
+    method: str,
 ) -> tuple[np.ndarray, tuple[float, float], tuple[float, float]]:
     """Errors of two ``systems`` on 30 s windows every 15 s and on 100 s windows side by side.
 
@@ -149,7 +154,7 @@ class Scales:
 
 def training_scales(
     ship: Ship,
-    pieces: Sequence[Piece],
+    pieces: Sequence[Stretch],
     trials: Sequence[Trial],
     h: float,
     features_at: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
@@ -166,7 +171,7 @@ def training_scales(
     measured, mask = measured_accelerations(rows)
     # differences over a gap are no accelerations
     known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
-    states = [p.grid.states[p.first : p.last + 1] for p in pieces]
+    states = [p.logged for p in pieces]
     sigma = _loss_sigma(states, ship.particulars["L"])
     placed = [t for t in trials if t.has_position]
     features = features_at(rows.targets[0], rows.controls[0]).numpy()

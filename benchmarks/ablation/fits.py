@@ -73,7 +73,7 @@ SWITCHES = (
     Switch("huber", "Huber's loss", settings={"loss": "huber"}),
     Switch("one pass", "one solve, no second with re-estimated noise", settings={"passes": 1}),
     Switch("white residuals", "no correlation time of the residuals (tau = 1)",
-           replaced={"fitting.solvers.residual_noise:correlation_time": constantly(1.0)}),
+           replaced={"fitting.solvers.noise:correlation_time": constantly(1.0)}),
     Switch("lasting accelerations", "figures of manoeuvres: drawn ships have no lasting unexplained accelerations",
            replaced={"fitting.prediction.figure_intervals:accelerations": without_lasting}, ground=FIGURES),
     Switch("model covariance", "covariance by the model alone, not robust", replaced={SANDWICH: by_the_model}),

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from cases.inputs import is_sampled, step_means, straight_means
 from cases.trial import Trial
-from fitting.nlp.grid import default_step, grids
+from fitting.nlp.windows import default_step, pieces_of
 from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
 
@@ -121,36 +120,28 @@ def grid_trials(
     """
     h = step or default_step(trials, length)
     before = math.ceil(BEFORE * time_scale(length) / h)
-    pieces, dropped = [], []
+    means, C = with_changes(straight_means if straight else step_means), len(inputs)
+    long = [piece for piece in pieces_of(trials, h, inputs, means) if piece.steps >= SHORTEST]
+    pieces = [part for piece in long for part in piece.evenly(max(1, -(-piece.steps // LONGEST)))]
+    dropped = []
     for number, trial in enumerate(trials):
-        kept = 0
-        for grid in grids(trial, h, inputs, with_changes(straight_means if straight else step_means)):
-            total = len(grid.controls)
-            if total < SHORTEST:
-                continue
-            parts = grid.controls[:, 2 * len(inputs) :].reshape(PARTS * total, -1)
-            edges = np.linspace(0, total, max(1, -(-total // LONGEST)) + 1).round().astype(int)
-            for a, b in pairwise(edges):
-                states = _at_samples(grid.t[a : b + 1], grid.states[a : b + 1], trial, h)
-                known = parts[PARTS * max(0, a - before) : PARTS * b]
-                pieces.append((number, grid.t[a : b + 1], states, grid.controls[a:b, : 2 * len(inputs)], known))
-                kept += b - a
-        lost = trial.t[-1] - trial.t[0] - kept * h
+        lost = trial.t[-1] - trial.t[0] - h * sum(piece.steps for piece in long if piece.run == number)
         if lost > SHORTEST * h:
             dropped.append(f"{trial.name}: {lost:.0f} s lie in gaps or in pieces too short between them")
     if not pieces:
         names = ", ".join(t.name for t in trials)
         raise TooFewData(f"{names}: nothing to diagnose, no piece is longer than {SHORTEST * h:g} s without a gap")
-    K, R = max(len(p[3]) for p in pieces), len(pieces)
+    K, R = max(p.steps for p in pieces), len(pieces)
     t, y = np.zeros((K + 1, R)), np.full((K + 1, R, 6), np.nan)
-    held = np.zeros((K, R, pieces[0][3].shape[1]))
-    record = np.zeros((PARTS * (before + K), R, len(inputs)))
-    for i, (_, times, states, controls, known) in enumerate(pieces):
-        n = len(controls)
-        end = PARTS * (before + n)
+    held = np.zeros((K, R, 2 * C))
+    record = np.zeros((PARTS * (before + K), R, C))
+    for i, p in enumerate(pieces):
+        n, end = p.steps, PARTS * (before + p.steps)
+        known = p.record.controls[max(0, p.first - before) : p.last, 2 * C :].reshape(-1, C)
         record[: end - len(known), i], record[end - len(known) : end, i], record[end:, i] = known[0], known, known[-1]
-        t[: n + 1, i], y[: n + 1, i], held[:n, i] = times, states, controls
-        t[n + 1 :, i], held[n:, i] = times[-1], controls[-1]
+        t[: n + 1, i], t[n + 1 :, i] = p.t, p.t[-1]
+        held[:n, i], held[n:, i] = p.controls[:, : 2 * C], p.controls[-1, : 2 * C]
+        y[: n + 1, i] = _at_samples(p.t, p.logged, trials[p.run], h)
     measured = np.isfinite(y)
     good = measured.copy()
     good[: round(RUN_IN * time_scale(length) / h)] = False
@@ -160,11 +151,11 @@ def grid_trials(
         y=np.nan_to_num(y),
         good=good,
         measured=measured,
-        inputs=held[..., : len(inputs)],
-        changes=held[..., len(inputs) :],
+        inputs=held[..., :C],
+        changes=held[..., C:],
         sample=max(t.dt for t in trials),
-        steps=np.array([len(p[3]) for p in pieces]),
-        run=np.array([p[0] for p in pieces]),
+        steps=np.array([p.steps for p in pieces]),
+        run=np.array([p.run for p in pieces]),
         trials=tuple(trial.name for trial in trials),
         dropped=tuple(dropped),
         straight=straight,

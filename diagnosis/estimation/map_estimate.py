@@ -23,8 +23,8 @@ from diagnosis.estimation.linearisation import (
 )
 from diagnosis.estimation.noise_sizes import initial_noise, noise_step, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
-from diagnosis.estimation.time_limit import check_time
 from diagnosis.estimation.transition_model import TransitionModel
+from fitting.solvers.control import check_time
 from mmg.errors import UserError
 from mmg.ship import Ship
 

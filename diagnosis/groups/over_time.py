@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from cases.evidence.tails import gamma_tail
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 from fitting.prediction.innovations import UNEXPLAINED, Innovations, information_of
 
 SPELL, PARTS = 0.25, 100

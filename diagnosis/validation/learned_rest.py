@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cases.trial import Trial
-from diagnosis.estimation.time_limit import OutOfTimeError, check_time
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
+from fitting.solvers.control import OutOfTimeError, check_time
 from mmg.errors import UserError, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress

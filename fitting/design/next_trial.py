@@ -20,10 +20,17 @@ from cases.maneuvers.self_propulsion import own_speed
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting.identifiability.analysis import DETERMINED, CoefficientFinding, Identifiability, information_discount
-from fitting.identifiability.verdicts import cause, listed, verdict
+from fitting.identifiability.analysis import (
+    DETERMINED,
+    CoefficientFinding,
+    Identifiability,
+    cause,
+    information_discount,
+    listed,
+    verdict,
+)
 from fitting.nlp.fisher_information import information
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments, cut
 from mmg.errors import NoSolution, UserError

@@ -19,8 +19,7 @@ from cases.quantities import UNITS
 from cases.simulation.sensors import SensorNoise, wrap
 from cases.simulation.simulate import longest_step
 from cases.simulation.simulate_batch import simulate_batch
-from fitting.design.area import Area
-from fitting.design.plan import RUN_UP, PlanTask, SequenceFound, Wish, search_plan, table_of
+from fitting.design.plan import RUN_UP, Area, PlanTask, SequenceFound, Wish, search_plan, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import correlation_in, draws_of

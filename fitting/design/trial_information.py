@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fitting.nlp.fisher_information import information
-from fitting.nlp.group_sums import group_sums
-from fitting.nlp.prior import Prior
+from fitting.nlp.prior import Prior, group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import Segments

@@ -11,9 +11,9 @@ import numpy as np
 from cases.trial import Trial
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
-from fitting.solvers.condensing import solve_led
-from fitting.solvers.ipopt import ROUGH
-from fitting.solvers.residual_noise import residual_series
+from fitting.solvers.control import Control
+from fitting.solvers.noise import residual_series
+from fitting.solvers.solve import solve
 from mmg.compile.batch import BatchFunction
 from mmg.effects import effect
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
@@ -122,8 +122,7 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
     alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
         np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
     )
-    start = alone.start(p)
-    held = solve_led(alone, start, 1e-3, 60, None, None, "a run alone", ROUGH)
+    held = solve(alone, alone.start(p), Control(iterations=60), 1e-3, rough=True)
     return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.nlp.elimination_c import Elimination
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
+from fitting.nlp.shooting import Elimination
 from fitting.nlp.windows import Segments
 
 

@@ -3,7 +3,7 @@
 With s = e^2 / sigma^2 of one sample in one channel the objective sums 1/2 phi(s). ``gaussian``: phi = s. ``huber``: the
 pseudo-Huber function phi = 2 a (sqrt(1 + s / a) - 1), convex, growing like |e| beyond sqrt(a) sigma (Charbonnier et al.
 1997). ``student``: phi = (a + 1/tau) log(1 + s / a), Student's t with nu degrees of freedom (Lange et al. 1989), on
-which a gross outlier has no influence. sigma is the effective one, rms sqrt(tau) (fitting/solvers/residual_noise.py),
+which a gross outlier has no influence. sigma is the effective one, rms sqrt(tau) (fitting/solvers/noise.py),
 but an outlier is one relative to the rms: a = threshold^2 / tau (huber), nu / tau (student).
 """
 

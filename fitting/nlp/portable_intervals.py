@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 from mmg.compile.batch import BatchFunction
 from mmg.compile.intervals import Lanes, Wanted
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step

@@ -1,20 +1,34 @@
-"""What is known of the free coefficients before a calibration."""
+"""What is known of the free coefficients before a calibration.
+
+The scaled coefficients of a fit are p = (shared, constants of run 0, constants of run 1, ...), each constant with the
+same prior N(centre, typical size^2) in every run. The model of one run depends on the shared ones and on its own: L of
+the P. All sums over samples are therefore made by run in L columns, and put together in P at the end. The same holds
+for campaigns, whose runs share the constants.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fitting.nlp.windows import Segments
 from mmg.ship import Ship
+
+
+def group_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Sums (count, ...) of the rows of ``values`` (m, ...) of each ``group`` (m,), a number below ``count``."""
+    sums = np.zeros((count, *values.shape[1:]))
+    np.add.at(sums, group, values)
+    return sums
 
 
 @dataclass(frozen=True)
 class Prior:
     """Gaussian prior and bounds of the free coefficients, each of shape (P,).
 
-    constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/run_constants.py); they come
+    constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/prior.py); they come
     last, run by run. campaign: (trials,) of which of ``runs`` campaigns each trial is, where the runs of a campaign
     share its constants; empty: each run has its own.
     """
@@ -87,3 +101,212 @@ def _stated(ship: Ship, symbols: Sequence[str]) -> list[np.ndarray]:
     """Value, standard deviation, lower and upper bound of the coefficients ``symbols`` of ``ship``, (P,) each."""
     chosen = [ship.coefficients[s] for s in symbols]
     return [np.array([getattr(c, key) for c in chosen]) for key in ("value", "std", "lower", "upper")]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The coefficients of a fit by group of intervals: a group is a run or a campaign, or all runs if none has
+    constants of its own.
+
+    at: (G, L) where those of each group lie in p (P,), the ``shared`` first ones in all groups; window (W,),
+    interval (M,), node (B,): group of each; campaigns: whether groups are campaigns.
+    """
+
+    at: np.ndarray
+    shared: int
+    window: np.ndarray
+    interval: np.ndarray
+    node: np.ndarray
+    campaigns: bool = False
+
+    @classmethod
+    def of(cls, prior: Prior, segments: Segments) -> Columns:
+        """Those of a prior, for the intervals of ``segments``."""
+        group = segments.run if prior.constants else np.zeros_like(segments.run)
+        campaigns = bool(prior.constants and prior.campaign)
+        group = np.asarray(prior.campaign)[group] if campaigns else group
+        shared, own = prior.shared, len(prior.constants)
+        runs = np.arange(prior.runs if own else 1)
+        at = np.hstack([np.tile(np.arange(shared), (len(runs), 1)), shared + own * runs[:, None] + np.arange(own)])
+        return cls(at, shared, group, group[segments.window], group[segments.node_window], campaigns)
+
+    @property
+    def groups(self) -> int:
+        return len(self.at)
+
+    @property
+    def owner(self) -> np.ndarray | None:
+        """Run that each coefficient belongs to, -1 for shared ones, -2 - c for those of campaign c, (P,); None if all
+        are shared."""
+        if self.at.shape[1] == self.shared:
+            return None
+        owner = np.full(int(self.at.max()) + 1, -1)
+        numbers = np.arange(self.groups)[:, None]
+        owner[self.at[:, self.shared :]] = -2 - numbers if self.campaigns else numbers
+        return owner
+
+    def each(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Values (G, ...) for points of these groups (m,): (m, ...), or (1, ...) for all of them."""
+        return values if self.groups == 1 else values[group]
+
+    def points(self, theta: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """All coefficients of points: (all, m) from (G, all), or as they are if they are the same for all (all,)."""
+        return theta if theta.ndim == 1 else np.ascontiguousarray(theta[group].T)
+
+    def total(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Sums by group (G, ...) of values of points (m, ...); one row stands for each point."""
+        if self.groups == 1:
+            return values.sum(axis=0)[None]
+        return group_sums(group, values, self.groups)
+
+    def unit(self, scale: np.ndarray, std: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """What one of the scaled (state, coefficients) is in SI, for points of these groups (m,): (m or 1, 1, S + L).
+
+        scale: (S,) of the states; std: (G, L) of the coefficients; group: (m,)."""
+        own = self.each(std, group)
+        return np.hstack([np.tile(scale, (len(own), 1)), own])[:, None, :]
+
+    def vector(self, parts: np.ndarray, size: int) -> np.ndarray:
+        """Sum (P,) of parts (G, L) of the groups."""
+        whole = np.zeros(size)
+        np.add.at(whole, self.at, parts)
+        return whole
+
+    def matrix(self, parts: np.ndarray, size: int) -> np.ndarray:
+        """Sum (P, P) of parts (G, L, L) of the groups."""
+        whole = np.zeros((size, size))
+        for at, part in zip(self.at, parts, strict=True):
+            whole[np.ix_(at, at)] += part
+        return whole
+
+
+@dataclass(frozen=True)
+class ByCampaign:
+    """Constants that each campaign has for itself: symbols; names: of the campaigns; number: (trials,) of which
+    campaign each trial is; told: by symbol, value and standard error of each campaign from another source."""
+
+    symbols: tuple[str, ...]
+    names: tuple[str, ...]
+    number: tuple[int, ...]
+    told: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+
+
+Own = Sequence[str] | ByCampaign
+"""Constants that each run has for itself, by symbol, or each campaign."""
+
+
+def symbols_of(own: Own) -> tuple[str, ...]:
+    """Symbols of the constants ``own``."""
+    return own.symbols if isinstance(own, ByCampaign) else tuple(own)
+
+
+def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
+    """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
+    if isinstance(own, ByCampaign):
+        return _with_readings(Prior.of(ship, own.symbols, own.names, own.number), own)
+    return Prior.of(ship, own, trials)
+
+
+def _with_readings(prior: Prior, own: ByCampaign) -> Prior:
+    """The ``prior`` with what is told of the constants ``own``: the product of both normal distributions."""
+    mean, std = prior.mean.copy(), prior.std.copy()
+    for symbol, rows in own.told.items():
+        at = prior.shared + len(own.symbols) * np.arange(len(own.names)) + own.symbols.index(symbol)
+        value, error = np.array(rows).T
+        known = std[at] ** -2 + error**-2
+        mean[at] = (mean[at] * std[at] ** -2 + value * error**-2) / known
+        std[at] = known**-0.5
+    return replace(prior, mean=np.clip(mean, prior.lower, prior.upper), std=std)
+
+
+def ship_of_all(ship: Ship, own: Own, constants: RunConstants | None) -> Ship:
+    """What all runs share of ``ship`` with the constants ``own``: without the effects of runs; with those of campaigns
+    at their mean, the estimates of each campaign beside it."""
+    if not isinstance(own, ByCampaign):
+        return without_constants(ship, own)
+    if constants is None:
+        return ship
+    values = constants.value.tolist()
+    rows = {name: dict(zip(own.symbols, row, strict=True)) for name, row in zip(own.names, values, strict=True)}
+    return replace(ship, campaigns=rows)
+
+
+def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
+    """The ``ship`` without the effects of the constants ``symbols``, which belong to the runs."""
+    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
+        ship = ship.without_effect(name)
+    return ship
+
+
+def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
+    """Values of all coefficients of ``ship`` with the effects of the constants ``symbols`` absent, (all,), as in a
+    captive test.
+    """
+    off = ship
+    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
+        off = off.without_effect(name).with_effect(name)
+    return np.array([off.coefficients[s].value for s in ship.symbols])
+
+
+@dataclass(frozen=True)
+class RunConstants:
+    """Estimated constants of the runs.
+
+    symbols: of the Q constants; runs: names; units: (Q,); value, std: (R, Q) in those units; prior_value, prior_std:
+    (Q,); p: (R Q,) scaled, run by run.
+    """
+
+    symbols: tuple[str, ...]
+    runs: tuple[str, ...]
+    units: tuple[str, ...]
+    value: np.ndarray
+    std: np.ndarray
+    prior_value: np.ndarray
+    prior_std: np.ndarray
+    p: np.ndarray
+
+    @classmethod
+    def of(
+        cls, ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, runs: Sequence[str]
+    ) -> RunConstants | None:
+        """From the scaled estimate (P,) and its covariance (P, P) in prior standard deviations; None without any."""
+        if not prior.constants:
+            return None
+        shape, own = (prior.runs, len(prior.constants)), slice(prior.shared, None)
+        mean, unit = prior.mean[own].reshape(shape), prior.std[own].reshape(shape)
+        return cls(
+            symbols=prior.constants,
+            runs=_distinct(runs),
+            units=tuple(ship.coefficients[s].unit for s in prior.constants),
+            value=mean + unit * p[own].reshape(shape),
+            std=unit * np.sqrt(np.diag(covariance)[own]).reshape(shape),
+            prior_value=np.array([ship.coefficients[s].value for s in prior.constants]),
+            prior_std=np.array([ship.coefficients[s].std for s in prior.constants]),
+            p=p[own].copy(),
+        )
+
+    def rows(self) -> dict[str, dict[str, dict]]:
+        """Plain values for ``result.json``: {run: {symbol: {"value", "std", "unit", "prior_value", "prior_std"}}}."""
+        keys = ("value", "std", "unit", "prior_value", "prior_std")
+        same = (self.units, self.prior_value.tolist(), self.prior_std.tolist())
+        return {
+            run: {
+                symbol: dict(zip(keys, cells, strict=True))
+                for symbol, *cells in zip(self.symbols, value, std, *same, strict=True)
+            }
+            for run, value, std in zip(self.runs, self.value.tolist(), self.std.tolist(), strict=True)
+        }
+
+    def table(self) -> list[str]:
+        """Lines for a person: a head, then a row per run."""
+        names = [f"{s} [{unit}]" if unit else s for s, unit in zip(self.symbols, self.units, strict=True)]
+        pairs = zip(self.runs, self.value, self.std, strict=True)
+        rows = [[run, *(f"{v:.4g} +- {s:.2g}" for v, s in zip(value, std, strict=True))] for run, value, std in pairs]
+        lines = [["run", *names], *rows]
+        width = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        return ["  ".join(cell.ljust(w) for cell, w in zip(line, width, strict=True)).rstrip() for line in lines]
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """The names, the second of equal ones with "(2)" behind it."""
+    return tuple(f"{n} ({k})" if (k := names[: i + 1].count(n)) > 1 else n for i, n in enumerate(names))

@@ -1,7 +1,7 @@
 """The calibration as one nonlinear program: objective, constraints and their exact derivatives.
 
 Variables x: node states (each divided by its channel's scale), then the free coefficients as p = (theta - prior) / std;
-those of one run are L of the P, all of them unless runs have constants of their own (fitting/nlp/run_constants.py).
+those of one run are L of the P, all of them unless runs have constants of their own (fitting/nlp/prior.py).
 Objective: 1/2 sum phi((z - y)^2 / sigma^2) over all measured grid samples + 1/2 |p|^2, the negative log posterior of
 independent residuals (Gaussian: phi(s) = s; others in loss.py) and priors, and 1/2 sum of the squared, scaled
 residuals of the forces of captive tests, if there are any. Constraints: the state at the end of each shooting interval
@@ -15,20 +15,66 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
 
 from fitting.nlp.loss import Loss
+from fitting.nlp.prior import Columns, neutral_values
 from fitting.nlp.prior import Prior as Prior
-from fitting.nlp.run_constants import Columns, neutral_values
-from fitting.nlp.sample_cost import SampleCost
-from fitting.nlp.shooting import Kernels, Shooting
-from fitting.nlp.sparsity import Pattern, sparsity_patterns, upper_triangle
+from fitting.nlp.shooting import Kernels, SampleCost, Shooting
 from fitting.nlp.windows import Segments
 from mmg.model import assemble, states_behind
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.nlp.captive import Captive, CaptiveForces
+
+
+Pattern = tuple[ca.Sparsity, np.ndarray]
+"""A compressed-column pattern, and the order that sorts values, as they are assembled, into it."""
+
+
+def sparsity_patterns(seg: Segments, S: int, P: int, columns: Columns) -> tuple[Pattern, Pattern]:
+    """Patterns of the Jacobian (S M, S B + P) and of the upper triangle of the Hessian, over the intervals of ``seg``.
+
+    S, P: numbers of states and coefficients. Nodes and intervals border on the ``columns`` of their group.
+    """
+    M, B = seg.intervals, len(seg.nodes)
+    n, m = S * B + P, S * M
+    i, j = np.meshgrid(np.arange(S), np.arange(S), indexing="ij")
+    rows = S * np.arange(M)[:, None, None]
+    block = (rows + i, S * seg.start[:, None, None] + j)
+    ends = (S * np.arange(M)[:, None] + np.arange(S), S * seg.end[:, None] + np.arange(S))
+    at = columns.at[columns.interval][:, None, :]
+    dense = np.broadcast_arrays(rows + np.arange(S)[:, None], S * B + at)
+    r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
+    c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
+    jacobian = _sparsity(r, c, m, n)
+    iu, ju = np.triu_indices(S)
+    own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
+    at = columns.at[columns.node][:, None, :]
+    border = np.broadcast_arrays(S * np.arange(B)[:, None, None] + np.arange(S)[:, None], S * B + at)
+    pu, qu = np.triu_indices(P)
+    r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), S * B + pu])
+    c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), S * B + qu])
+    return jacobian, _sparsity(r, c, n, n)
+
+
+def upper_triangle(nodes: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Values of the Hessian's upper triangle in the order in which its pattern assembles them: of rows of the nodes
+    (B, S, S + L) and of the coefficients ``shared`` (P, P)."""
+    S = nodes.shape[1]
+    i, j = np.triu_indices(S)
+    parts = (nodes[:, i, j], nodes[:, :, S:], shared[np.triu_indices(len(shared))])
+    return np.concatenate([part.reshape(-1) for part in parts])
+
+
+def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> Pattern:
+    """CasADi's compressed-column pattern of distinct triplets and the order that sorts their values into it."""
+    order = np.lexsort((rows, columns))
+    counts = np.bincount(columns, minlength=m)
+    pointers = np.concatenate([[0], np.cumsum(counts)])
+    return ca.Sparsity(n, m, pointers.tolist(), rows[order].tolist()), order
 
 
 class Problem:

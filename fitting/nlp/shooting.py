@@ -5,26 +5,187 @@ together this gives the end state and the interior states, their sensitivities w
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
 Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py), elsewhere CasADi's
 virtual machine.
+
+y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases of the effects that enter there.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
+import ctypes
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.elimination_c import Elimination, elimination
-from fitting.nlp.measurement import Measurement
-from fitting.nlp.sample_cost import Curved, SampleCost
-from mmg.compile.batch import MORE, BatchFunction, differences, finite_at
+from fitting.nlp.prior import group_sums
+from fitting.nlp.windows import Chains
+from mmg.compile.batch import LOOP_FLAGS, MORE, BatchFunction, batch_functions, differences, finite_at
+from mmg.compile.cache import load_library
+from mmg.compile.codegen import EXPORT, c_file
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.model import Model
 
 if TYPE_CHECKING:
     from fitting.nlp.portable_intervals import PortableIntervals
+
+
+@dataclass(frozen=True)
+class Curved:
+    """Second derivatives of intervals: ends (M, S, S + P) sensitivities, slope (M, S + P) of the samples' cost, rows
+    (M, S, S + P) of the start nodes, shared (windows or groups, P, P) of the coefficients."""
+
+    ends: np.ndarray
+    slope: np.ndarray
+    rows: np.ndarray
+    shared: np.ndarray
+
+    def of_groups(self, group: np.ndarray, groups: int) -> Curved:
+        """The same with the blocks of the coefficients summed by ``group``, one number below ``groups`` for each."""
+        return replace(self, shared=group_sums(group, self.shared, groups))
+
+
+@dataclass
+class SampleCost:
+    """Derivatives of the cost of the interior states, by step and interval.
+
+    pull: (K-1, S, M) gradient with respect to the state; weight: (K-1, S, M) diagonal of its Hessian; full: instead,
+    (K-1, M, S + O, S + O) Hessian with respect to the state and the free coefficients at positions ``own`` (O of them).
+    """
+
+    pull: np.ndarray
+    weight: np.ndarray
+    full: np.ndarray | None = None
+    own: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+
+    def triangles(self) -> np.ndarray:
+        """Upper triangles of the Hessians, row by row: (K - 1, n (n + 1) / 2, M) for n = S + O."""
+        steps, S, M = self.pull.shape
+        n = S + len(self.own)
+        rows, columns = np.triu_indices(n)
+        if self.full is not None:
+            return np.ascontiguousarray(np.moveaxis(self.full[:, :, rows, columns], 2, 1))
+        found = np.zeros((steps, len(rows), M))
+        found[:, rows == columns] = self.weight
+        return found
+
+
+class Measurement:
+    """h of a model, for the free coefficients at positions ``free`` among all of them.
+
+    identity: h copies the first six states; the other methods need not be called then. own: positions, among the free
+    coefficients, of those that h depends on (O of them). States are (S, m), columns (6, m), coefficients (all,).
+    """
+
+    def __init__(self, model: Model, free: np.ndarray, compiled: bool = True) -> None:
+        self.S, self.identity, self.own = len(model.states), not model.measured, np.zeros(0, dtype=int)
+        if self.identity:
+            return
+        z, theta = ca.SX.sym("z", self.S), ca.SX.sym("theta", len(model.symbols))
+        mu, y = ca.SX.sym("mu", 6), model.columns(z, theta)
+        touched = ca.which_depends(y, ca.vertcat(*[theta[int(i)] for i in free]), 1) if len(free) else []
+        self.own = np.flatnonzero(touched)
+        x = ca.vertcat(z, *[theta[int(free[i])] for i in self.own])
+        J, H = ca.densify(ca.jacobian(y, x)), ca.densify(ca.hessian(ca.dot(mu, y), x)[0])
+        functions = [
+            ca.Function("h_values", [z, theta], [y], {"cse": True}),
+            ca.Function("h_jacobian", [z, theta], [J], {"cse": True}),
+            ca.Function("h_hessian", [z, theta, mu], [H], {"cse": True}),
+        ]
+        self._batch = batch_functions(functions, compiled)[0]
+
+    def values(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Logged columns (6, m)."""
+        return z[:6] if self.identity else self._batch[0].at(z, theta)[0]
+
+    def jacobian(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """d y / d (z, own coefficients), (m, 6, S + O)."""
+        flat = self._batch[1].at(z, theta)[0]
+        return np.ascontiguousarray(flat.T.reshape(-1, self.S + len(self.own), 6).swapaxes(1, 2))
+
+    def hessian(self, z: np.ndarray, theta: np.ndarray, mu: np.ndarray) -> np.ndarray:
+        """Second derivative of mu . y with respect to (z, own coefficients), mu (6, m): (m, S + O, S + O)."""
+        size = self.S + len(self.own)
+        return np.ascontiguousarray(self._batch[2].at(z, theta, mu)[0].T.reshape(-1, size, size))
+
+    def slope(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
+        """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the ``free`` coefficients (m, free).
+
+        we: (m, 6) weighted residuals. The latter has one row of zeros if the measurement model depends on none.
+        """
+        if self.identity:
+            return np.hstack([we, np.zeros((len(we), self.S - 6))]), np.zeros((1, free))
+        direct = np.zeros((len(we), free))
+        pull = (we[:, None, :] @ self.jacobian(z.T, theta))[:, 0]
+        direct[:, self.own] = pull[:, self.S :]
+        return pull[:, : self.S], direct
+
+    def curvature(self, z: np.ndarray, w: np.ndarray, we: np.ndarray | None, theta: np.ndarray) -> np.ndarray:
+        """Hessian of 1/2 sum w e^2 with respect to states z (m, S) and own coefficients, (m, S + O, S + O).
+
+        w, we: (m, 6) weights and weighted residuals; None: to first order in the columns.
+        """
+        J = self.jacobian(z.T, theta)
+        first = np.swapaxes(J, 1, 2) @ (w[:, :, None] * J)
+        return first if we is None else first + self.hessian(z.T, theta, we.T)
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """The elimination of the nodes of all windows, and the way back, in C: one window after the other, its rows in
+    cache. The same as ``fitting.nlp.fisher_information.Eliminated``, and as ``carried`` of the condensing method, which
+    are in numpy for what has no compiler."""
+
+    library: ctypes.CDLL
+
+    def eliminated(
+        self, chains: Chains, nodes: np.ndarray, node_slope: np.ndarray, maps: np.ndarray, off: np.ndarray,
+        inside: tuple[np.ndarray, np.ndarray] | None,
+    ) -> tuple[np.ndarray, ...]:  # fmt: skip
+        """Rows (W, S, n), slope (W, n), second factor (M, S, n - S), rows (M, S, n) and slope (M, S) ahead: what
+        ``Eliminated`` has, from rows (B, S, n) and slopes (B, n) of the nodes, maps (M, S, n) and off (M, S or more) of
+        the intervals, and rows (M, S, n) and slopes (M, n) of the samples inside them, or None."""
+        (M, S, n), W = maps.shape, len(chains.first) - 1
+        given = [np.ascontiguousarray(a, dtype=float) for a in (nodes, node_slope, *(inside or ()), maps, off)]
+        shapes = ((W, S, n), (W, n), (M, S, n - S), (M, S, n), (M, S))
+        found = tuple(np.empty(shape) for shape in shapes)
+        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
+        at[2:2] = [] if inside else [ctypes.c_void_p(None)] * 2
+        out = [ctypes.c_void_p(a.ctypes.data) for a in found]
+        sizes, row = [ctypes.c_longlong(k) for k in (W, S, n)], ctypes.c_longlong(off.shape[1])
+        if self.library.eliminate(*sizes, *_addresses(chains), *at, row, *out):
+            raise MemoryError("no memory for the elimination of nodes")
+        return found
+
+    def carried(
+        self, chains: Chains, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray | None, nodes: int
+    ) -> np.ndarray:
+        """Steps (nodes, S) of all nodes from those of the first ones (W, S) and of the coefficients p (W or 1, n - S),
+        None for none; maps: (M, S, n), off: (M, S)."""
+        (_, S, n), W = maps.shape, len(chains.first) - 1
+        given = [np.ascontiguousarray(a, dtype=float) for a in (maps, off, first)]
+        own = np.ascontiguousarray(p) if p is not None else None
+        steps, sizes = np.zeros((nodes, S)), [ctypes.c_longlong(k) for k in (W, S, n)]
+        row = ctypes.c_longlong(n - S if own is not None and len(own) > 1 else 0)
+        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
+        at += [ctypes.c_void_p(own.ctypes.data if own is not None else None)]
+        self.library.carry(*sizes, *_addresses(chains), *at, row, ctypes.c_void_p(steps.ctypes.data))
+        return steps
+
+
+def _addresses(chains: Chains) -> list[object]:
+    """Of the ``chains``, for the C functions."""
+    arrays = (chains.first, chains.number, chains.start, chains.end)
+    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
+
+
+@cache
+def elimination(compiled: bool) -> Elimination | None:
+    """The functions, compiled or from the cache; None where that is not possible or not wanted."""
+    library = load_library(EXPORT + c_file(__file__, "elimination.c"), LOOP_FLAGS)[0] if compiled else None
+    return Elimination(library) if library else None
 
 
 class Kernels:

@@ -1,8 +1,12 @@
-"""From trials to the arrays of a multiple-shooting problem: grid, windows, intervals, nodes, targets, inputs."""
+"""Trials cut into stretches, and into the arrays of a multiple-shooting problem.
+
+``pieces_of`` puts trials on a uniform grid of time: pieces without gaps, interpolated states, mean inputs over each
+step. What is fitted, filtered, trained on and predicted are ``Stretch``es of these, or of the samples as they are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -10,13 +14,136 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cases.inputs import STANDARD
+from cases.inputs import STANDARD, model_inputs, step_means
 from cases.trial import Trial
-from fitting.nlp.elimination_c import Chains
-from fitting.nlp.grid import grids
 from mmg.errors import TooFewData
 from mmg.messages import Message
+from mmg.motion.froude import reference_speed
 from mmg.states import STATES
+
+
+@dataclass(frozen=True)
+class Record:
+    """A run at its samples: t (N,) [s], logged states (N, 6), inputs of the model (N, C), usable rows (N,).
+
+    Or a piece of it without gaps on a grid, its inputs (N - 1, C) the mean over each step, its states NaN where they
+    were not measured. has_position: whether positions were; at samples x and y are zero without them. values: all
+    coefficients (P,) of the ship in this run, None: those of the simulator.
+    """
+
+    t: np.ndarray
+    states: np.ndarray
+    controls: np.ndarray
+    good: np.ndarray
+    has_position: bool = True
+    values: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Rows ``first`` .. ``last`` (inclusive) of a record; run: number of its trial."""
+
+    record: Record
+    first: int
+    last: int
+    run: int = 0
+
+    @property
+    def steps(self) -> int:
+        return self.last - self.first
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of its rows [s], (steps + 1,)."""
+        return self.record.t[self.first : self.last + 1]
+
+    @property
+    def logged(self) -> np.ndarray:
+        """The logged states, (steps + 1, 6)."""
+        return self.record.states[self.first : self.last + 1]
+
+    @property
+    def controls(self) -> np.ndarray:
+        """Inputs over its steps, (steps, C)."""
+        return self.record.controls[self.first : self.last]
+
+    def evenly(self, parts: int) -> list[Stretch]:
+        """So many ``parts`` of nearly the same length that share only their end rows."""
+        edges = self.first + np.linspace(0, self.steps, parts + 1).round().astype(int)
+        return [replace(self, first=a, last=b) for a, b in pairwise(edges.tolist())]
+
+
+def pieces_of(
+    trials: Sequence[Trial],
+    h: float,
+    inputs: Sequence[str] = STANDARD,
+    means: Callable[..., np.ndarray] = step_means,
+) -> list[Stretch]:
+    """The gap-free pieces of ``trials`` on grids of step h [s], for a model with these ``inputs``, by run.
+
+    means: how samples of the inputs (N, C) become means over steps (``step_means``: each is held until the next).
+    """
+    result = []
+    for run, trial in enumerate(trials):
+        states, controls = trial.states, model_inputs(trial, inputs).array
+        good = np.flatnonzero(np.isfinite(np.column_stack([states[:, 2:], controls])).all(axis=1))
+        gaps = np.flatnonzero(np.diff(trial.t[good]) > max(2.5 * trial.dt, 2.0 * h)) + 1
+        for rows in np.split(good, gaps) if len(good) else []:
+            t = trial.t[rows]
+            count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
+            if count < 1:
+                continue
+            edges = t[0] + h * np.arange(count + 1)
+            on_grid = np.column_stack([_interpolate(edges, t, states[rows, j]) for j in range(6)])
+            record = Record(edges, on_grid, means(t, controls[rows], edges), np.ones(count + 1, dtype=bool))
+            result.append(Stretch(record, 0, count, run))
+    return result
+
+
+def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Linear interpolation; NaN where a neighbouring sample is missing."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.full(len(at), np.nan)
+    out = np.interp(at, t[good], values[good])
+    if not good.all():
+        position = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
+        out[~(good[position] & good[np.maximum(position - 1, 0)])] = np.nan
+    return out
+
+
+def default_step(trials: Sequence[Trial], length: float) -> float:
+    """Integration step [s] for ``trials`` of a ship of this ``length`` [m].
+
+    A twentieth of the time to travel a ship length at rms speed, at least the sampling time, rounded to 1, 2 or 5 times
+    a power of ten, and then to whole samples: states are compared where they were measured, not interpolated.
+    """
+    u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
+    speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))
+    dt = max(t.dt for t in trials)
+    wanted = max(0.05 * length / speed, dt)
+    decade = 10 ** np.floor(np.log10(wanted))
+    step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
+    samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))
+    return step if abs(step / dt - samples) < 1e-3 else samples * dt
+
+
+@dataclass(frozen=True)
+class Chains:
+    """The intervals of each of W windows, from its last one on: numbers (M,), those of window w from first (W + 1,) [w]
+    on; start, end: (M,) nodes of each interval."""
+
+    first: np.ndarray
+    number: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, window: np.ndarray, start: np.ndarray, end: np.ndarray) -> Chains:
+        """window, start, end: (M,) of each interval; nodes follow each other in time."""
+        order = np.lexsort((-start, window))
+        first = np.concatenate([[0], np.cumsum(np.bincount(window))])
+        return cls(*(np.ascontiguousarray(a, dtype=np.int64) for a in (first, order, start, end)))
 
 
 @dataclass(frozen=True)
@@ -124,21 +251,18 @@ def cut(
     run: list[int] = []
     short: dict[str, float] = {}
     spans: list[_Span] = []
-    for number, trial in enumerate(trials):
-        for grid in grids(trial, h, inputs):
-            total = len(grid.controls)
-            if total < least:
-                short[trial.name] = short.get(trial.name, 0.0) + total * h
-                continue
-            edges = np.linspace(0, total, max(1, round(total * h / window)) + 1).round().astype(int).tolist()
-            for first, last in pairwise(edges):
-                joints = [*range(first, last, K), last]
-                for s, e in pairwise(joints):
-                    node = len(nodes) + (s - first) // K
-                    spans.append(_Span(node, len(run), grid.controls[s:e], grid.states[s + 1 : e]))
-                nodes += [grid.states[row] for row in joints]
-                node_window += [len(run)] * len(joints)
-                run.append(number)
+    for piece in pieces_of(trials, h, inputs):
+        if piece.steps < least:
+            name = trials[piece.run].name
+            short[name] = short.get(name, 0.0) + piece.steps * h
+            continue
+        for part in piece.evenly(max(1, round(piece.steps * h / window))):
+            joints = [*range(0, part.steps, K), part.steps]
+            for s, e in pairwise(joints):
+                spans.append(_Span(len(nodes) + s // K, len(run), part.controls[s:e], part.logged[s + 1 : e]))
+            nodes += [part.logged[row] for row in joints]
+            node_window += [len(run)] * len(joints)
+            run.append(piece.run)
     dropped = [
         Message(f"{name}: {s:.0f} s in pieces too short between gaps were left out", "short_pieces_left_out")
         for name, s in short.items()

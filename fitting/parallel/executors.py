@@ -2,7 +2,7 @@
 
 A process of the pool has one thread, ends with its parent, and there are no more of them than there is memory for.
 Ctrl-C reaches all processes of a terminal: those of the pool hold it back, except where they note it
-(``fitting.solvers.interrupts``), so that none of them dies while it imports and none leaves a traceback.
+(``fitting.solvers.control``), so that none of them dies while it imports and none leaves a traceback.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import numpy as np
 from cases.evidence.signals import white_noise
 from cases.evidence.tails import student_quantile
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation, adapt, default_past
+from fitting.nlp.windows import Stretch
 from fitting.prediction.bands import (
     COARSE,
     Bands,
@@ -24,7 +24,7 @@ from fitting.prediction.bands import (
 )
 from fitting.prediction.envelope import held_dict, held_motion
 from fitting.prediction.predict import record_of, window_rows
-from fitting.prediction.stretches import Stretch, WindowBatch, rollout, wrapped_error
+from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, default_past, rollout, wrapped_error
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship

@@ -38,7 +38,7 @@ class Process:
     deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L).
     noise: (6,) of the samples; factor: (H, 6) by which the process part of each state is multiplied at the
     ``horizons`` (H,) [s], adapted: the same for predictions that use the past of a window
-    (fitting.prediction.adaptation).
+    (fitting.prediction.stretches).
     """
 
     memory: np.ndarray

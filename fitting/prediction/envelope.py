@@ -18,7 +18,8 @@ import numpy as np
 from cases.inputs import model_inputs
 from cases.maneuvers.definitions import STOPS
 from cases.trial import Trial
-from fitting.prediction.stretches import Record, WindowBatch
+from fitting.nlp.windows import Record
+from fitting.prediction.stretches import WindowBatch
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import INPUTS
 from mmg.motion.frames import relative_air

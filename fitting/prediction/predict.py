@@ -14,9 +14,9 @@ from cases.inputs import STANDARD, model_inputs
 from cases.io.campaigns import campaign_among
 from cases.io.files import replace_text
 from cases.trial import Trial, bridged
-from fitting.prediction.adaptation import Adaptation, adapt
+from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import Record, Stretch, WindowBatch, rollout, wrapped_error
+from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, rollout, wrapped_error
 from fitting.report.run_folder import write_whole
 from mmg.errors import NotWritable
 from mmg.messages import Message

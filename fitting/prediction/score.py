@@ -22,7 +22,6 @@ from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.inputs import assumed
 from cases.trial import Trial, inside, spans_left_out
-from fitting.prediction.adaptation import Adaptation, default_past
 from fitting.prediction.predict import (
     Forecaster,
     Predicted,
@@ -32,7 +31,7 @@ from fitting.prediction.predict import (
     record_of,
     whole_windows,
 )
-from fitting.prediction.stretches import wrapped_error
+from fitting.prediction.stretches import Adaptation, default_past, wrapped_error
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message

@@ -120,7 +120,7 @@ def plan_map(planned: PlannedTrial) -> Figure:
     """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
     from matplotlib.patches import Ellipse, Polygon, Rectangle  # late: slow to import
 
-    from fitting.design.area import corners
+    from fitting.design.plan import corners
 
     f, area, ship, m = planned.found, planned.task.area, planned.ship, planned.task.area.margin
     figure = new_figure(8.0)

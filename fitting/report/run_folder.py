@@ -30,7 +30,7 @@ from cases.io.files import alone, file_hash, read_json, replace_text
 from cases.io.read import read_trial
 from cases.io.trial_table import LARGEST_CSV
 from cases.trial import Trial
-from fitting.solvers.interrupts import LEFT_OUT
+from fitting.solvers.control import LEFT_OUT
 from mmg.effects import with_present_names
 from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, Unreadable, writing
 from mmg.messages import Message

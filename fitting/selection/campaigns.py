@@ -21,14 +21,15 @@ import numpy as np
 from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
-from cases.trial import Trial
 from cases.trial_set import TrialSet
-from fitting.calibration import Calibration, estimate_coefficients, prepared
+from fitting.calibration import Calibration, estimated
 from fitting.nlp.fisher_information import Information, information
-from fitting.nlp.prior import Prior
-from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
+from fitting.nlp.loss import Loss
+from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
+from fitting.nlp.problem import Problem
 from fitting.prediction.score import pooled_sigma
-from fitting.selection.left_out_runs import apart, estimates_without, leave_out, relative_change
+from fitting.selection.left_out_runs import estimates_without, leave_out, relative_change
+from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName
@@ -127,15 +128,15 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
     return [each for each in rows if each.effect not in ship.effects or not ship.coefficients[each.symbol].fixed]
 
 
-def may_keep(ship: Ship, trials: Sequence[Trial], wanted: tuple[str, ...] = ()) -> bool:
+def may_keep(ship: Ship, trials: TrialSet, wanted: tuple[str, ...] = ()) -> bool:
     """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
-    if wanted == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
+    if wanted == ("none",) or len(trials.campaigns.comparable) < 2:
         return False
     return bool(instruments(ship, wanted))
 
 
 def by_campaign(
-    fit: Calibration, trials: Sequence[Trial], wanted: tuple[str, ...] = (), progress: OnProgress | None = None
+    fit: Calibration, trials: TrialSet, wanted: tuple[str, ...] = (), progress: OnProgress | None = None
 ) -> CampaignFit:
     """The calibration ``fit`` with a value per campaign of each instrument for which that pays, else as it is.
 
@@ -148,7 +149,7 @@ def by_campaign(
     same, ship = CampaignFit(fit), fit.problem.ship
     if wanted == ("none",):
         return same
-    campaigns, tried = TrialSet.of(trials).campaigns, instruments(ship, wanted)
+    campaigns, tried = trials.campaigns, instruments(ship, wanted)
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
         return replace(same, messages=(*campaigns.messages, *why_not(campaigns, bool(wanted))))
@@ -224,7 +225,7 @@ def _with_constants(
     fit: Calibration,
     campaigns: Campaigns,
     readings: Mapping[str, RunReadings],
-    trials: Sequence[Trial],
+    trials: TrialSet,
     progress: OnProgress | None,
 ) -> tuple[CampaignFit, dict[str, float]]:
     """The calibration with constants by campaign of the ``readings`` (by symbol) where it converges and runs left out
@@ -244,19 +245,21 @@ def _with_constants(
     prior = prior_with(ship, own, ())
     place = dict(zip(fit.prior.symbols, fit.p, strict=True))
     p = np.concatenate([[place[s] for s in ship.free], np.zeros(len(prior.mean) - prior.shared)])
-    warm = {"p": p, "sigma": fit.sigma, "nodes": _nodes(fit, ship)}
     passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
-    problem, x, *_ = prepared(ship, trials, settings, warm, captive, own)
-    warm["p"] = estimates_without(information(problem, x), [()], problem.p_bounds())[0]
-    new = estimate_coefficients(ship, trials, settings, progress, warm, captive, own)
+    loss, nodes = Loss(settings.loss), _nodes(fit, ship)
+    problem = Problem.of(ship, prior, fit.segments, fit.sigma, loss, captive, settings.compiled)
+    x = problem.join(nodes, np.clip(p, *problem.p_bounds()))
+    x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
+    control = Control.within(settings.time_limit, progress, settings.max_iterations)
+    new = estimated(problem, x, settings, control, own, near=True)
+    new = replace(new, data_warnings=fit.data_warnings, notices=fit.notices)
     same = CampaignFit(fit)
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    trials, folds = list(trials), apart(trials)
-    unit = pooled_sigma([t for t in trials if t.has_position])
+    folds, unit = trials.apart, pooled_sigma(trials)
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
@@ -349,10 +352,10 @@ def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
     return (Message(words, "one_run_a_campaign"),)
 
 
-def not_asked(trials: Sequence[Trial], wanted: Sequence[str]) -> tuple[Message, ...]:
+def not_asked(trials: TrialSet, wanted: Sequence[str]) -> tuple[Message, ...]:
     """What to say of campaigns of ``trials`` where each run has constants of its own; nothing for a single campaign, or
     where "none" is ``wanted``. Raises UserError for campaigns that contradict each other."""
-    if tuple(wanted) == ("none",) or len(TrialSet.of(trials).campaigns.comparable) < 2:
+    if tuple(wanted) == ("none",) or len(trials.campaigns.comparable) < 2:
         return ()
     words = (
         "trials of several campaigns, but instruments keep one value for all of them: with --per-run nothing else is "

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from cases.trial import Trial
-from cases.trial_set import TrialSet
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
@@ -69,16 +68,6 @@ def estimates_without(
 def each_alone(count: int) -> list[tuple[int, ...]]:
     """Folds that leave out each of ``count`` runs alone."""
     return [(i,) for i in range(count)]
-
-
-def apart(trials: Sequence[Trial]) -> list[tuple[int, ...]]:
-    """Folds that leave out each of ``trials`` alone, those that share rows together."""
-    groups, position = list(range(len(trials))), {t.name: i for i, t in enumerate(trials)}
-    for i, copies in enumerate(TrialSet.of(trials).copies):
-        for copy in copies:
-            pair = (groups[i], groups[position[copy["other"]]])
-            groups = [min(pair) if g in pair else g for g in groups]
-    return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
 
 def coefficients_without(

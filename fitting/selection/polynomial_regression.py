@@ -25,7 +25,7 @@ from scipy.linalg import solve_triangular
 
 from cases.evidence.kinematics import kinematics_of
 from cases.trial import Trial
-from fitting.nlp.grid import Grid, grids
+from fitting.nlp.windows import Record, pieces_of
 from fitting.solvers.condensing import within_bounds
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import TooFewData
@@ -48,7 +48,7 @@ STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3
 """Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
 
 
-def without_lag(piece: Grid, lag: float, body_axes: float = 0.0) -> Grid:
+def without_lag(piece: Record, lag: float, body_axes: float = 0.0) -> Record:
     """The ``piece`` with velocities that are not late, without its last ``lag`` seconds; body_axes: of the filter."""
     if lag == 0:
         return piece
@@ -56,7 +56,9 @@ def without_lag(piece: Grid, lag: float, body_axes: float = 0.0) -> Grid:
     north, east = _earth(piece, lag, body_axes)
     states[:, 3], states[:, 4] = earth_to_body(north, east, psi)
     rows = len(piece.t) - _lost(lag, float(piece.t[1] - piece.t[0]))
-    return replace(piece, t=piece.t[:rows], states=states[:rows], controls=piece.controls[: rows - 1])
+    return replace(
+        piece, t=piece.t[:rows], states=states[:rows], controls=piece.controls[: rows - 1], good=piece.good[:rows]
+    )
 
 
 def _lost(lag: float, step: float) -> int:
@@ -64,7 +66,7 @@ def _lost(lag: float, step: float) -> int:
     return int(np.ceil(lag / step - 1e-9))
 
 
-def _earth(piece: Grid, lag: float, body_axes: float) -> tuple[np.ndarray, np.ndarray]:
+def _earth(piece: Record, lag: float, body_axes: float) -> tuple[np.ndarray, np.ndarray]:
     """Velocity north and east (N,) that was logged ``lag`` [s] later, in the axes of the filter."""
     psi = np.unwrap(piece.states[:, 2])
     late = body_to_earth(piece.states[:, 3], piece.states[:, 4], (1 - body_axes) * psi)
@@ -97,7 +99,7 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
     """
     scale = time_scale(ship.particulars["L"])
     step = max(STEP * scale, min(t.dt for t in trials))
-    pieces = [piece for t in trials for piece in grids(t, step, ship.inputs)]
+    pieces = [piece.record for piece in pieces_of(trials, step, ship.inputs)]
     n = max(8, round(WINDOW * scale / step))
     lag, axes = _lag(ship, trials), ship.coefficients[AXES].value if AXES in ship.coefficients else 0.0
     pieces = [without_lag(piece, lag, axes) for piece in pieces]
@@ -152,7 +154,7 @@ class _Rates:
         both = [rates, ca.SX(slope.nz[:])]
         self._function = ca.Function("accelerations", [state, controls, theta], both, {"cse": True})
 
-    def between(self, piece: Grid) -> tuple[np.ndarray, np.ndarray]:
+    def between(self, piece: Record) -> tuple[np.ndarray, np.ndarray]:
         """Mean accelerations over each step of a ``piece`` (N, 3) and their derivatives (N, 3, P)."""
         from scipy.signal import savgol_filter  # late: slow to import
 

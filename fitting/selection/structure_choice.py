@@ -30,7 +30,7 @@ from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.learning import Learned, learn_all
 from fitting.selection.polynomial_regression import STEP, Regression, increments, regress
 from fitting.settings import Settings
-from fitting.solvers.interrupts import INTERRUPTED
+from fitting.solvers.control import INTERRUPTED
 from mmg.components.expansion.series import STALL, speed_scale
 from mmg.components.expansion.words import Word, parse_monomial
 from mmg.errors import Missing, NoSolution, TooFewData

@@ -1,4 +1,4 @@
-"""Calibrations by a sequence of quadratic subproblems, condensed window by window; IPOPT finishes and certifies.
+"""Calibrations by a sequence of quadratic subproblems, condensed window by window; ``solve`` has IPOPT certify it.
 
 The nodes of a window meet those of the others only in the coefficients p. From the last node of each window backwards
 the cost-to-go is a quadratic in the state there and p; the linearised interval carries it to the interval's start
@@ -15,19 +15,14 @@ objective and the violations under their multipliers, is little else than the ob
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
+from fitting.nlp.prior import Columns
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import Columns
-from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
-from fitting.solvers.ipopt import ROUGH, Guess, Solution, solve
-from mmg.progress import OnProgress, Progress
 
 
 @dataclass(frozen=True)
@@ -296,73 +291,3 @@ def _searched(
             new[: problem.S * problem.B] += carried(problem, sub.maps, off, *still).reshape(-1)
         length *= 0.5
     return None
-
-
-STEPS = 30
-"""Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case."""
-ROUGH_CHANGE = 3e-4
-"""Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
-ROUGH_GAIN = 3e-4
-"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
-FEASIBLE = 1e-2
-"""Largest violation with which a rough solve may end."""
-NEAR = 1e-7
-"""Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
-
-
-def solve_led(
-    problem: Problem,
-    x: np.ndarray,
-    tolerance: float,
-    max_iterations: int,
-    time_limit: float | None,
-    progress: OnProgress | None,
-    task: str,
-    options: Mapping[str, Any] | None = None,
-) -> Solution:
-    """Where ``ipopt.solve`` ends for ``problem`` from where the condensing method and one exact step led from x (n,).
-
-    tolerance, max_iterations, time_limit [s], progress, task, options: as of ``ipopt.solve``; options are of a solve
-    that is not led.
-
-    A rough solve (options are ROUGH) ends with that method. Where it does not come to its end, IPOPT begins at x as if
-    it had not been; after Ctrl-C, where it came to.
-    """
-    began, rough = time.perf_counter(), options is ROUGH
-    history: list[tuple[float, float]] = []
-
-    def at_iterate(objective: float, violation: float) -> bool:
-        history.append((objective, violation))
-        if progress:
-            values = {"objective": objective, "violation": violation}
-            progress(Progress(task, len(history) - 1, values=values))
-        late = time_limit is not None and time.perf_counter() - began > 0.5 * time_limit
-        return bool(INTERRUPTED.requested) or late
-
-    with interrupts_noted():
-        change, gain, feasible = (ROUGH_CHANGE, ROUGH_GAIN, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
-        led = lead(problem, x, change, min(STEPS, max_iterations), at_iterate, gain, feasible)
-        if led.reached and rough:
-            return _ended(problem, led, time.perf_counter() - began)
-        start: np.ndarray | Guess = led.x if INTERRUPTED.requested and len(led.history) > 1 else x
-        if led.reached:
-            led, options = polished(problem, led), None
-            start = Guess(led.x, led.multipliers, led.bound)
-        left = None if time_limit is None else time_limit - (time.perf_counter() - began)
-        last = solve(problem, start, tolerance, max_iterations, left, progress, task, options)
-    before, seconds = led.history if led.reached else [], time.perf_counter() - began
-    return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
-
-
-def _ended(problem: Problem, led: Lead, seconds: float) -> Solution:
-    """What the leading method hands on."""
-    return Solution(
-        x=led.x,
-        objective=problem.objective(led.x),
-        violation=float(np.abs(problem.defects(led.x)).max()),
-        status="Solved_To_Acceptable_Level",
-        converged=False,
-        iterations=len(led.history),
-        seconds=seconds,
-        history=led.history,
-    )

@@ -24,11 +24,10 @@ from fitting.nlp.fisher_information import Information
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
-from fitting.solvers.condensing import solve_led
+from fitting.solvers.control import Control
+from fitting.solvers.solve import solve
 from mmg.errors import OutOfRange, UnknownName
 
-WARM = {"ipopt.mu_init": 1e-3, "ipopt.warm_start_init_point": "yes", "ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6}
-"""IPOPT options for a refit that starts near its optimum."""
 REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
 """Of a refit, and its most iterations: a spread needs no more digits. Set by hand."""
 CHUNK = 5
@@ -144,7 +143,7 @@ def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
         part, kept = reweighted(problem, x, counts, shift)
         start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
         with np.errstate(all="ignore"):
-            s = solve_led(part, start, REFIT_TOLERANCE, REFIT_ITERATIONS, None, None, "refit", WARM)
+            s = solve(part, start, Control(iterations=REFIT_ITERATIONS), REFIT_TOLERANCE)
     except Exception as error:  # a replicate that breaks is a result, not the end of the others
         return nothing, f"{type(error).__name__}: {error}"
     if not s.converged and s.status != "Solved_To_Acceptable_Level":
@@ -214,7 +213,7 @@ def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple
             nodes, p = held.split(x)
             with np.errstate(all="ignore"):
                 start = held.join(nodes, np.clip(p, *held.p_bounds()))
-                s = solve_led(held, start, 1e-5, 100, None, None, "profile", WARM)
+                s = solve(held, start, Control(iterations=REFIT_ITERATIONS), 1e-5)
         except Exception as error:
             found.append((np.nan, f"{type(error).__name__}: {error}"))
             continue

@@ -65,7 +65,7 @@ def fit(
     from fitting.report.run_folder import check_target, reserved
     from fitting.result import read_fit
     from fitting.settings import check_estimator
-    from fitting.solvers.interrupts import LEFT_OUT, interrupts_noted
+    from fitting.solvers.control import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
 
     began = time.perf_counter()

@@ -251,7 +251,7 @@ def main(arguments: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):  # cp1252, say
             stream.reconfigure(errors="backslashreplace")
-    from fitting.solvers.interrupts import OBSERVER
+    from fitting.solvers.control import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
     from mmg_ident.settings import refuse_gone_options

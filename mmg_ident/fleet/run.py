@@ -29,7 +29,7 @@ from diagnosis import diagnose as diagnosing
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
 from fitting.calibrate import FitOptions
-from fitting.nlp.grid import default_step
+from fitting.nlp.windows import default_step
 from fitting.parallel import run_all
 from fitting.report.parts import Store
 from fitting.report.run_folder import plain, versions

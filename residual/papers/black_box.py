@@ -21,14 +21,13 @@ from cases.inputs import step_means
 from cases.io.files import parse_json
 from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, read_tensors, save_tensors, ship_hash
 from cases.trial import Trial
-from fitting.prediction.stretches import Stretch
+from fitting.nlp.windows import Stretch
 from mmg.errors import BadValue, Conflict, NoSolution, NotWritable
 from mmg.motion.flow import INPUTS
 from mmg.network import LARGEST, OTHER
 from mmg.ship import AIR, Ship
 from residual.hybrid import hidden, normal, uniform
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings, settings_from
-from residual.splits import Piece
 from residual.system import Past, RolloutBatch, TrainableSystem, rollout
 from residual.train import ModelKind, Outcome, Task, restored
 from residual.windows import Scales, training_scales
@@ -316,7 +315,7 @@ def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: 
     return InitialState(system, t.initial, scales.mean, scales.std, reach, t.width, seed)
 
 
-def box_scales(ship: Ship, pieces: Sequence[Piece], trials: Sequence[Trial], h: float) -> Scales:
+def box_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
     """Scales from the training rows ``pieces`` of ``trials`` of a ``ship`` on a grid of ``h`` [s].
 
     Raises UserError where there are no rows, or nothing moves in them.

@@ -27,7 +27,7 @@ from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.report.parts import Store
 from fitting.report.run_folder import SCHEMA_VERSION, data_rows
 from fitting.settings import Settings
-from fitting.solvers.interrupts import interrupts_noted
+from fitting.solvers.control import interrupts_noted
 from mmg.errors import NoSolution, TooFewData, UserError
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress, Progress

@@ -9,13 +9,14 @@ import pytest
 import torch
 
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch, pieces_of
 from mmg.errors import TooFewData
 from mmg.ship import Ship
 from residual.decide import BLOCK, decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND
 from residual.pipeline import train
 from residual.settings import TrainSettings
-from residual.splits import FOLDS, GAP, Piece, Split, pieces_of, split_pieces
+from residual.splits import FOLDS, GAP, Split, split_pieces
 from residual.system import Past, TrainableSystem
 from residual.train import Outcome, tasks_of, train_one
 from residual.windows import Scales
@@ -24,11 +25,11 @@ from tests.support import hybrids
 ON_SECONDS = TrainSettings(step=1.0)
 
 
-def pieces(runs: int, seconds: int) -> list[Piece]:
+def pieces(runs: int, seconds: int) -> list[Stretch]:
     return pieces_of(hybrids.trials(hybrids.ship(), runs, seconds), 1.0, hybrids.ship().inputs)
 
 
-def rows(part: list[Piece]) -> set[tuple[int, int]]:
+def rows(part: list[Stretch]) -> set[tuple[int, int]]:
     """Rows of pieces, by run."""
     return {(p.run, k) for p in part for k in range(p.first, p.last + 1)}
 

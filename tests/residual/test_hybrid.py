@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.windows import Stretch, pieces_of
 from mmg.errors import TooFewData
 from mmg.messages import has_code
 from mmg.rollout import Simulator
@@ -16,7 +17,7 @@ from residual.hybrid import Hybrid, Residual, Symmetric, build_hybrid, hybrid_sc
 from residual.physics import Physics
 from residual.pipeline import train
 from residual.settings import TrainSettings
-from residual.splits import Piece, Split, pieces_of
+from residual.splits import Split
 from residual.system import TrainableSystem, acceleration_loss, rollout, squares, state_loss
 from residual.train import Task, train_one
 from residual.windows import Scales, jittered, windows
@@ -101,12 +102,12 @@ def test_the_state_loss_is_equation_23() -> None:
 def test_windows_slide_and_never_leave_their_piece() -> None:
     (trial,) = hybrids.trials(hybrids.ship(), 1, 100)
     (piece,) = pieces_of([trial], 1.0, hybrids.ship().inputs)
-    half = Piece(0, piece.grid, 40, 80)
+    half = Stretch(piece.record, 40, 80)
     batch = windows([half], 1.0, 10, 5, past=3)
     assert batch is not None and batch.past is not None and len(batch) == 6
-    np.testing.assert_allclose(batch.targets[0, :, 0].numpy(), piece.grid.states[43])
-    np.testing.assert_allclose(batch.past.logged[-1, :, 1].numpy(), piece.grid.states[47])
-    np.testing.assert_allclose(batch.targets[-1, :, -1].numpy(), piece.grid.states[78])
+    np.testing.assert_allclose(batch.targets[0, :, 0].numpy(), piece.record.states[43])
+    np.testing.assert_allclose(batch.past.logged[-1, :, 1].numpy(), piece.record.states[47])
+    np.testing.assert_allclose(batch.targets[-1, :, -1].numpy(), piece.record.states[78])
 
 
 def test_jittering_moves_states_by_the_noise_and_leaves_inputs() -> None:

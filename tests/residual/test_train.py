@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from fitting.nlp.windows import pieces_of
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.hybrid import HYBRID_KIND
 from residual.pipeline import train
 from residual.settings import TrainSettings
-from residual.splits import pieces_of
 from residual.train import (
     Adam,
     load_outcome,

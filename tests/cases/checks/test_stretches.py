@@ -14,7 +14,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial, inside
 from cases.trial_set import MOST_LISTED, TrialSet, ready, shared_rows
-from fitting.nlp.grid import grids
+from fitting.nlp.windows import pieces_of
 from fitting.prediction.score import score
 from mmg.rollout import Simulator
 from mmg_ident import simulate
@@ -64,7 +64,7 @@ def test_a_break_is_named_left_out_and_counted(runs: list[Trial]) -> None:
     gone = np.isnan(kept["psi"])
     assert gone[inside(trial, [(50.5, 55.5)])].all() and gone.mean() < 0.1
     assert np.isfinite(kept["delta"]).all() and np.isfinite(trial["psi"]).all()
-    assert len(grids(kept, 0.5)) == 2
+    assert len(pieces_of([kept], 0.5)) == 2
     assert [m.code for m in TrialSet.of([kept]).remarks] == ["left_out"]
     assert TrialSet.of([kept]).sound[0] is kept and TrialSet.of([trial]).as_they_are.remarks == []
 

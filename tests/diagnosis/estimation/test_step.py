@@ -13,7 +13,7 @@ from diagnosis.estimation.linearisation import TIMING, Point, initial_trajectory
 from diagnosis.estimation.noise_sizes import MOST, initial_noise, swallows
 from diagnosis.estimation.parameters import NO_PRIORS
 from diagnosis.estimation.residual_checks import finer_step
-from fitting.nlp.grid import default_step
+from fitting.nlp.windows import default_step
 from tests.support.diagnosis_cases import SHIP, full_steps, problem_of, pushed_trials
 
 

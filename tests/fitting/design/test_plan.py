@@ -11,9 +11,8 @@ from cases.maneuvers.definitions import Limits
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
-from fitting.design.area import Area, corners
 from fitting.design.next_trial import library, repetitions
-from fitting.design.plan import RUN_UP, Evolution, PlanTask, Sequences, SequenceSearch, Wish, table_of
+from fitting.design.plan import RUN_UP, Area, Evolution, PlanTask, Sequences, SequenceSearch, Wish, corners, table_of
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import Prior

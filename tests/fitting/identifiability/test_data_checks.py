@@ -18,7 +18,7 @@ from fitting.identifiability.data_checks import contradictions, refuse_outliers,
 from fitting.nlp.problem import Prior
 from fitting.nlp.windows import cut
 from fitting.settings import Settings, Start
-from fitting.solvers.multistart import disagreement
+from fitting.solvers.solve import disagreement
 from mmg.errors import TooFewData, UserError
 from tests.support.synthetic_runs import runs
 

@@ -20,8 +20,17 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import NextTrial, Option, fisher, identifiability_dict, library, next_trial
-from fitting.identifiability.analysis import DETERMINED, KINDS, CoefficientFinding, Identifiability, analyse
-from fitting.identifiability.verdicts import cause, estimate_warnings, implausible, verdict
+from fitting.identifiability.analysis import (
+    DETERMINED,
+    KINDS,
+    CoefficientFinding,
+    Identifiability,
+    analyse,
+    cause,
+    estimate_warnings,
+    implausible,
+    verdict,
+)
 from fitting.nlp.problem import Prior
 from fitting.report.plots import profile_plot
 from fitting.report.sections import identifiability_section

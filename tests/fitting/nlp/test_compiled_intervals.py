@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from fitting.nlp.sample_cost import SampleCost
-from fitting.nlp.shooting import Kernels, Shooting
+from fitting.nlp.shooting import Kernels, SampleCost, Shooting
 from mmg.compile.batch import batch_functions
 from mmg.compile.cache import compiler
 from mmg.compile.intervals import Lanes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fitting.nlp.windows import Segments, cut
-from fitting.solvers.residual_noise import estimate_noise
+from fitting.solvers.noise import estimate_noise
 from tests.support.synthetic_runs import SIGMA, problem
 from tests.support.trial_files import make_trial
 

@@ -20,7 +20,7 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers.ipopt import solve
+from fitting.solvers.solve import solve
 from mmg.effects import EFFECTS
 from mmg.model import assemble
 from mmg.ship import Ship

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.nlp.elimination_c import Chains, elimination
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.problem import Problem
-from fitting.nlp.shooting import Kernels
+from fitting.nlp.shooting import Chains, Kernels, elimination
 from fitting.solvers.condensing import carried, gauss_newton
 from mmg.compile.cache import compiler
 from tests.fitting.nlp.test_run_constants import small

@@ -9,7 +9,7 @@ import pytest
 
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
-from fitting.solvers.ipopt import Solution, solve
+from fitting.solvers.solve import Solution, solve
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.support import gauss_newton
 from tests.support.synthetic_runs import problem

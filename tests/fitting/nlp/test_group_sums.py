@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fitting.nlp.group_sums import group_sums
+from fitting.nlp.prior import group_sums
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (1, 1), (2,), (3,), (8, 1), (9, 72), (62, 62)])

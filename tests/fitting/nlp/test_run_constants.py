@@ -20,12 +20,12 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import CaptiveForces
 from fitting.nlp.fisher_information import information
+from fitting.nlp.prior import RunConstants
 from fitting.nlp.problem import Prior, Problem
-from fitting.nlp.run_constants import RunConstants
 from fitting.nlp.shooting import Kernels
 from fitting.nlp.windows import cut
 from fitting.settings import Settings
-from fitting.solvers.ipopt import solve
+from fitting.solvers.solve import solve
 from fitting.uncertainty.sandwich import changes_without_each
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
-from fitting.solvers.ipopt import solve
+from fitting.solvers.solve import solve
 from mmg.rollout import Simulator
 from tests.support import gauss_newton
 from tests.support.synthetic_runs import SIGMA, kernel, problem, runs

@@ -7,8 +7,7 @@ import pytest
 
 from cases.inputs import step_means
 from cases.trial import Trial
-from fitting.nlp.grid import default_step, grids
-from fitting.nlp.windows import cut
+from fitting.nlp.windows import cut, default_step, pieces_of
 from mmg.errors import Missing, TooFewData
 from tests.support.trial_files import make_trial, motion_columns
 
@@ -42,7 +41,7 @@ def test_a_gap_splits_a_run_and_nothing_is_invented_across_it() -> None:
     keep = np.ones(len(columns["t"]), dtype=bool)
     keep[1000:1200] = False
     trial = Trial("gap", {k: v[keep] for k, v in columns.items()})
-    parts = grids(trial, 1.0)
+    parts = pieces_of([trial], 1.0)
     assert len(parts) == 2
     assert parts[0].t[-1] <= columns["t"][999] and parts[1].t[0] >= columns["t"][1200]
 
@@ -50,7 +49,7 @@ def test_a_gap_splits_a_run_and_nothing_is_invented_across_it() -> None:
 def test_nan_rows_split_a_run_like_a_gap() -> None:
     columns = {k: v.copy() for k, v in motion_columns().items()}
     columns["u"][1000:1100] = np.nan
-    assert len(grids(Trial("nan", columns), 1.0)) == 2
+    assert len(pieces_of([Trial("nan", columns)], 1.0)) == 2
 
 
 def test_missing_positions_stay_missing_and_pin_the_start() -> None:
@@ -73,9 +72,9 @@ def test_uneven_sampling_gives_the_same_grid_within_interpolation() -> None:
     keep = rng.random(len(columns["t"])) < 0.7
     keep[0] = True
     trial = Trial("uneven", {k: v[keep] for k, v in columns.items()})
-    a, b = grids(make_trial(), 1.0)[0], grids(trial, 1.0)[0]
+    a, b = pieces_of([make_trial()], 1.0)[0], pieces_of([trial], 1.0)[0]
     count = min(len(a.t), len(b.t))
-    np.testing.assert_allclose(a.states[:count, :2], b.states[:count, :2], atol=2e-3)
+    np.testing.assert_allclose(a.logged[:count, :2], b.logged[:count, :2], atol=2e-3)
 
 
 def test_a_record_that_is_too_short_is_refused_in_one_line() -> None:

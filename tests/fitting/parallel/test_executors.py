@@ -19,8 +19,7 @@ from cases.criteria.imo import imo_figures
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import calibrate
 from fitting.calibration import estimate_coefficients
-from fitting.design.area import Area
-from fitting.design.plan import PlanTask, SequenceFound, Wish, search_plan
+from fitting.design.plan import Area, PlanTask, SequenceFound, Wish, search_plan
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
 from fitting.parallel import Shared, executors, kept_workers, listening, run_all, width, with_one_thread

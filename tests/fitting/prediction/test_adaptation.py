@@ -16,10 +16,10 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.prediction.adaptation import Adaptation, adapt, past_begin, restarts
+from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.score import score
-from fitting.prediction.stretches import FadingCurrent, Stretch, WindowBatch, rollout
+from fitting.prediction.stretches import Adaptation, FadingCurrent, WindowBatch, adapt, past_begin, restarts, rollout
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import main

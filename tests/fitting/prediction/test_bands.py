@@ -12,10 +12,11 @@ import pytest
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
 from fitting.prediction.bands import Bands, bands_of, draws_of, velocity_variance
 from fitting.prediction.predict import predict, predict_all, record_of
-from fitting.prediction.stretches import Stretch, WindowBatch
+from fitting.prediction.stretches import WindowBatch
 from mmg.rollout import Simulator
 from mmg.states import STATES
 from tests.support.calibrated import small_result

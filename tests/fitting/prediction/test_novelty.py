@@ -13,6 +13,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
+from fitting.nlp.windows import Record
 from fitting.prediction.bands import Bands, Process
 from fitting.prediction.envelope import (
     MOST_NEW,
@@ -25,7 +26,6 @@ from fitting.prediction.envelope import (
     nearest,
 )
 from fitting.prediction.predict import predict, record_of
-from fitting.prediction.stretches import Record
 from mmg.rollout import Simulator
 
 

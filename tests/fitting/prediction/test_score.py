@@ -10,9 +10,10 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial, left_out
+from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import predict, window_rows
 from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
-from fitting.prediction.stretches import Stretch, wrapped_error
+from fitting.prediction.stretches import wrapped_error
 from fitting.report.run_folder import plain
 from mmg.errors import TooFewData, UserError
 from mmg.rollout import Simulator

@@ -15,8 +15,8 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from fitting.prediction.adaptation import default_past
 from fitting.prediction.score import adaptation_worth, past_to_use
+from fitting.prediction.stretches import default_past
 from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main

@@ -10,7 +10,7 @@ from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate_controls
 from cases.trial import Trial
 from fitting.selection.candidates import candidate
-from fitting.selection.subsequences import Penalties, SubsequenceObjective
+from fitting.selection.learning import Penalties, SubsequenceObjective
 
 ESSO = load_ship("esso_osaka_3m").without_network()
 

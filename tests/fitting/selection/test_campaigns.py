@@ -19,8 +19,8 @@ from fitting import calibration
 from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
+from fitting.nlp.prior import ByCampaign, RunConstants, prior_with
 from fitting.nlp.problem import Problem
-from fitting.nlp.run_constants import ByCampaign, RunConstants, prior_with
 from fitting.prediction.predict import predict_all, values_of
 from fitting.selection.campaigns import (
     LEVEL,
@@ -37,8 +37,9 @@ from fitting.selection.campaigns import (
 )
 from fitting.selection.left_out_runs import estimates_without
 from fitting.settings import Settings
-from fitting.solvers import condensing
-from fitting.solvers.ipopt import Guess, Solution
+from fitting.solvers import solve as solving
+from fitting.solvers.condensing import Lead
+from fitting.solvers.solve import Solution
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
@@ -62,7 +63,7 @@ def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
     trials = fleet(HIDDEN, instruments, RUNS, 5, 10.0, 100.0)
     ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
     found = estimate_coefficients(ship, trials, settings)
-    return found, by_campaign(found, trials, ("gyro", "log_scale"))
+    return found, by_campaign(found, TrialSet.of(trials), ("gyro", "log_scale"))
 
 
 def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
@@ -89,7 +90,7 @@ def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ:
     trials = fleet(HIDDEN, lags, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
     draft = estimate_coefficients(ship, trials, Settings(), draft=True)
-    again = by_campaign(draft, trials, ("gyro", "log_scale"))
+    again = by_campaign(draft, TrialSet.of(trials), ("gyro", "log_scale"))
     assert draft.draft and draft.solution.objective > whole.solution.objective
     assert fit.content is not None and again.content is not None
     taken = [[(row["name"], row["taken"]) for row in c["tried"]] for c in (fit.content, again.content)]
@@ -135,11 +136,11 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
 ) -> None:
     judged: list[int] = []
     certified: list[int] = []
-    solve = condensing.solve
+    by_ipopt = solving.by_ipopt
 
     def watched(problem: Problem, start: Any, *rest: Any) -> Solution:
-        certified.extend([problem.P] if isinstance(start, Guess) else [])
-        return solve(problem, start, *rest)
+        certified.extend([problem.P] if isinstance(start, Lead) else [])
+        return by_ipopt(problem, start, *rest)
 
     def counted(problem: Problem, *_: np.ndarray) -> list[Message]:
         judged.append(problem.P)
@@ -152,7 +153,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     begun: list[tuple[bool, int]] = []
     monkeypatch.setattr(pipeline, "by_campaign", noted)
     monkeypatch.setattr(calibration, "outlying_runs", counted)
-    monkeypatch.setattr(condensing, "solve", watched)
+    monkeypatch.setattr(solving, "by_ipopt", watched)
     lags = LAGS if differ else (0.0, 0.0)
     trials = fleet(HIDDEN, {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, lags, strict=False)}, RUNS, 5, 10.0, 100.0)
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
@@ -171,7 +172,7 @@ def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_sa
     trials += fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
     ship, settings = ESSO.fixing([s for s in ESSO.symbols if s not in FREE]), Settings()
     found = estimate_coefficients(ship, trials, settings)
-    fit = by_campaign(found, trials, ("gyro",))
+    fit = by_campaign(found, TrialSet.of(trials), ("gyro",))
     constants = fit.calibration.constants
     assert constants is not None and len(constants.value) == len(DAYS)
     value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]
@@ -189,8 +190,8 @@ def test_a_ship_file_with_a_campaign_of_another_ship_is_refused(tmp_path: Path) 
 
 def test_constants_of_runs_are_not_fitted_together_with_values_by_campaign_and_that_is_said() -> None:
     trials = fleet(HIDDEN, {day: () for day in DAYS[:2]}, RUNS[:2], 5, 10.0, 20.0)
-    assert [m.code for m in not_asked(trials, ())] == ["campaigns_not_asked"]
-    assert not_asked(trials, ("none",)) == () and not_asked(trials[:2], ()) == ()
+    assert [m.code for m in not_asked(TrialSet.of(trials), ())] == ["campaigns_not_asked"]
+    assert not_asked(TrialSet.of(trials), ("none",)) == () and not_asked(TrialSet.of(trials[:2]), ()) == ()
     with pytest.raises(UserError, match=r"--per-campaign gyro.*--per-run"):
         calibrate(ESSO, trials, options=FitOptions(per_run=("current",), per_campaign=("gyro",)))
 

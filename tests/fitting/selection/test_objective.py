@@ -7,13 +7,13 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from fitting.selection.learning import regression
-from fitting.selection.subsequences import (
+from fitting.selection.learning import (
     LIMIT,
     Penalties,
     SubsequenceObjective,
     acceleration_limits,
     extremes_of,
+    regression,
     spread_of,
     subsequences,
 )

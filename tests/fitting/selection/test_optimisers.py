@@ -15,14 +15,16 @@ from fitting.selection.candidates import candidate
 from fitting.selection.learning import (
     Learned,
     Learning,
+    Penalties,
+    SubsequenceObjective,
     descent,
     follow,
     learn_one,
     minimise_quadratic,
     regression,
+    subsequences,
     write_learning,
 )
-from fitting.selection.subsequences import Penalties, SubsequenceObjective, subsequences
 from fitting.settings import Settings
 from tests.fitting.selection.paper_problems import ESSO, harbour, problem
 

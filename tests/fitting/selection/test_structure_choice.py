@@ -19,7 +19,7 @@ from fitting.calibration import Calibration, estimate_coefficients
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
 from fitting.selection.structure_choice import BEYOND, bounded, choose_structure, fault, stability
 from fitting.settings import Settings
-from fitting.solvers.interrupts import INTERRUPTED
+from fitting.solvers.control import INTERRUPTED
 from mmg.errors import Unsupported, UserError
 from mmg_ident.commands.main import main
 

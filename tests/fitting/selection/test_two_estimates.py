@@ -13,7 +13,7 @@ from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, answers, with_second
-from fitting.identifiability.verdicts import verdict
+from fitting.identifiability.analysis import verdict
 from fitting.result import FitResult
 from fitting.settings import Settings
 from mmg.errors import UserError

@@ -9,8 +9,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import lsq_linear
 
-from fitting.nlp.problem import Problem
-from fitting.nlp.sparsity import upper_triangle
+from fitting.nlp.problem import Problem, upper_triangle
 from fitting.solvers.condensing import gauss_newton, lead, newton, solved, within_bounds
 from fitting.uncertainty.refits import reweighted
 from tests.fitting.nlp.test_effects_in_the_fit import crowded

@@ -12,7 +12,7 @@ from cases.simulation.demo_trials import demo_trials
 from fitting.calibrate import FitOptions, calibrate
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
-from fitting.solvers.interrupts import INTERRUPTED, interrupts_noted
+from fitting.solvers.control import INTERRUPTED, interrupts_noted
 from mmg.progress import Progress
 from tests.support.calibrated import FREE
 

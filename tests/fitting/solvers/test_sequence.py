@@ -12,15 +12,14 @@ import pytest
 from fitting.nlp.fisher_information import information
 from fitting.nlp.loss import LOSSES
 from fitting.nlp.problem import Problem
-from fitting.solvers import condensing
-from fitting.solvers.condensing import Lead, lead, polished, solve_led
-from fitting.solvers.ipopt import ROUGH, solve
+from fitting.solvers import solve as solving
+from fitting.solvers.condensing import Lead, lead, polished
+from fitting.solvers.control import Control
+from fitting.solvers.solve import by_ipopt, solve
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
 from tests.fitting.nlp.test_run_constants import small
 from tests.fitting.nlp.test_shooting import matrix
 from tests.support.synthetic_runs import problem
-
-NEVER = 300
 
 
 def tight() -> Problem:
@@ -83,7 +82,7 @@ def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["crowded", "runs", "tight", "student"])
 def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> None:
     p = PROBLEMS[kind]()
-    alone, led = solve(p, p.start()), solve_led(p, p.start(), 1e-6, NEVER, None, None, "test")
+    alone, led = by_ipopt(p, p.start()), solve(p, p.start())
     assert alone.converged and led.converged
     assert led.objective == pytest.approx(alone.objective, rel=1e-6)
     ours, theirs = (np.linalg.inv(information(p, s.x).hessian) for s in (led, alone))
@@ -95,36 +94,36 @@ def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> 
 
 def test_random_starts_reach_the_same_optimum() -> None:
     p, rng = problem(), np.random.default_rng(3)
-    reference = solve(p, p.start())
+    reference = by_ipopt(p, p.start())
     for _ in range(5):
-        end = solve_led(p, p.start(rng.normal(scale=0.5, size=p.P)), 1e-6, NEVER, None, None, "test")
+        end = solve(p, p.start(rng.normal(scale=0.5, size=p.P)))
         assert end.converged and end.objective == pytest.approx(reference.objective, rel=1e-6)
 
 
 def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
-    best = solve(p, p.start())
-    monkeypatch.setattr(condensing, "solve", None)
-    rough = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test", ROUGH)
+    best = by_ipopt(p, p.start())
+    monkeypatch.setattr(solving, "by_ipopt", None)
+    rough = solve(p, p.start(), rough=True)
     assert rough.status == "Solved_To_Acceptable_Level" and not rough.converged
     assert rough.objective == pytest.approx(best.objective, rel=3e-3) and rough.violation < 1e-2
 
 
 def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
-    alone = solve(p, p.start())
-    monkeypatch.setattr(condensing, "STEPS", 2)
-    led = solve_led(p, p.start(), 1e-6, NEVER, None, None, "test")
+    alone = by_ipopt(p, p.start())
+    monkeypatch.setattr(solving, "STEPS", 2)
+    led = solve(p, p.start())
     np.testing.assert_array_equal(led.x, alone.x)
     assert (led.iterations, led.history) == (alone.iterations, alone.history)
 
 
 def test_limits_stop_as_without_it() -> None:
     p = problem()
-    alone, led = solve(p, p.start(), max_iterations=3), solve_led(p, p.start(), 1e-6, 3, None, None, "test")
+    alone, led = (each(p, p.start(), Control(iterations=3)) for each in (by_ipopt, solve))
     assert led.status == alone.status == "Maximum_Iterations_Exceeded"
     np.testing.assert_array_equal(led.x, alone.x)
-    late = solve_led(p, p.start(), 1e-6, NEVER, 1e-9, None, "test")
+    late = solve(p, p.start(), Control.within(1e-9))
     assert late.status == "Maximum_WallTime_Exceeded"
 
 

@@ -12,7 +12,7 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.parallel import Shared
-from fitting.solvers.ipopt import Solution, solve
+from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
 from tests.support.synthetic_runs import SIGMA, kernel, runs
@@ -153,14 +153,14 @@ def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest
     import fitting.uncertainty.refits as module
 
     p, s, info = small()
-    calls, module_solve = iter([0, 1]), module.solve_led
+    calls, module_solve = iter([0, 1]), module.solve
 
     def sometimes(*args, **kwargs):  # type: ignore[no-untyped-def]
         if next(calls) == 0:
             raise FloatingPointError("made up")
         return module_solve(*args, **kwargs)
 
-    monkeypatch.setattr(module, "solve_led", sometimes)
+    monkeypatch.setattr(module, "solve", sometimes)
     found = bootstrap(info, 2, 0, p, s.x)
     assert [label for label, _ in found.failures] == ["0"]
     assert np.isnan(found.p[0]).all() and len(found.good) == 1

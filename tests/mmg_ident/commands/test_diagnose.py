@@ -16,9 +16,9 @@ from cases.io.read import read_trial
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
-from diagnosis.estimation.time_limit import OutOfTimeError
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.result import is_complete, read_diagnosis
+from fitting.solvers.control import OutOfTimeError
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.ship import Ship

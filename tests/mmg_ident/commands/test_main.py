@@ -195,13 +195,14 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
 def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     code = (
-        "import sys, fitting.solvers.noise_iteration as c; from mmg_ident.commands.main import main\n"
-        "solve = c.solve_led\n"
-        "def slow(program, x, tolerance, iterations, left, progress, *more):\n"
+        "import sys, fitting.solvers.noise as c; from mmg_ident.commands.main import main\n"
+        "from dataclasses import replace\n"
+        "solve = c.solve\n"
+        "def slow(program, x, control, *more):\n"
         "    def watch(event):\n"
         "        import time; print('iterating', flush=True); time.sleep(0.4)\n"
-        "    return solve(program, x, tolerance, iterations, left, watch, *more)\n"
-        "c.solve_led = slow; sys.exit(main(sys.argv[1:]))"
+        "    return solve(program, x, replace(control, progress=watch), *more)\n"
+        "c.solve = slow; sys.exit(main(sys.argv[1:]))"
     )
     arguments = fit(folder, run)
     process = subprocess.Popen(

@@ -14,9 +14,9 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch, pieces_of
 from fitting.prediction.predict import predict_all, record_of
 from fitting.prediction.score import pooled_sigma, score
-from fitting.prediction.stretches import Stretch
 from mmg.errors import BadValue, Conflict, TooFewData, Unreadable, UserError
 from residual.hybrid import Hybrid, Residual
 from residual.papers.black_box import (
@@ -37,7 +37,6 @@ from residual.papers.black_box import (
 from residual.physics import Physics
 from residual.pipeline import train
 from residual.settings import KINDS, BlackBoxSettings
-from residual.splits import pieces_of
 from residual.system import Past, RolloutBatch, TrainableSystem, acceleration_loss, rollout, state_loss
 from residual.windows import augmented, windows
 from tests.support import hybrids

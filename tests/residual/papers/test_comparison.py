@@ -18,9 +18,9 @@ from cases.io.published_splits import SPLITS
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from fitting.nlp.windows import Stretch
 from fitting.parallel import run_all
 from fitting.prediction.score import Score, TrialScore
-from fitting.prediction.stretches import Stretch
 from fitting.report.run_folder import read_result
 from mmg.errors import TooFewData
 from mmg_ident.commands.main import main

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
+from fitting.nlp.windows import pieces_of
 from mmg.errors import Missing
 from residual.hybrid import HYBRID_KIND, Hybrid, Residual, to_network
 from residual.papers.ensemble import bootstrapped, distances, members_of_ship, moments, particles
 from residual.physics import Physics
 from residual.settings import TrainSettings
-from residual.splits import pieces_of
 from residual.system import RolloutBatch, TrainableSystem, rollout
 from residual.train import restored, tasks_of, train_one
 from residual.windows import windows

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from fitting.solvers.interrupts import (
+from fitting.solvers.control import (
     INTERRUPTED,
     LEFT_OUT,
     OBSERVER,
@@ -16,7 +16,7 @@ from fitting.solvers.interrupts import (
     make_in_turn,
     unbroken,
 )
-from fitting.solvers.interrupts import unless_interrupted as unless
+from fitting.solvers.control import unless_interrupted as unless
 from mmg.messages import has_code
 
 

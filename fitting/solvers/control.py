@@ -1,17 +1,26 @@
-"""Ctrl-C during long work: the first asks it to stop at the next safe point, the second ends it."""
+"""What may end long work early: Ctrl-C, a limit of time or of iterations, a file that appears; and who is told of it.
+
+The first Ctrl-C asks the work to stop at the next safe point, the second ends it.
+"""
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
+from mmg.errors import UserError
 from mmg.messages import Message
+from mmg.progress import OnProgress, Progress
 
 LEFT_OUT = "parts_left_out"
 """Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it."""
@@ -23,6 +32,77 @@ INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
 OBSERVER = SimpleNamespace(told=lambda word: None)
 """told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
 "ending" when it ends all."""
+
+
+class OutOfTimeError(UserError):
+    """The time limit was reached."""
+
+
+@dataclass(frozen=True)
+class Control:
+    """What may end work early, handed to whatever solves, trains or searches.
+
+    progress: called at each step, under the name ``task``; seconds: limit of time [s]; end: when it is over, by
+    ``time.time``, which processes and machines have in common [s]; iterations: most of a solver; stop: a file that ends
+    it by being there.
+    """
+
+    progress: OnProgress | None = None
+    task: str = "solve"
+    seconds: float = math.inf
+    end: float = math.inf
+    iterations: int = 300
+    stop: Path | None = None
+
+    @classmethod
+    def within(cls, seconds: float | None, progress: OnProgress | None = None, iterations: int = 300) -> Control:
+        """The control of work that begins now and may take so many ``seconds``, None: any; the others as the fields."""
+        limit = math.inf if seconds is None else seconds
+        return cls(progress, seconds=limit, end=time.time() + limit, iterations=iterations)
+
+    def of(self, task: str) -> Control:
+        """The same under the name of a ``task``."""
+        return replace(self, task=task)
+
+    @property
+    def left(self) -> float:
+        """Seconds until the limit of time, infinite without one."""
+        return self.end - time.time()
+
+    @property
+    def stops(self) -> bool:
+        """Whether the work is to stop: after Ctrl-C, beyond the limit of time, where the file is there."""
+        return bool(INTERRUPTED.requested) or self.left < 0 or (self.stop is not None and self.stop.exists())
+
+    def tell(self, number: int, **values: float) -> None:
+        """Calls ``progress`` with the number of a step and its ``values``."""
+        if self.progress:
+            self.progress(Progress(self.task, number, values=values))
+
+    @contextmanager
+    def in_force(self) -> Iterator[None]:
+        """Within this, ``check_time`` raises OutOfTimeError beyond the limit of time."""
+        before = _IN_FORCE.set(self)
+        try:
+            yield
+        finally:
+            _IN_FORCE.reset(before)
+
+    def note(self, event: Progress) -> None:
+        """Passes an ``event`` on to ``progress``. Raises OutOfTimeError as ``check_time``."""
+        if self.progress:
+            self.progress(event)
+        check_time()
+
+
+_IN_FORCE: ContextVar[Control | None] = ContextVar("_IN_FORCE", default=None)
+
+
+def check_time() -> None:
+    """Raises OutOfTimeError where the time of the control in force is over."""
+    control = _IN_FORCE.get()
+    if control and control.left < 0:
+        raise OutOfTimeError(f"the time limit of {control.seconds:g} s was reached")
 
 
 @contextmanager
