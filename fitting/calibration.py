@@ -256,35 +256,42 @@ def estimate_coefficients(
     resumed = Resumption.of_arrays(warm, problem)
     near = resumed is None and len(warm.get("nodes", ())) == problem.B
     prepare = time.perf_counter() - began
-    found = estimated(problem, x, settings, control, per_run, resumed, near, draft, warm.get("held"))
+    found = estimated(problem, StartingPoint(x, resumed, near), settings, control, per_run, draft, warm.get("held"))
     timings = {**found.timings, "prepare": prepare, "total": prepare + found.timings["total"]}
     said = tuple(dict.fromkeys(notices))
     return replace(found, data_warnings=tuple(warnings), notices=said, timings=timings)
+
+
+@dataclass(frozen=True)
+class StartingPoint:
+    """Where solves begin: x (n,); resumed, near: as of ``solve_with_noise_estimation``."""
+
+    x: np.ndarray
+    resumed: Resumption | None = None
+    near: bool = False
 
 
 @with_one_thread
 @np.errstate(all="ignore")
 def estimated(
     problem: Problem,
-    x: np.ndarray,
+    start: StartingPoint,
     settings: Settings,
     control: Control,
     per_run: Own = (),
-    resumed: Resumption | None = None,
-    near: bool = False,
     draft: bool = False,
     held: np.ndarray | None = None,
 ) -> Calibration:
-    """The calibration by ``problem`` from x (n,), without warnings and notices on its trials.
+    """The calibration by ``problem`` from a ``start``, without warnings and notices on its trials.
 
-    settings: with step and window; control: of all solves; per_run, draft: as of ``estimate_coefficients``; resumed,
-    near: as of ``solve_with_noise_estimation``; held: (P,) coefficients that stay where they are.
+    settings: with step and window; control: of all solves; per_run, draft: as of ``estimate_coefficients``; held: (P,)
+    coefficients that stay where they start.
     """
-    began, free = time.perf_counter(), problem.prior
+    began, free, x = time.perf_counter(), problem.prior, start.x
     if held is not None:
         here = free.mean + free.std * problem.split(x)[1]
         problem = problem.with_bounds(np.where(held, here, free.lower), np.where(held, here, free.upper))
-    solves = solve_with_noise_estimation(problem, x, settings, control, resumed, near, draft)
+    solves = solve_with_noise_estimation(problem, x, settings, control, start.resumed, start.near, draft)
     seconds = time.perf_counter() - began
     best, starts = solve_starts(solves.problem, solves.solution, settings, control)
     statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)
@@ -309,7 +316,7 @@ def estimated(
 def finished(draft: Calibration, progress: OnProgress | None = None) -> Calibration:
     """The ``draft`` with its last solve made; progress: called at each iteration."""
     control = Control(progress, iterations=draft.settings.max_iterations)
-    last = estimated(draft.problem, draft.solution.x, draft.settings, control, resumed=draft.resumption)
+    last = estimated(draft.problem, StartingPoint(draft.solution.x, draft.resumption), draft.settings, control)
     timings = {name: seconds + last.timings[name] for name, seconds in draft.timings.items()}
     return replace(
         last,

@@ -22,7 +22,7 @@ from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
 from cases.io.campaigns import Campaigns
 from cases.shipfiles.effects import parameters
 from cases.trial_set import TrialSet
-from fitting.calibration import Calibration, estimated
+from fitting.calibration import Calibration, StartingPoint, estimated
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
@@ -253,7 +253,7 @@ def _with_constants(
     x = problem.join(nodes, np.clip(p, *problem.p_bounds()))
     x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
     control = Control.within(settings.time_limit, progress, settings.max_iterations)
-    new = estimated(problem, x, settings, control, own, near=True)
+    new = estimated(problem, StartingPoint(x, near=True), settings, control, own)
     new = replace(new, data_warnings=fit.data_warnings, notices=fit.notices)
     same = CampaignFit(fit)
     if not new.converged or new.constants is None:

@@ -104,7 +104,7 @@ def unexplained(force: np.ndarray) -> UnexplainedForce:
     times = (UnexplainedTime("run <0>", 10.0, 30.0, "sway", 1.4, 1.1, "N"),)
     advice = "To know more of it: turning:35, in which it would show most."
     channels = {"surge": quiet, "sway": loud, "yaw": quiet}
-    return UnexplainedForce(0.001, channels, (follows,), times, advice, force[:-1], 0.1 + 0.0 * force[:-1])
+    return UnexplainedForce(channels, (follows,), times, advice, 9.0, force[:-1], 0.1 + 0.0 * force[:-1])
 
 
 def text_of(html: str) -> str:

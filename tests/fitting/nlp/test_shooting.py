@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
+from fitting.solvers.control import Control
 from fitting.solvers.solve import solve
 from mmg.rollout import Simulator
 from tests.support import gauss_newton
@@ -143,7 +144,7 @@ def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
 
 def test_stopping_early_returns_the_best_iterate_and_says_so() -> None:
     p = problem()
-    s = solve(p, p.start(), max_iterations=3)
+    s = solve(p, p.start(), Control(iterations=3))
     assert not s.converged and s.status == "Maximum_Iterations_Exceeded" and "--resume" in s.advice
     assert np.isfinite(s.x).all() and s.objective == pytest.approx(p.objective(s.x))
 
