@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from diagnosis.findings import (
+    MATTERS,
     Budget,
     BudgetShare,
     EstimatedParameter,
@@ -411,7 +412,7 @@ def amount(effect: NamedEffect | InstrumentFault) -> str:
 
 def share_words(part: BudgetShare) -> str:
     """A ``part`` of the budget in percent with its interval, cut to between none and all of the error."""
-    low, best, high = (min(max(x, 0.0), 1.0) for x in (part.interval_90[0], part.share, part.interval_90[1]))
+    low, best, high = (abs(min(max(x, 0.0), 1.0)) for x in (part.interval_90[0], part.share, part.interval_90[1]))
     return f"{percent(best)} [{100 * low:.0f}, {100 * high:.0f}]"
 
 
@@ -464,7 +465,9 @@ def sentence_of(
     if budget is not None and found:
         before, after, _ = budget.units["position_m"]
         words.append(f"The position error after {budget.metric} falls from {before:.2g} to {after:.2g} m.")
-    if remainder:
+    if remainder and rest is not None and rest.interval_90[0] <= MATTERS:
+        words.append(f"Something else acts as well, up to {percent(min(rest.interval_90[1], 1.0))} of the gap.")
+    elif remainder:
         size = f" ({share_words(rest)})" if rest is not None else ""
         words.append(f"A part of the gap{size} remains unexplained.")
     elif found and verdict != "unknown":

@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 from diagnosis.findings import (
+    TESTS,
+    Budget,
+    BudgetShare,
     DiagnosisInputs,
     EstimatedParameter,
     HeldOut,
+    InstrumentFault,
     NamedEffect,
     RandomSizes,
     RankedCandidate,
@@ -36,6 +40,7 @@ from diagnosis.report.words import (
     quantity,
     ranking,
     readable,
+    sentence_of,
     visible,
     where_words,
 )
@@ -249,3 +254,32 @@ def test_an_error_that_is_nearly_gone_is_not_all_gone(share: float, words: str) 
     held = replace(d.held_out, mse_before=2.23, mse_after=2.23 * (1 - share), reduction=share, interval_90=(0.9, share))
     found = held_words(held, "named").replace("\u00a0", " ")
     assert f"shrinks by {words} " in found and f" 90 % to {words})" in found
+
+
+def part(name: str, share: float, low: float, high: float) -> BudgetShare:
+    return BudgetShare(name, share, (low, high))
+
+
+@pytest.mark.parametrize(
+    ("own", "rest", "remainder", "first", "said"),
+    [
+        (part("current", 0.98, 0.96, 0.99), part("unexplained", 0.02, 0.01, 0.04), False, "current", "matters"),
+        (part("current", 0.17, 0.1, 0.3), part("unexplained", 0.83, 0.7, 0.9), True, "Most", "83 %"),
+        (part("current", 1.0, 0.6, 1.0), part("unexplained", -0.0, 0.0, 0.38), True, "current", "38 %"),
+    ],
+)
+def test_the_sentence_follows_from_the_budget(
+    own: BudgetShare, rest: BudgetShare, remainder: bool, first: str, said: str
+) -> None:
+    """A name that surely causes less than half heads no sentence."""
+    units = {"position_m": (3.2, 0.1, 0.1), "heading_deg": (9.0, 1.0, 1.0)}
+    budget = Budget("30 s", TESTS, 1.0, 0.1, 0.1, (own,), rest, units)
+    effect = NamedEffect("current", CURRENT, 1e-12, 280.0, 0.3)
+    words = sentence_of("named", [effect], [], (), remainder, budget)
+    assert words.split()[0] == first and said in words and "−" not in words
+
+
+def test_an_instrument_is_said_to_be_none_of_the_ship() -> None:
+    fault = InstrumentFault("log_scale", {"share": EstimatedParameter(0.05, 0.001, "")}, 1e-9)
+    words = sentence_of("none", [], [fault], (), False, None)
+    assert words.startswith(fault.name) and "instrument" in words
