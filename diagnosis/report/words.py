@@ -450,6 +450,9 @@ def sentence_of(
     """
     parts = {part.name: part for part in budget.parts} if budget is not None else {}
     rest, words = budget.unexplained if budget is not None else None, []
+    found: list[NamedEffect | InstrumentFault] = [*effects, *instruments]
+    first, is_small = found[0] if found else None, False
+    found.sort(key=lambda f: -parts[f.name].share if f.name in parts else 0.0)  # what causes most heads the sentence
     if verdict == "unknown":
         words.append("Something is missing in the model, but none of the known effects explains it.")
         if nearest and not instruments:
@@ -458,19 +461,19 @@ def sentence_of(
         words.append(
             "No effect beyond the ship's model is needed to explain these trials: what remains looks like chance."
         )
-    elif rest is not None and effects and parts[effects[0].name].interval_90[1] < HALF:
+    elif rest is not None and rest.share > HALF and parts[found[0].name].interval_90[1] < HALF:
+        is_small = True
         words.append(f"Most of the gap ({share_words(rest)}) is not explained.")
-    found: list[NamedEffect | InstrumentFault] = [*effects, *instruments]
-    words += [_cause(f, parts.get(f.name), same if f is found[0] else ()) for f in found]
+    words += [_cause(f, parts.get(f.name), same if f is first else ()) for f in found]
     if budget is not None and found:
         before, after, _ = budget.units["position_m"]
-        words.append(f"The position error after {budget.metric} falls from {before:.2g} to {after:.2g} m.")
+        words.append(f"The position error after {budget.metric} goes from {before:.2g} to {after:.2g} m.")
     if remainder and rest is not None and rest.interval_90[0] <= MATTERS:
         words.append(f"Something else acts as well, up to {percent(min(rest.interval_90[1], 1.0))} of the gap.")
-    elif remainder:
+    elif remainder and not is_small:
         size = f" ({share_words(rest)})" if rest is not None else ""
         words.append(f"A part of the gap{size} remains unexplained.")
-    elif found and verdict != "unknown":
+    elif found and verdict != "unknown" and not is_small:
         words.append("Nothing else matters." if parts else "The predictions hardly change.")
     hint = unexplained_hint(missing) if remainder or verdict == "unknown" else ""
     return f"{' '.join(words)}{hint}"
