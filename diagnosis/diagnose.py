@@ -172,6 +172,7 @@ def _diagnosed(
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(unnamed.after)
+    sentence = next((f"No cause can be named: {m}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
         verdict=result.verdict,
         sentence=sentence,

@@ -315,7 +315,7 @@ def estimated(
 
 def finished(draft: Calibration, progress: OnProgress | None = None) -> Calibration:
     """The ``draft`` with its last solve made; progress: called at each iteration."""
-    control = Control(progress, iterations=draft.settings.max_iterations)
+    control = Control.within(draft.settings.time_limit, progress, draft.settings.max_iterations)
     last = estimated(draft.problem, StartingPoint(draft.solution.x, draft.resumption), draft.settings, control)
     timings = {name: seconds + last.timings[name] for name, seconds in draft.timings.items()}
     return replace(

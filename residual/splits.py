@@ -37,7 +37,7 @@ SHORTER = (120.0, 90.0, 75.0)
 
 
 class Split(NamedTuple):
-    """Stretchs to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
+    """Stretches to train on, to stop by and to judge by; fold: number of the part that judges, or else stops."""
 
     train: list[Stretch]
     stop: list[Stretch]

@@ -24,6 +24,8 @@ GROUNDS = {"records": METRICS, "gunnerus": METRICS[:2], "pond": METRICS[:2], "kv
 CLEAR = 2.0
 """Standard errors from which a change counts."""
 FIRST = "as it is"
+REPLAYED = "(replayed from the evidence of five lines)"
+"""What a row says whose answers follow from recorded evidence, without a switch."""
 TWO, FIVE = "two numbers", "five lines"
 """Rows that are no switch: an answer from the evidence alone, and the verdict that replaced the rules above it."""
 SHORT = (
@@ -178,7 +180,9 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     lines += ["", "Share of what 90 % intervals and bands hold:", "", *_coverage(kept["fits"]), "", MIDDLE, ""]
     head = ["rule switched off", "cases", "weak", "medium", "strong", "strangers", "nothing", "wrong names",
             "gained", "lost", "change", "worlds", "commit"]  # fmt: skip
-    lines += table(head, [_diagnosis_cells(n, row, n in own[1]) for n, row in kept["diagnoses"].items()])
+    lines += table(
+        head, [_diagnosis_cells(n, row, n in own[1] or REPLAYED in row["off"]) for n, row in kept["diagnoses"].items()]
+    )
     return "\n".join([*lines, ""])
 
 

@@ -57,7 +57,8 @@ def budget_of(
         return None
     mean = np.array([e.mean.mean() for e in predicted])
     simulated = WindowErrors.joined(floors)
-    complete = predicted[-1] if missing is None else with_force(steps, seen, final, missing)
+    # a force that was fitted to the same runs would predict them too well
+    complete = predicted[-1] if missing is None or tests is None else with_force(steps, seen, final, missing)
     floor = min(float(simulated.mean.mean()), mean[-1], float(complete.mean.mean()))
     drawn = _drawn([*predicted, complete], floors, rng)  # (DRAWS, fits and floor)
     gap = drawn[:, 0] - drawn[:, -1]

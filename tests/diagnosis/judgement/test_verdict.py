@@ -17,7 +17,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import TESTS, EstimatedParameter, NamedEffect
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.verdict import beyond_reported, impossible_size, limits, verdict_of
+from diagnosis.judgement.verdict import another_ship, beyond_reported, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
@@ -62,6 +62,35 @@ def test_the_verdict_follows_from_the_evidence(
 )
 def test_instruments_make_no_verdict(measures: list[bool], left: float, expected: tuple[str, int, bool]) -> None:
     assert verdict_of([9.0, 9.0], [50.0, 9.0, left], measures) == expected
+
+
+def off(*p: float) -> Estimate:
+    """The fit with its first coefficients so many prior standard deviations off, the others at their priors."""
+    null = ready().null
+    return replace(null, p=np.array([*p, *np.zeros(len(null.p) - len(p))]))
+
+
+@pytest.mark.parametrize(
+    ("p", "is_named", "expected"),
+    [
+        ((2.0, -1.0), True, False),
+        ((0.0, -5.2), True, True),
+        ((0.0, -5.2), False, False),
+        ((8.5,), False, True),
+        ((3.5, -3.0, 3.0, 3.2), True, True),  # none of them by itself
+        ((3.5, -3.0, 3.0, 3.2), False, False),
+    ],
+)
+def test_no_effect_is_named_where_the_ship_is_another_one(p: tuple[float, ...], is_named: bool, expected: bool) -> None:
+    found = another_ship(off(*p), ready().full.ship, is_named)
+    assert (found.code if found else "") == ("not_described" if expected else "")
+
+
+def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
+    fit, ship = off(8.5), ready().full.ship
+    symbol, std = fit.free.symbols[0], fit.free.std[0]
+    wider = ship.with_coefficients({symbol: ship.coefficients[symbol].with_(prior_std=4 * std, prior_value=0.0)})
+    assert another_ship(fit, ship, True) and another_ship(fit, wider, True) is None
 
 
 def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str, str]:
