@@ -46,6 +46,7 @@ REMEMBERED = (
     FORMS,
     "diagnosis.judgement.budget:budget_of",
     "diagnosis.validation.held_out:compare",
+    "diagnosis.validation.held_out:filtered_along",
     "diagnosis.validation.held_out:one_step_likelihood",
     "diagnosis.validation.held_out:prediction_errors",
 )
@@ -83,7 +84,7 @@ FIRST = ("prepare_with_sensors",)
 RULES = (
     Switch("as it is", "nothing"),
     Switch("test trials", "test trials say nothing of candidates",
-           {f"{SEARCH}:_predicted": constantly(0.0)}),
+           {f"{SEARCH}:_predictive": constantly(0.0)}),
     Switch("possible sizes", "effects of an impossible size are named",
            {f"{JUDGE}.verdict:impossible_size": constantly("")}),
     Switch("not random", "neither test of what is left", {f"{JUDGE}.verdict:not_random": constantly([])}),

@@ -14,12 +14,13 @@ import numpy as np
 
 from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.validation.held_out import one_step_likelihood
+from diagnosis.validation.held_out import filtered_along, likelihood_of
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
@@ -144,22 +145,19 @@ def search(
     alone = replace(p, tests=None)  # processes need no other trials
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
     refitted = run_all(refit_task, tasks, workers, note)
-    nothing = _predicted(p, before)
+    nothing = filtered_along(p.steps, p.tests, before) if p.tests is not None else None
     judged = [
-        replace(r, predictive=_gain(nothing, _predicted(p, r.fit)), is_possible=is_possible(r.fit, r.candidate))
+        replace(r, predictive=_predictive(p, nothing, r.fit), is_possible=is_possible(r.fit, r.candidate))
         for r in refitted
     ]
     return Search(tuple(scores), tuple(sorted(judged, key=lambda r: -r.evidence)), before)
 
 
-def _predicted(p: SearchProblem, fit: Estimate) -> float:
-    """Negative log likelihood of the problem's tests one step ahead by a ``fit``, 0 without any."""
-    return 0.0 if p.tests is None else float(one_step_likelihood(p.steps, p.tests, fit).sum())
-
-
-def _gain(before: float, after: float) -> float:
-    """By how much a negative log likelihood falls; nothing is said where either explodes."""
-    return before - after if np.isfinite(before - after) else 0.0
+def _predictive(p: SearchProblem, nothing: Linearisation | None, fit: Estimate) -> float:
+    """Log likelihood that the problem's tests gain one step ahead by a ``fit``, over that along which they were
+    followed with ``nothing`` more; 0 without any, and where the ship explodes."""
+    there = filtered_along(p.steps, p.tests, fit, nothing) if p.tests is not None and nothing is not None else None
+    return float((likelihood_of(nothing) - likelihood_of(there)).sum()) if nothing and there else 0.0
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:

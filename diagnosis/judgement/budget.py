@@ -9,7 +9,7 @@ found.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -118,27 +118,28 @@ def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.
     """Errors of ships with coefficients as uncertain as those of a ``fit`` in trials that it simulates along
     ``data``."""
     found = []
-    for _ in range(SIMULATED):
+    for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
         p = np.clip(rng.multivariate_normal(fit.p, fit.covariance, method="eigh"), *fit.free.scaled_bounds)
         theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-        found.append(_errors(steps, simulated_trials(steps, data, fit, rng), theta))
+        found.append(_errors(steps, seen, theta))
     return [e for e in found if np.isfinite(e.mean).all()]
 
 
 def simulated_trials(
-    steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator
-) -> GriddedTrials:
-    """``data`` with logged columns drawn from a ``fit`` of the model ``steps``: new random forces and gusts push the
-    ship, new errors of the sensors are added, coloured ones included; rng: of both."""
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, count: int, rng: np.random.Generator
+) -> Iterator[GriddedTrials]:
+    """``count`` times ``data`` with logged columns drawn from a ``fit`` of the model ``steps``: new random forces and
+    gusts push the ship, new errors of the sensors are added, coloured ones included; rng: of both."""
     noise, acted, path = fit.noise, acting(steps, data, fit.theta), initial_trajectory(steps, data, fit.theta)
     shape = data.y.shape[:2]
-    path = replace(path, force=processes(shape, noise.force, noise.tau, data.h, rng))
-    if data.gusts is not None:
-        path = replace(path, gust=processes(shape, noise.gust, noise.gust_tau, data.h, rng), gusts=data.gusts)
-    z = steps.follow(path.z, acted.controls, fit.theta, force=path.push[:-1])
-    y = steps.logged(z, fit.theta) + noise.white * rng.standard_normal(data.y.shape)
-    y += processes(shape, noise.coloured, noise.colour_tau, data.h, rng)
-    return replace(data, y=np.where(data.measured, y, 0.0))
+    for _ in range(count):
+        path = replace(path, force=processes(shape, noise.force, noise.tau, data.h, rng))
+        if data.gusts is not None:
+            path = replace(path, gust=processes(shape, noise.gust, noise.gust_tau, data.h, rng), gusts=data.gusts)
+        z = steps.follow(path.z, acted.controls, fit.theta, force=path.push[:-1])
+        y = steps.logged(z, fit.theta) + noise.white * rng.standard_normal(data.y.shape)
+        y += processes(shape, noise.coloured, noise.colour_tau, data.h, rng)
+        yield replace(data, y=np.where(data.measured, y, 0.0))
 
 
 def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rng: np.random.Generator) -> np.ndarray:

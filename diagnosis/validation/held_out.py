@@ -10,7 +10,7 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import Steered, acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import initial_trajectory, linearised_if_finite
+from diagnosis.estimation.linearisation import Linearisation, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import active_states
@@ -213,21 +213,41 @@ SETTLED, FITS = 0.1, 20
 hardly any random force acts, its size falls step by step."""
 
 
-@np.errstate(all="ignore")
 def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, found: Estimate, fits: int = FITS) -> np.ndarray:
-    """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode.
+    """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode;
+    steps, data, found, fits: as of ``filtered_along``."""
+    here = filtered_along(steps, data, found, fits=fits)
+    return np.full(len(data.run), np.nan) if here is None else likelihood_of(here)
 
-    steps: the transition model; data: the trials; found: the fit; fits: linearisations of the filter at most. The sizes
-    of the noise, which say nothing of the ship, are those that make the other trials most likely: in its own trials an
-    effect that explains a little of everything leaves less than there is.
+
+def likelihood_of(here: Linearisation) -> np.ndarray:
+    """Negative log likelihood of one-step predictions of each window (R,) of the trials that were followed ``here``."""
+    return np.asarray(0.5 * (here.filter.log_det + (here.left**2).sum(axis=(0, 2))))
+
+
+@np.errstate(all="ignore")
+def filtered_along(
+    steps: TransitionModel,
+    data: GriddedTrials,
+    found: Estimate,
+    near: Linearisation | None = None,
+    fits: int = FITS,
+) -> Linearisation | None:
+    """The filter along other trials, its path and latent force those that are most likely; None where they explode.
+
+    steps: the transition model; data: the trials; found: the fit; near: of another fit along them, from which it
+    begins; fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those
+    that make the other trials most likely: in its own trials an effect that explains a little of everything leaves less
+    than there is.
     """
     active = active_states(steps, found.free.symbols, found.theta)
-    path = initial_trajectory(steps, data, found.theta)
-    best, share, noise, typical = None, 1.0, found.noise, initial_noise(steps.ship)
+    path = initial_trajectory(steps, data, found.theta) if near is None else near.at.path
+    noise = found.noise if near is None else near.at.noise.with_(tau=found.noise.tau)
+    best, share, typical = None, 1.0, initial_noise(steps.ship)
     for number in range(fits):
         here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
         if here is None and best is None:
-            return np.full(len(data.run), np.nan)
+            return None if near is None else filtered_along(steps, data, found, fits=fits)
         if here is None:
             share *= 0.3
         else:
@@ -241,5 +261,4 @@ def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, found: Esti
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
         path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)
-    assert best is not None
-    return np.asarray(0.5 * (best.filter.log_det + (best.left**2).sum(axis=(0, 2))))
+    return best

@@ -128,7 +128,7 @@ def test_they_leave_a_share_of_their_force_to_the_random_force() -> None:
 def test_campaigns_that_are_simulated_have_them_as_well() -> None:
     data, found = fitted(True)
     steps = full_steps(STEP)
-    seen = simulated_trials(steps, data, found, np.random.default_rng(1))
+    (seen,) = simulated_trials(steps, data, found, 1, np.random.default_rng(1))
     again = estimate(steps, seen, replace(found, path=initial_trajectory(steps, seen, found.theta)), 8)
     assert again.noise.gust[0] == pytest.approx(found.noise.gust[0], rel=0.3)
 
