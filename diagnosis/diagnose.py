@@ -35,7 +35,6 @@ from diagnosis.findings import (
     InstrumentFault,
     RandomSizes,
     UnexplainedForce,
-    Unnamed,
 )
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
@@ -140,7 +139,7 @@ def _diagnosed(
     found = result.found
     if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
-    missing = estimated_force(result.after) if result.is_left or result.verdict == "unknown" else None
+    missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
     result, budget = _that_matters(p, result, missing, options.seed)
     found = result.found
     late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
@@ -163,15 +162,16 @@ def _diagnosed(
     after_all = summary.fitted_ship(ship, ready.full, final, found.effects, late) if is_found else ship_before
     unexplained = None
     if missing is not None and (remainder or result.verdict == "unknown"):
-        describe = partial(_unexplained, p, final, result.after.evidence, missing, after_all)
+        describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
     between = _between(ready, sensors, groups, trials, reasons)
-    unnamed = Unnamed(*({"all": u.mixture, "single": u.single, **u.by_kind} for u in (result.before, result.after)))
+    free = result.free
+    unnamed = {"all": free.mixture, "single": free.single, **free.by_kind}
     nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
     off = tuple(f for f in instruments if f.name in {c.effect for c in found.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
-        sentence += likeness(unnamed.after)
+        sentence += likeness(unnamed)
     sentence = next((f"No cause can be named: {m}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
         verdict=result.verdict,
@@ -306,7 +306,7 @@ def no_answer(ship: Ship, why: str, warnings: Sequence[str], inputs: DiagnosisIn
         warnings=(Message(why, "model_breaks_down"), *warnings),
         not_screened={},
         noise=NOTHING,
-        unnamed=Unnamed({}, {}),
+        unnamed={},
         kinematics=(),
         timings={"total": seconds},
         inputs=inputs,

@@ -369,20 +369,6 @@ class DiagnosisInputs:
     of_predictions: Mapping[str, Any] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Unnamed:
-    """Log Bayes factors of unnamed forms, by kind ("all" is the whole), without the named effects and with them."""
-
-    before: Mapping[str, Real]
-    after: Mapping[str, Real]
-
-    @property
-    def strongest(self) -> str:
-        """The kind that explains most by itself without the named effects; "" where none explains anything."""
-        kinds = {k: v for k, v in self.before.items() if k not in ("all", "single")}
-        return max(kinds, key=kinds.__getitem__, default="")
-
-
 @dataclass(frozen=True, kw_only=True)
 class DiagnosisRecord:
     """What ``diagnosis.json`` holds under the names of the attributes.
@@ -407,7 +393,7 @@ class DiagnosisRecord:
     warnings: tuple[str, ...]
     not_screened: Mapping[str, str]
     noise: RandomSizes
-    unnamed: Unnamed
+    unnamed: Mapping[str, Real]
     kinematics: tuple[str, ...]
     timings: Mapping[str, float]
     learned: LearnedResidual | None = None

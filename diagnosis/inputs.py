@@ -34,7 +34,7 @@ class DiagnosisOptions:
     step: float | None = setting(None, "Step [s]; default 0.05 L/U.", gt=0, lt=60)
     seed: int = setting(0, "Seed of drawn probabilities and intervals.")
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
-    learn: bool = setting(True, "Do not train residuals on what remains.")
+    learn: bool = setting(False, "Train residuals on what remains.")
     command: str = "mmg_ident.diagnose"
     between: str | None = setting(None, "What differs between: day, month, year, folder, group, kind.")
     time_limit: float | None = setting(None, "Limit of the diagnosis [s].", gt=0)

@@ -21,8 +21,8 @@ from diagnosis.estimation.candidates import (
     ship_with_all_effects,
     ship_with_latent_force,
 )
-from diagnosis.estimation.first_fit import MAX_FITS, fit_without_effects
-from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, can_divide, possible_readings
+from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
+from diagnosis.estimation.gridded_trials import COARSE, can_divide, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
@@ -178,7 +178,8 @@ def prepare(
         from diagnosis.hypotheses.reference import fit_reference
         from diagnosis.hypotheses.score_test import score_tests, slopes
 
-        old, null, gap, *_ = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
+        known_fit = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
+        old, null, gap = known_fit.data, known_fit.null, known_fit.gap
         is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
         base, full = known.priors, replace(full, candidates=known.candidates)
@@ -187,7 +188,8 @@ def prepare(
         tests = score_tests(slopes(steps, old, null, full.candidates), full.candidates)
         notices += _of_reference([t for t in tests if t.p_value < USUAL], known.strong)
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
-    (data, null, gap, correlation, line), reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
+    first, reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
+    data, null, gap = first.data, first.null, first.gap
     notices += reading.notices
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
@@ -199,7 +201,9 @@ def prepare(
         notices = [*reading.notices, *finely.notices]
         return finely if reading.chosen is None else replace(finely, reading=reading, notices=tuple(notices))
     if gap > 1:
-        words = f"residuals of neighbouring samples are correlated ({correlation:.2f}), as of filtered instruments"
+        words = (
+            f"residuals of neighbouring samples are correlated ({first.correlation:.2f}), as of filtered instruments"
+        )
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
     LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]
@@ -207,7 +211,7 @@ def prepare(
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
-    return Prepared(problem, full, null, reading, gap, tuple(notices), line, is_order_usual)
+    return Prepared(problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
 
 
 def prepare_with_sensors(
@@ -232,13 +236,13 @@ def fit_as_read(
     noise: NoiseModel,
     gap: int = 0,
     straight: bool | None = None,
-) -> tuple[tuple[GriddedTrials, Estimate, int, float, tuple[float, float]], InputReading]:
+) -> tuple[FirstFit, InputReading]:
     """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
     both may be and that is more likely.
 
     steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
-    ``fit_without_effects``; straight: how the actuators are read, where it is known. Returns what that does, and how
-    they were read. Raises UserError where all trials are too short.
+    ``fit_without_effects``; straight: how the actuators are read, where it is known. Returns the fit, and how they
+    were read. Raises UserError where all trials are too short.
     """
     length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
     known = possible_readings(trials) if straight is None else (straight,)
@@ -246,18 +250,19 @@ def fit_as_read(
     # each from the same start: from the fit before, coefficients that the trials hardly tell would creep
     held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
-        return held, InputReading(known[0], None, sample, length)
+        return held.finished(steps), InputReading(known[0], None, sample, length)
     try:
         joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
-        return held, InputReading(False, math.inf, sample, length)
-    gap = max(held[2], joined[2])  # both are compared by the same samples
+        return held.finished(steps), InputReading(False, math.inf, sample, length)
+    gap = max(held.gap, joined.gap)  # both are compared by the same samples
     fits = [
-        fit if fit[2] == gap else fit_without_effects(steps, way, theta, base, noise, gap)
+        fit if fit.gap == gap else fit_without_effects(steps, way, theta, base, noise, gap)
         for fit, way in zip((held, joined), ways, strict=True)
     ]
-    gain = fits[0][1].nll - fits[1][1].nll
-    return (joined if gain > 0 else held), InputReading(gain > 0, abs(gain), sample, length)
+    gain = fits[0].null.nll - fits[1].null.nll
+    better = joined if gain > 0 else held
+    return better.finished(steps), InputReading(gain > 0, abs(gain), sample, length)
 
 
 def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -244,6 +245,8 @@ POINTS = 50_000
 """Points at which logged columns are asked for in one call: a call costs as much as a thousand of them."""
 INVERSIONS = 30
 """Most fixed-point steps from logged columns to the state behind them. Set by hand."""
+CLOSE = 1e-12
+"""Error of a logged column [its unit] at which they end: rounding of positions of a kilometre."""
 
 
 def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -278,17 +281,30 @@ def columns(
     return logged.reshape(*states.shape[:-2], 6, M)
 
 
-def states_behind(model: Model, logged: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+AtPoints = Callable[..., np.ndarray]
+"""Of arguments (rows, M), the values (rows, M) at M points."""
+
+
+def states_behind(
+    model: Model,
+    logged: np.ndarray,
+    controls: np.ndarray,
+    theta: np.ndarray,
+    initial: AtPoints | None = None,
+    at: AtPoints | None = None,
+) -> np.ndarray:
     """States (S, M) that are logged as (6, M) under inputs (C, M), their memory settled; NaN stays NaN. model: of the
-    ship; controls: those inputs; theta: coefficients (P,) or (P, M)."""
+    ship; controls: those inputs; theta: coefficients (P,) or (P, M); initial, at: ``settled`` and the same as
+    ``model.columns_by`` of many points, compiled (default: interpreted)."""
+    initial = initial or partial(settled, model)
     six = np.array(logged, dtype=float)
-    states = settled(model, six, controls, theta)
+    states = initial(six, controls, theta)
     if not model.measured:
         return states
     for _ in range(INVERSIONS):
-        error = columns(model, states, theta) - logged
-        six -= error
-        states = settled(model, six, controls, theta)
-        if not np.nanmax(np.abs(error), initial=0.0) > 1e-12:
+        error = columns(model, states, theta, at) - logged
+        if not np.nanmax(np.abs(error), initial=0.0) > CLOSE:
             break
+        six -= error
+        states = initial(six, controls, theta)
     return states

@@ -121,7 +121,7 @@ def two_numbers(evidence: Mapping[str, Any]) -> Answer:
     best = max(evidence["candidates"], key=lambda row: row[1], default=["", -np.inf])
     if best[1] > BETTER:
         return "named", [best[0]], False
-    most = max(v for k, v in evidence["unnamed"][0].items() if k not in ("all", "single"))
+    most = max(v for k, v in evidence["unnamed"].items() if k not in ("all", "single"))
     return ("unknown" if most > UNNAMED else "none"), [], False
 
 

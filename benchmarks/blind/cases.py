@@ -105,7 +105,7 @@ def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str,
         return "error", [], False, {"error": f"{type(error).__name__}: {error}"}
     evidence = {
         "candidates": [[c.name, c.delta_bic, c.p_value, c.score] for c in found.candidates if c.delta_bic is not None],
-        "unnamed": [dict(found.unnamed.before), dict(found.unnamed.after)],
+        "unnamed": dict(found.unnamed),
         "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
         "budget": None if found.budget is None else plain(found.budget),
         "codes": sorted({getattr(m, "code", "") for m in found.warnings}),

@@ -3,6 +3,7 @@ correlated."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -38,14 +39,37 @@ MAX_FITS = 12
 """Linearisations of the first fit."""
 
 
+@dataclass(frozen=True)
+class FirstFit:
+    """The fit ``null`` without effects of ``data``, one in ``gap`` grid times compared; dense: all of them with their
+    residuals; correlation: of neighbouring ones of these; line: sharpest in their spectrum (``spectral_line``)."""
+
+    data: GriddedTrials
+    null: Estimate
+    gap: int
+    dense: tuple[GriddedTrials, np.ndarray]
+    correlation: float
+    line: tuple[float, float] = (1.0, 0.0)
+
+    def finished(self, steps: TransitionModel) -> FirstFit:
+        """With the memories of the random forces, converged, and with the ``line``; steps: the transition model."""
+        data, null = self.data, self.null
+        null = null if null.noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
+        if not null.converged:  # the slopes of all tests are those at the optimum
+            null = estimate(steps, data, null, MAX_FITS)
+        if self.gap == 1:
+            return replace(self, null=null, line=spectral_line(*self.dense))
+        return replace(self, null=null, line=spectral_line(data, residuals(steps, data, null), self.dense))
+
+
 def fit_without_effects(
     steps: TransitionModel, data: GriddedTrials, theta: np.ndarray, base: Priors, noise: NoiseModel, gap: int = 0
-) -> tuple[GriddedTrials, Estimate, int, float, tuple[float, float]]:
+) -> FirstFit:
     """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
 
     steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
-    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns
-    (data, fit, gap, correlation of neighbouring residuals, sharpest line in their spectrum).
+    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns the
+    fit, which is not ``finished``.
     """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
     most = max(1, data.samples // (FEW if gap else LEAST))
@@ -64,11 +88,7 @@ def fit_without_effects(
             left = lag_correlation(data, residuals(steps, data, null))
         if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
             break
-    null = null if noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
-    if not null.converged:  # the slopes of all tests are those at the optimum
-        null = estimate(steps, data, null, MAX_FITS)
-    line = spectral_line(*dense) if apart == 1 else spectral_line(data, residuals(steps, data, null), dense)
-    return data, null, apart, correlation, line
+    return FirstFit(data, null, apart, dense, correlation)
 
 
 def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:

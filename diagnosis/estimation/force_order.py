@@ -28,7 +28,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 
 PAIRS = (("surge force", "sway force"), ("surge force", "yaw moment"), ("sway force", "yaw moment"))
 """Channels of the latent force, two by two."""
-DRAWS, TOGETHER, STEP = 200, 25, 0.1
+DRAWS, TOGETHER, STEP = 100, 25, 0.1
 """Simulated campaigns for the law of the scores, how many are filtered at a time, and the step of their differences
 [angle over a memory of the force, rad]."""
 

@@ -89,9 +89,13 @@ class TransitionModel:
             for name, pair in (("rates", rates), ("logged", logged))
             for order, f in zip(("jacobian", "hessian"), pair, strict=True)
         ]
-        (self._rates, self._rates_hessian, self._logged, self._logged_hessian), _ = batch_functions(
-            functions, kernel is not None, what
-        )
+        six, own = ca.SX.sym("six", 6), ca.SX.sym("own", len(self.model.measured_by))
+        functions += [
+            ca.Function("initial", [six, c, every], [ca.densify(self.model.initial(six, c, every))], {"cse": True}),
+            ca.Function("columns", [q, own], [ca.densify(self.model.columns_by(q, own))], {"cse": True}),
+        ]
+        made, _ = batch_functions(functions, kernel is not None, what)
+        self._rates, self._rates_hessian, self._logged, self._logged_hessian, self._initial, self._columns = made
 
     def __reduce__(self) -> tuple:
         """Built again in another process, where the compiled code comes from the cache."""
@@ -113,7 +117,13 @@ class TransitionModel:
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
         (all,) or by window (all, R)."""
-        return states_behind(self.model, six, controls, theta)
+        return states_behind(self.model, six, controls, theta, self._settled_at, self._columns_at)
+
+    def _settled_at(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return self._initial.at(six, controls, theta)[0]
+
+    def _columns_at(self, z: np.ndarray, own: np.ndarray) -> np.ndarray:
+        return self._columns.at(z, own)[0]
 
     def coefficients(self, theta: np.ndarray, force: np.ndarray) -> np.ndarray:
         """Coefficients by point (all, M) with the latent ``force`` (3, M) [N, N, N m] added to that of ``tow``.
@@ -140,7 +150,7 @@ class TransitionModel:
 
     def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients (all,) or by window (all, R)."""
-        return columns(self.model, z.swapaxes(1, 2), theta).swapaxes(1, 2)
+        return columns(self.model, z.swapaxes(1, 2), theta, self._columns_at).swapaxes(1, 2)
 
     def with_passive_states(
         self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, passive: np.ndarray

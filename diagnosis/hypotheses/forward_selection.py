@@ -16,7 +16,7 @@ from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
+from diagnosis.estimation.residual_checks import WORTH
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
@@ -24,9 +24,9 @@ from diagnosis.validation.held_out import filtered_along, likelihood_of
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
-SHORT = 6
-"""Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype;
-those in CURVED are refitted whatever it says."""
+SHORT, SCREEN = 6, 0.05
+"""Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype,
+of those that it shows at this level; those in CURVED are refitted whatever it says."""
 CURVED = ("rudder_backlash",)
 """Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
 ODDS = float(np.log(20.0))
@@ -133,7 +133,8 @@ def search(
     rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
     scores = score_tests(slopes(p.steps, p.data, before, rest), rest, seed)
     excited = [s for s in scores if s.excited]
-    chosen = excited[:SHORT] + [s for s in excited[SHORT:] if s.candidate.effect in CURVED]
+    shown = [s for s in excited if s.p_single < SCREEN][:SHORT]
+    chosen = shown + [s for s in excited if s.candidate.effect in CURVED and s not in shown]
     done: list[RefittedEffect] = []
 
     def note(one: RefittedEffect) -> None:
@@ -145,9 +146,14 @@ def search(
     alone = replace(p, tests=None)  # processes need no other trials
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
     refitted = run_all(refit_task, tasks, workers, note)
-    nothing = filtered_along(p.steps, p.tests, before) if p.tests is not None else None
+    is_tested = p.tests is not None and any(r.delta_bic > 0 for r in refitted)  # of the others no test makes a name
+    nothing = filtered_along(p.steps, p.tests, before) if is_tested else None
     judged = [
-        replace(r, predictive=_predictive(p, nothing, r.fit), is_possible=is_possible(r.fit, r.candidate))
+        replace(
+            r,
+            predictive=_predictive(p, nothing, r.fit) if r.delta_bic > 0 else 0.0,
+            is_possible=is_possible(r.fit, r.candidate),
+        )
         for r in refitted
     ]
     return Search(tuple(scores), tuple(sorted(judged, key=lambda r: -r.evidence)), before)
@@ -229,8 +235,6 @@ def select_effects(
         tries = TRIES
         named.append(best.candidate)
         now = best.fit
-        if now.noise.prior is None:  # the effect that was missing had lengthened the memory of the force
-            now = with_correlation_time(problem.steps, problem.data, now, WORTH)
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)
     return Selection(tuple(named), null, now, tuple(searches))

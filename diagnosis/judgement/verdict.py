@@ -8,8 +8,9 @@ trials (``RefittedEffect.evidence``), a free force by the marginal likelihood of
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -33,12 +34,12 @@ from mmg.states import STATES
 
 
 def verdict_of(
-    named: Sequence[float], left: Sequence[float], measures: Sequence[bool] = (), is_random: bool = True
+    named: Sequence[float], left: Callable[[int], float], measures: Sequence[bool] = (), is_random: bool = True
 ) -> tuple[str, int, bool]:
     """The verdict, how many of the selected effects stand, and whether something is left beside them.
 
-    named: evidence for each effect that was selected, beside those before it; left: that for a free force beside none
-    of them, the first, and so on to all; measures: which of the effects are instruments; is_random: whether what is
+    named: evidence for each effect that was selected, beside those before it; left: that for a free force beside the
+    first so many of them; measures: which of the effects are instruments; is_random: whether what is
     left beside all looks like it. In log units:
 
     1. selected is, one after the other, the effect of a possible size with most evidence, while that exceeds ODDS;
@@ -53,22 +54,21 @@ def verdict_of(
     What does not look random counts as left. Instruments are selected alike, but make no verdict.
     """
     count = len(named)
-    while count and left[count] > named[count - 1]:
+    while count and left(count) > named[count - 1]:
         count -= 1
     instruments = list(measures[:count]) or [False] * count
     if not all(instruments):
-        return "named", count, left[count] > 0 or not is_random
-    return ("unknown" if left[count] > ODDS or not is_random else "none"), count, False
+        return "named", count, left(count) > 0 or not is_random
+    return ("unknown" if left(count) > ODDS or not is_random else "none"), count, False
 
 
 @dataclass(frozen=True)
 class JudgedSearch:
-    """Of a search: the selection, the free force without it (before) and beside it (after), the verdict with whether
-    something is left beside a name, and sentences on what is not random and on sizes that cannot be."""
+    """Of a search: the selection, the free force beside it, the verdict with whether something is left beside a name,
+    and sentences on what is not random and on sizes that cannot be."""
 
     found: Selection
-    before: UnnamedForms
-    after: UnnamedForms
+    free: UnnamedForms
     verdict: str
     is_left: bool
     reasons: tuple[Message, ...]
@@ -88,17 +88,23 @@ def judged_search(
         return not impossible_size(full, fit, candidate)
 
     found = select_effects(p, ready.null, seed, workers, progress, is_possible)
-    free = [unnamed_forms(p.steps, p.data, fit) for fit in found.fits]
-    usual = (p.expected_unnamed_null, *[p.expected_unnamed] * len(found.effects))
-    left = [forms.evidence - expected for forms, expected in zip(free, usual, strict=True)]
+
+    @cache
+    def free(count: int) -> UnnamedForms:
+        return unnamed_forms(p.steps, p.data, found.fits[count])
+
+    def left(count: int) -> float:
+        return free(count).evidence - (p.expected_unnamed if count else p.expected_unnamed_null)
+
     reasons = not_random(ready, found.final)
     measures = [c.measures for c in found.effects]
     verdict, count, is_left = verdict_of(found.evidence, left, measures, not reasons)
     if verdict != "unknown" and (doubt := another_ship(found.fits[count], full.ship, verdict == "named")):
         verdict, count, is_left, reasons = "unknown", 0, False, [*reasons, doubt]
+    forms = free(count)
     while len(found.effects) > count:
         found = found.without_last
-    return JudgedSearch(found, free[0], free[count], verdict, is_left, (*reasons, *_acts_like(full, found)))
+    return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
 
 FAR_OFF, RARE, FAR_WITHOUT = 5.0, 1e-4, 8.0

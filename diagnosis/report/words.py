@@ -391,14 +391,11 @@ def learned_words(found: LearnedResidual) -> str:
 
 def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
-    before, after = d.unnamed.before.get("all"), d.unnamed.after.get("all")
-    if before is None:
+    if "all" not in d.unnamed:
         return ""
+    beside = "beside what was named" if d.verdict == "named" else "without any effect"
     words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
-    words += f"{signed(before, '.1f')} without any effect"
-    if d.verdict == "named" and after is not None:
-        words += f" and {signed(after, '.1f')} with what was named"
-    return words + "."
+    return f"{words}{signed(d.unnamed['all'], '.1f')} {beside}."
 
 
 def amount(effect: NamedEffect | InstrumentFault) -> str:

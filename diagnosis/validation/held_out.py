@@ -17,7 +17,6 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from mmg.effects import EFFECTS
-from mmg.model import columns
 from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 
@@ -41,6 +40,9 @@ class Stepper(Steered, Protocol):
         whole: np.ndarray | None = None,
     ) -> np.ndarray:
         """Paths (K + 1, R, S) from the first states of z, as ``TransitionModel.follow``."""
+
+    def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S)."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -97,8 +99,7 @@ def errors(
     at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
     pushed = {} if force is None else {"force": force[at, r0]}
     path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, **pushed)
-    # states (K, S, W) -> (K, W, 6)
-    error = (columns(steps.model, path[1:].swapaxes(1, 2), theta).swapaxes(1, 2) - data.y[row, r0]) / sigma
+    error = (steps.logged(path[1:], theta) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
     square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=1e6), 1e6), 0.0)
     last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2

@@ -19,7 +19,7 @@ from diagnosis.findings import LearnedResidual
 from diagnosis.validation.held_out import errors, interval_of, window_length
 from fitting.report.parts import Store
 from mmg.errors import NoSolution, TooFewData
-from mmg.model import Model
+from mmg.model import Model, columns
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from residual.decide import decide, judged_by_whole_runs
@@ -53,6 +53,10 @@ class SteppedHybrid(TrainableSystem):
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) that are logged as (6, M) under inputs (C, M), what they remember settled."""
         return self.members[0].start(torch.as_tensor(six), torch.as_tensor(controls)).numpy()
+
+    def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S); theta: coefficients."""
+        return columns(self.model, z.swapaxes(1, 2), theta).swapaxes(1, 2)
 
     @torch.no_grad()
     def follow(

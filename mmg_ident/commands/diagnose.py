@@ -40,9 +40,9 @@ def diagnose(
 
     The coefficients, a slowly varying force and the noise of the sensors are fitted together; every effect of the
     library (mmg effects) is tested on what is left, the best ones are refitted, and what stands out is checked on the
-    --test trials. Where something is left unexplained, residuals are trained on the trials, as by mmg train, to see
-    how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures and ship.toml
-    (the ship with the named effects).
+    --test trials. With --learn residuals are trained on the trials where something is left unexplained, as by mmg
+    train, to see how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures
+    and ship.toml (the ship with the named effects).
 
     Trials whose role in trials.toml is test or validate take no part and are checked on, as those of --test.
 

@@ -66,11 +66,12 @@ def _generated(kind: type, name: str) -> inspect.Parameter:
     hint = get_type_hints(kind)[name]
     plain = next((t for t in (bool, int, float, str) if hint in (t, t | None)), str)  # tuples as text: 1,2,3
     flag = option_of(field)
-    names = [f"{flag}/--no-{flag[2:]}" if field.default is True else flag]
+    names = [f"{flag}/--no-{flag[2:]}" if plain is bool else flag]
     words = str(field.metadata["help"])
     if plain is not bool and field.default not in (None, "", ()) and "default" not in words:
         words = _with_default(words, field.default)
-    option = Annotated[plain | None, Option(*names, help=words)]  # type: ignore[valid-type]
+    is_set = field.default is not False  # the help shows the one of two flags that changes something
+    option = Annotated[plain | None, Option(*names, help=words, show_default=is_set)]  # type: ignore[valid-type]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
 
 
@@ -171,7 +172,7 @@ def _row(parameter: Any, ctx: Any) -> tuple[str, str] | None:
         return None
     words, name = parameter.help or "", parameter.opts[0]
     if parameter.is_flag:
-        opposite = parameter.secondary_opts and parameter.default in (True, None)
+        opposite = parameter.secondary_opts and parameter.default in (True, None) and parameter.show_default
         return (parameter.secondary_opts[0] if opposite else name), words
     value = re.sub(r"^.*--\S+ ", "", record[0]).strip("<>").replace("FLOAT", "float").replace("INTEGER", "int")
     if parameter.required:

@@ -80,7 +80,7 @@ def test_two_numbers_answer_a_diagnosis() -> None:
     """Gain in BIC, then log Bayes factor."""
     evidence = {
         "candidates": [["tow", 7.0, 0.1, 1.0], ["current", 9.0, 0.1, 1.0]],
-        "unnamed": [{"all": 1.0, "x": 13.0}],
+        "unnamed": {"all": 1.0, "x": 13.0},
     }
     assert two_numbers(evidence) == ("named", ["current"], False)
     assert two_numbers({**evidence, "candidates": []})[0] == "unknown"

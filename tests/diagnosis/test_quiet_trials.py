@@ -64,7 +64,9 @@ def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship()
     assert known is not None and (known.force < 0.02 * initial_noise(ready.full.ship).force).any()
     theta = ready.full.ship.values
     theta[[ready.full.ship.symbols.index(s) for s in p.base.symbols]] = p.base.mean
-    narrow = fit_without_effects(p.steps, p.data, theta, p.base, known.with_(prior=known), ready.gap)[1]
+    narrow = (
+        fit_without_effects(p.steps, p.data, theta, p.base, known.with_(prior=known), ready.gap).finished(p.steps).null
+    )
     assert ready.null.nll < narrow.nll + 10.0
     found = select_effects(p, ready.null)
     assert [c.effect for c in found.effects] == ["current"]

@@ -44,7 +44,7 @@ def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     assert_sizes(found, name, NAMES[name])
     assert found.final.nll < found.null.nll - 20
     left = unnamed_forms(problem.steps, problem.data, found.final)
-    assert verdict_of(found.evidence, [99.0, left.evidence]) == ("named", 1, False)
+    assert verdict_of(found.evidence, [99.0, left.evidence].__getitem__) == ("named", 1, False)
 
 
 @pytest.mark.parametrize("seed", first_quick([2, 3]))
@@ -53,7 +53,7 @@ def test_none_is_named_by_chance(seed: int) -> None:
     found = select_effects(problem, null)
     assert found.effects == () and found.final is null and len(found.searches) == 1
     before = unnamed_forms(problem.steps, problem.data, null)
-    assert verdict_of(found.evidence, [before.evidence]) == ("none", 0, False)
+    assert verdict_of(found.evidence, [before.evidence].__getitem__) == ("none", 0, False)
 
 
 @pytest.mark.slow
@@ -143,5 +143,5 @@ def test_a_fault_of_a_sensor_without_a_name_is_unknown_or_leaves_a_remainder(col
     assert before.mixture > 20 and max(before.by_kind, key=lambda k: before.by_kind[k]) == kind
     found = select_effects(problem, null)
     left = [unnamed_forms(problem.steps, problem.data, fit).evidence for fit in found.fits]
-    verdict, _, is_left = verdict_of(found.evidence, left, [c.measures for c in found.effects])
+    verdict, _, is_left = verdict_of(found.evidence, left.__getitem__, [c.measures for c in found.effects])
     assert verdict == "unknown" or is_left

@@ -49,7 +49,7 @@ def ready() -> Prepared:
 def test_the_verdict_follows_from_the_evidence(
     named: list[float], left: list[float], is_random: bool, expected: tuple[str, int, bool]
 ) -> None:
-    assert verdict_of(named, left, [False] * len(named), is_random) == expected
+    assert verdict_of(named, left.__getitem__, [False] * len(named), is_random) == expected
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_the_verdict_follows_from_the_evidence(
     ],
 )
 def test_instruments_make_no_verdict(measures: list[bool], left: float, expected: tuple[str, int, bool]) -> None:
-    assert verdict_of([9.0, 9.0], [50.0, 9.0, left], measures) == expected
+    assert verdict_of([9.0, 9.0], [50.0, 9.0, left].__getitem__, measures) == expected
 
 
 def off(*p: float) -> Estimate:

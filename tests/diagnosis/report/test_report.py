@@ -23,7 +23,6 @@ from diagnosis.findings import (
     UnexplainedChannel,
     UnexplainedForce,
     UnexplainedTime,
-    Unnamed,
 )
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.location.where import where
@@ -89,10 +88,7 @@ def case(verdict: str) -> Diagnosis:
         data=replace(data, trials=("run <0>", *data.trials[1:])),
         noise=RandomSizes.of(null),
         inputs=DiagnosisInputs(tuple({"name": name} for name in ("run <0>", *data.trials[1:]))),
-        unnamed=Unnamed(
-            {"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
-            {"all": 4.0, "sway force": 3.0},
-        ),
+        unnamed={"all": 20.0 if verdict != "none" else -1.0, "sway force": 15.0, "delay of delta": -2.0},
         kinematics=("u and v are late by 0.7 s",),
         timings={"fit": 1.5},
         unexplained_force=unexplained(force) if verdict != "none" else None,
