@@ -44,7 +44,7 @@ def verdict_of(
 
     1. selected is, one after the other, the effect of a possible size with most evidence, while that exceeds ODDS;
     2. what is within ODDS of it is its class (``Search.indistinguishable``);
-    3. the last is taken back while a free force beside it has more evidence than it has;
+    3. the last is taken back while it has less evidence than a free force beside all that were selected;
     4. a ship's or her surroundings' effect that remains is "named"; something is left if a free force beside it has any
        evidence (even odds);
     5. without any the verdict is "unknown" where that exceeds ODDS, else "none".
@@ -54,7 +54,7 @@ def verdict_of(
     What does not look random counts as left. Instruments are selected alike, but make no verdict.
     """
     count = len(named)
-    while count and left(count) > named[count - 1]:
+    while count and left(len(named)) > named[count - 1]:
         count -= 1
     instruments = list(measures[:count]) or [False] * count
     if not all(instruments):
