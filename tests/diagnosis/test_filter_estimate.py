@@ -63,14 +63,6 @@ def test_many_trials_begin_at_the_fit_of_a_few(trials: list[Trial], monkeypatch:
         assert abs(found[s] - value) < 0.15 * SHIP.coefficients[s].std
 
 
-def test_trials_longer_than_a_few_need_be_begin_at_the_fit_of_one(
-    trials: list[Trial], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, "FEW", 10)
-    found = filter_estimate(FEW, trials)
-    assert not isinstance(found, str) and set(found) == set(FEW.free)
-
-
 def test_where_a_few_trials_cannot_be_fitted_all_are(trials: list[Trial], monkeypatch: pytest.MonkeyPatch) -> None:
     whole, fitted, prepare = filter_estimate(FEW, trials), [], module.prepare
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,16 +28,3 @@ def test_nothing_that_may_move_would_gain(seed: int, count: int, alike: float) -
     assert (p + d >= low - 1e-9).all() and (p + d <= high + 1e-9).all()
     assert np.abs(pulls(hessian, slope, d, low - p, high - p)).max() < 1e-6
     assert slope @ d + 0.5 * d @ hessian @ d <= 1e-9
-
-
-def test_one_that_was_held_is_let_go_again() -> None:
-    """The first alone would leave above; with the second at its own bound it belongs below."""
-    hessian = np.array([[2.0, 1.9], [1.9, 2.0]])
-    slope, low, high = np.array([-0.1, -3.0]), np.array([-1.0, -1.0]), np.array([0.5, 1.0])
-    d = bounded_step(hessian, slope, np.zeros(2), low, high)
-    best = min(
-        (slope @ (x, y) + 0.5 * np.array([x, y]) @ hessian @ (x, y), x, y)
-        for x in np.linspace(-1.0, 0.5, 151)
-        for y in np.linspace(-1.0, 1.0, 201)
-    )
-    assert d == pytest.approx(best[1:], abs=0.01)

@@ -15,7 +15,6 @@ from diagnosis.estimation.linearisation import Point, initial_covariance, initia
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import (
     Priors,
-    active_in_window,
     get_values,
     priors_of_effects,
     set_values,
@@ -86,19 +85,6 @@ def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again(
     np.testing.assert_array_equal(again[ship.symbols.index("current.x")], 0.01)
     np.testing.assert_array_equal(again[ship.symbols.index("current.y")], [0.04, 0.04, -0.02])
     np.testing.assert_array_equal(theta, expected)
-
-
-def test_without_a_symbol_of_one_run_coefficients_stay_those_of_all() -> None:
-    data, ship = three_windows(), full_model().ship
-    theta = set_values(ship, data, ship.values, (Y_V, Column("current.x")), np.array([-0.4, 0.03]))
-    np.testing.assert_array_equal(theta, theta_of(full_steps(H), {"Y_v": -0.4, "current.x": 0.03}))
-    np.testing.assert_array_equal(get_values(ship, data, theta, (Y_V, Column("current.x", 1))), [-0.4, 0.03])
-
-
-def test_a_column_of_one_run_acts_in_its_windows_alone() -> None:
-    columns = active_in_window((Y_V, CURRENT_0, Column("current.x", 1)), three_windows())
-    np.testing.assert_array_equal(columns, [[1, 1, 0], [1, 1, 0], [1, 0, 1]])
-    assert active_in_window((), three_windows()).shape == (3, 0)
 
 
 def by_window() -> tuple[GriddedTrials, np.ndarray]:

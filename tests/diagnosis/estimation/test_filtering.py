@@ -106,20 +106,6 @@ def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL
     assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., c + 2 :]).all(), "it wrote beside its columns"
 
 
-def test_rows_that_are_wanted_are_those_of_all(code: ctypes.CDLL) -> None:
-    """The other rows are not written, whatever lies beside them in memory."""
-    s, rng, rows = system(7), np.random.default_rng(5), np.array([0, 3, STEPS])
-    pushed, misread = rng.standard_normal((STEPS, RUNS, 7, 5)), rng.standard_normal((STEPS + 1, RUNS, 6, 5))
-    columns = DrivenColumns.dense(pushed, misread)
-    f, whole = kalman.filtered(s), np.empty((STEPS + 1, RUNS, 6, 5))
-    whitened_by(code, s, f, columns, whole, False)
-    wide = np.full((3, RUNS, 6, 9), np.nan)
-    whitened_by(code, s, f, columns, wide[..., 2:7], False, rows)
-    np.testing.assert_array_equal(wide[..., 2:7], whole[rows])
-    assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., 7:]).all()
-    np.testing.assert_array_equal(filtering.whitened(s, f, columns, rows=rows)[0], whole[rows])
-
-
 def test_observations_have_the_residuals_they_were_made_of(code: ctypes.CDLL) -> None:
     s, rng = system(9), np.random.default_rng(3)
     f = filtered_by(code, s)

@@ -211,34 +211,6 @@ def test_the_fit_starts_anywhere_and_ends_at_the_same_place(one: tuple) -> None:
     assert errors.max() < 0.7  # a loss of the tolerance, 0.05, is 0.3 standard errors in one direction
 
 
-def test_the_smoothed_path_and_force_are_the_true_ones_within_chance(one: tuple) -> None:
-    _, data, found, _ = one
-    error = (found.path.z[..., :6] - data.y) / WHITE
-    scatter = np.sqrt((np.where(data.good, error, 0.0) ** 2).sum(axis=(0, 1)) / data.good.sum(axis=(0, 1)))
-    assert (scatter < 1.2).all() and (scatter > 0.7).all()
-
-
-def test_bounds_are_kept(one: tuple) -> None:
-    steps, data, found, _ = one
-    at = {s: i for i, s in enumerate(found.free.symbols)}
-    tight = replace(found.free, upper=found.free.upper.copy(), lower=found.free.lower.copy())
-    chosen = ("Y_v", "N_r", "k_0")
-    for s in chosen:  # the best value lies just outside
-        i = at[s]
-        best, std = found.value(s), found.std(s)
-        if best > found.free.mean[i]:
-            tight.upper[i] = best - std
-        else:
-            tight.lower[i] = best + std
-    held = estimate(steps, data, initial_point(steps, data, steps.ship.values, tight, found.noise), iterations=12)
-    for s in tight.symbols:
-        i = at[s]
-        assert tight.lower[i] - 1e-9 <= held.value(s) <= tight.upper[i] + 1e-9, s
-    reached = [s for s in chosen if min(held.value(s) - tight.lower[at[s]], tight.upper[at[s]] - held.value(s)) < 1e-9]
-    assert reached
-    assert held.nll > found.nll - 0.2
-
-
 def test_states_that_nothing_depends_on_are_left_out() -> None:
     steps = full_steps(0.5)
     theta = steps.ship.values

@@ -14,7 +14,7 @@ from diagnosis.groups.between import RunSlopes, candidate_test, imitated, run_sl
 from diagnosis.hypotheses.score_test import slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm
-from tests.support.diagnosis_cases import FREE, SHIP, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FREE, SHIP, pushed_problem
 
 GROUP = np.array([0, 0, 0, 0, 1, 1, 1, 1])
 
@@ -71,7 +71,7 @@ def test_holm_raises_each_by_the_number_left_and_keeps_the_order() -> None:
 @cache
 def case() -> tuple[SearchProblem, Estimate]:
     """Three runs."""
-    return problem_of(pushed_trials(31, ["fouling:share=0.2"]), 1.0)
+    return pushed_problem(31, "fouling:share=0.2", h=1.0)
 
 
 def coefficient(symbol: str) -> Candidate:

@@ -15,7 +15,7 @@ from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FEW, candidate, full_model, pushed_problem, pushed_trials
 from tests.support.quick import first_quick
 
 FORMS = {
@@ -43,7 +43,7 @@ def spec(form: str) -> str:
 @cache
 def searched(form: str) -> tuple[SearchProblem, Selection]:
     """Trials with a fault of this form as a problem, and what is found."""
-    problem, null = problem_of(pushed_trials(4, (spec(form),)))
+    problem, null = pushed_problem(4, spec(form))
     return problem, select_effects(problem, null)
 
 
@@ -86,7 +86,7 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
 
 
 def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
-    problem, null = problem_of(pushed_trials(5, ("heading_bias:psi=0.06",)))
+    problem, null = pushed_problem(5, "heading_bias:psi=0.06")
     found = select_effects(problem, null)
     assert [c.label for c in found.effects] == ["heading_bias"]
 

@@ -28,14 +28,14 @@ from diagnosis.hypotheses.events import (
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_problem, pushed_trials, quiet
 
 DELTA, POSITION = "delay of delta at times", "sensor of position at times"
 
 
 @pytest.fixture(scope="module")
 def calm() -> tuple[SearchProblem, Estimate]:
-    return problem_of(pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)))
+    return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
 
 
 def test_all_stretches_together_are_the_delay_of_the_dictionary(calm: tuple[SearchProblem, Estimate]) -> None:
@@ -149,11 +149,6 @@ def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself
         ratios = swing_backgrounds(swings(level, line))
         assert len(ratios) == 12 and all(name.startswith(SWINGING) for name in ratios)
         np.testing.assert_allclose(list(ratios.values()), expected, rtol=0.1)
-
-
-def test_a_single_rate_has_no_neighbours() -> None:
-    only = {k: one for k, one in swings(2.0).items() if " 3 " in k}
-    assert list(swing_backgrounds(only).values()) == [1.0]
 
 
 def test_the_time_of_a_movement_between_two_samples_is_not_known(calm: tuple[SearchProblem, Estimate]) -> None:

@@ -11,12 +11,12 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
-from tests.support.diagnosis_cases import candidate, problem_of, pushed_trials
+from tests.support.diagnosis_cases import candidate, pushed_problem
 
 
 @pytest.fixture(scope="module")
 def case() -> tuple[SearchProblem, Estimate]:
-    return problem_of(pushed_trials(1, ["draft:share=0.1"]))
+    return pushed_problem(1, "draft:share=0.1")
 
 
 def first_point(problem: SearchProblem, before: Estimate, effects: list, start: dict) -> Estimate:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from diagnosis.hypotheses.forward_selection import select_effects
-from tests.support.diagnosis_cases import problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import pushed_problem, quiet
 
 
 def test_an_effect_that_was_missing_no_longer_lengthens_the_memory_of_the_random_force() -> None:
     truth = quiet(tau=2.0)
-    problem, null = problem_of(pushed_trials(1, ["current:x=0.05,y=-0.04"], how=truth), 0.5)
+    problem, null = pushed_problem(1, "current:x=0.05,y=-0.04", how=truth)
     found = select_effects(problem, null)
     assert [c.effect for c in found.effects] == ["current"]
     before, after = (abs(np.log(fit.noise.tau / truth.tau)) for fit in (null, found.final))

@@ -22,7 +22,7 @@ from diagnosis.hypotheses.forward_selection import (
 )
 from diagnosis.hypotheses.score_test import Slopes
 from tests.support.diagnosis_answers import a_fit, made_up, tried
-from tests.support.diagnosis_cases import problem_of, pushed_trials
+from tests.support.diagnosis_cases import pushed_problem
 
 
 def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> ScoreTest:
@@ -46,7 +46,7 @@ def found_by(searches: Sequence[Sequence[RefittedEffect]]) -> list[Search]:
 def test_the_most_probable_are_refitted_and_those_with_most_evidence_come_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem, null = problem_of(pushed_trials(1))
+    problem, null = pushed_problem(1)
     scores = [row(f"e{i}", 10.0 ** (i - 9), 3, T=9.0 - i) for i in range(8)]
     gains = {"e0": 1.0, "e1": 9.0, "e2": 5.0}
     monkeypatch.setattr(hypotheses, "slopes", lambda *args: Slopes((), np.zeros(0), np.zeros((0, 0)), np.zeros(0)))
@@ -67,7 +67,7 @@ def test_test_trials_count_as_much_as_those_of_the_fit() -> None:
 
 
 def test_selection_goes_on_while_the_evidence_is_enough(searches: list[Search]) -> None:
-    problem, null = problem_of(pushed_trials(1))
+    problem, null = pushed_problem(1)
     searches += found_by([[tried("a", 2.2 * ODDS)], [tried("b", 2.1 * ODDS)], [tried("c", 1.9 * ODDS)]])
     found = select_effects(problem, null)
     assert [c.label for c in found.effects] == ["a", "b"] and len(found.searches) == 3
@@ -81,14 +81,14 @@ def test_selection_goes_on_while_the_evidence_is_enough(searches: list[Search]) 
 def test_a_search_that_finds_nothing_leaves_the_fit_as_it_is(
     rows: list[RefittedEffect], searches: list[Search]
 ) -> None:
-    problem, null = problem_of(pushed_trials(1))
+    problem, null = pushed_problem(1)
     searches += found_by([rows])
     found = select_effects(problem, null)
     assert found.effects == () and found.final is null is found.null and found.evidence == ()
 
 
 def test_no_more_effects_are_named_than_can_be_believed(searches: list[Search]) -> None:
-    problem, null = problem_of(pushed_trials(1))
+    problem, null = pushed_problem(1)
     searches += found_by([[tried(f"e{i}", 99.0)] for i in range(MOST + 1)])
     assert len(select_effects(problem, null).effects) == MOST
 
@@ -97,7 +97,7 @@ def test_an_effect_that_only_helped_the_fit_to_a_better_place_is_none(
     searches: list[Search], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The search begins anew from there, and what came of it is the fit that all else is compared with."""
-    problem, null = problem_of(pushed_trials(1))
+    problem, null = pushed_problem(1)
     better, begun = a_fit(null.nll - 40.0), []
     first, nothing = found_by([[tried("a", 80.0)], []])
 

@@ -15,7 +15,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.hypotheses.score_test import EXCITED, ScoreTest, Slopes, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_trials
+from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_problem, pushed_trials
 from tests.support.disturbed_trials import drawn_ship
 from tests.support.quick import first_quick
 
@@ -157,7 +157,7 @@ def test_a_strong_effect_has_the_highest_score_and_about_its_size(name: str) -> 
     truth = STRONG[name]
     text = f"{name}:" + ",".join(f"{k}={v}" for k, v in truth.items())
     runs = ASTERN if name == "propeller_side_force" else RUNS
-    p, null = problem_of(pushed_trials(1, [text], runs))
+    p, null = pushed_problem(1, text, runs=runs)
     rows = rows_of(p, null)
     assert next(iter(rows)) == name and rows[name].excited
     assert rows[name].p_single <= rows[name].p_value < 1e-6
@@ -170,7 +170,7 @@ def test_a_strong_effect_has_the_highest_score_and_about_its_size(name: str) -> 
 
 def test_slopes_are_the_same_a_little_beside_the_best_coefficients() -> None:
     """What the coefficients could still explain is taken off."""
-    p, null = problem_of(pushed_trials(1, [f"current:x={STRONG['current']['x']}"]))
+    p, null = pushed_problem(1, f"current:x={STRONG['current']['x']}")
     moved = null.p + np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) * np.sqrt(np.diag(null.covariance))
     theta = null.theta.copy()
     theta[[p.steps.ship.symbols.index(s) for s in null.free.symbols]] = null.free.mean + null.free.std * moved
@@ -181,7 +181,7 @@ def test_slopes_are_the_same_a_little_beside_the_best_coefficients() -> None:
 
 def test_effects_that_cannot_act_are_not_excited() -> None:
     """No reversal of the propeller and a bank far away; where it reverses, the side force is seen."""
-    p, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
+    p, null = pushed_problem(1, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0)))
     far = p.data.y + np.array([0.0, 500.0, 0.0, 0.0, 0.0, 0.0])
     moved = replace(null.path, z=null.path.z.copy())
     moved.z[..., 1] += 500.0
@@ -190,13 +190,13 @@ def test_effects_that_cannot_act_are_not_excited() -> None:
     assert {name for name, r in rows.items() if not r.excited} == {"propeller_side_force", "bank"}
     for name in ("propeller_side_force", "bank"):
         assert (rows[name].T, rows[name].p_value, rows[name].absorbed) == (0.0, 1.0, 0.0) and not rows[name].phi.any()
-    p, null = problem_of(pushed_trials(1, runs=ASTERN[2:]))
+    p, null = pushed_problem(1, runs=ASTERN[2:])
     assert rows_of(p, null)["propeller_side_force"].excited
 
 
 def test_a_coefficient_hides_an_effect_the_more_the_wider_its_prior() -> None:
     """More resistance is imitated by X_0F, the others held, and an error of the heading is not."""
-    p, null = problem_of(pushed_trials(1, runs=RUNS[:2]))
+    p, null = pushed_problem(1, runs=RUNS[:2])
     shares, others = [], []
     for factor in (0.01, 0.1, 1.0, 10.0):
         std = null.free.std * np.where(np.array(null.free.symbols) == "X_0F", factor, 1e-3)
@@ -231,7 +231,7 @@ def test_effects_that_nothing_is_known_of_are_left_out_with_a_reason() -> None:
 
 def test_a_candidate_whose_response_explodes_is_not_tested_and_the_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """At a long step the memory of a candidate may be unstable along a trial."""
-    problem, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 60.0),)), 1.0)
+    problem, null = pushed_problem(1, runs=(("zigzag:20/20", 60.0),), h=1.0)
     both = [candidate("current"), candidate("rudder_lag")]
     alone = {r.candidate: r for r in score_tests(slopes(problem.steps, problem.data, null, both[1:]), both[1:])}
     whole = module.linearise_and_filter

@@ -10,8 +10,8 @@ from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from diagnosis.report.words import unexplained_hint, unexplained_words
-from tests.support.diagnosis_cases import SHIP, problem_of, pushed_by, pushed_trials
+from diagnosis.report.words import unexplained_hint
+from tests.support.diagnosis_cases import SHIP, pushed_by, pushed_problem
 
 SIZE = 0.6
 """Of a sway force SIZE cos(psi) [N] that no model has."""
@@ -19,7 +19,7 @@ SIZE = 0.6
 
 @pytest.fixture(scope="module")
 def runs() -> SearchProblem:
-    return problem_of(pushed_trials(1))[0]
+    return pushed_problem(1)[0]
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +43,6 @@ def test_the_force_is_that_which_acted(pushed: tuple) -> None:
     assert inside.mean() > 0.5  # the coefficients took a part of it
     # along the track of each channel's own trial
     assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
-
-
-def test_it_is_said_in_words(pushed: tuple) -> None:
-    data, null, unnamed, found = pushed
-    row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
-    words = " ".join(unexplained_words(row))
-    assert "90" in words
 
 
 def test_nothing_is_estimated_where_nothing_acts(runs: SearchProblem) -> None:

@@ -231,11 +231,6 @@ def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
     assert "GROWS by 25" in text_of(build_report(withdrawn, Path("nowhere"), []))
 
 
-@pytest.mark.parametrize("kind", ["n alone surge force", "action of n", "delay of n at times"])
-def test_symbols_in_unnamed_forms_are_put_in_words(kind: str) -> None:
-    assert "n" not in kind_words(kind).split()
-
-
 def test_forces_of_few_variables_have_words() -> None:
     assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
 

@@ -23,7 +23,7 @@ from tests.support.diagnosis_cases import (
     candidate,
     compared,
     full_steps,
-    problem_of,
+    pushed_problem,
     pushed_trials,
     theta_of,
 )
@@ -41,7 +41,7 @@ def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> Grid
 @pytest.fixture(scope="module")
 def fits() -> tuple[SearchProblem, Estimate, Estimate]:
     """The training trials, and the fits without and with the effect that they have."""
-    problem, null = problem_of(pushed_trials(1, [EFFECT]), H)
+    problem, null = pushed_problem(1, EFFECT)
     effect = candidate("current")
     start = dict(zip(effect.columns, (0.02, -0.01), strict=True))
     return problem, null, refit(problem.steps, problem.data, problem.base, null, [effect], start)
