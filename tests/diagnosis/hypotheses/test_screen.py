@@ -19,7 +19,7 @@ from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, pr
 from tests.support.disturbed_trials import drawn_ship
 from tests.support.quick import first_quick
 
-SEEDS = 12
+SEEDS = 8
 STRONG = {
     "current": {"x": 0.03, "y": -0.02},
     "rudder_offset": {"delta": 0.1},
@@ -66,6 +66,7 @@ def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
     for k in range(draws):
         rows = score_tests(slopes_of(candidates, S, root @ rng.standard_normal(len(S))), candidates, seed=k)
         assert [r.p_single for r in rows] == sorted(r.p_single for r in rows)
+        assert all(r.p_single <= r.p_value for r in rows)
         least.append(rows[0].p_value)
         single.append({r.candidate: r.p_single for r in rows})
     assert kstest(least, "uniform").pvalue > 1e-3
@@ -75,16 +76,6 @@ def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
         if one_sided:
             assert 0.4 < (p == 1.0).mean() < 0.6
         assert kstest(2 * p[p < 1] if one_sided else p, "uniform").pvalue > 1e-3, c.label
-
-
-def test_a_p_value_among_all_is_never_below_the_single_one_and_small_ones_are_told_apart() -> None:
-    candidates, S = made_up()
-    g = 20.0 * np.sqrt(np.diag(S))
-    rows = score_tests(slopes_of(candidates, S, g), candidates)
-    assert all(r.p_single <= r.p_value for r in rows)
-    assert rows[0].p_value <= len(candidates) * rows[0].p_single < 1e-60  # beyond the draws by Bonferroni
-    again = score_tests(slopes_of(candidates, S, g), candidates)
-    assert [r.p_value for r in again] == [r.p_value for r in rows]
 
 
 def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
@@ -106,6 +97,7 @@ def test_the_first_order_estimate_is_the_solution_of_the_slopes() -> None:
 def test_an_effect_that_can_only_be_positive_is_not_seen_in_a_negative_slope() -> None:
     candidates, S = made_up()
     rows = {r.candidate.label: r for r in score_tests(slopes_of(candidates, S, -8.0 * np.sqrt(np.diag(S))), candidates)}
+    assert next(iter(rows.values())).p_value < 1e-10  # beyond the draws by Bonferroni
     for name in ("e4", "e5"):
         assert (rows[name].T, rows[name].p_single, rows[name].p_value) == (0.0, 1.0, 1.0) and rows[name].phi[0] == 0
     assert rows["e0"].p_single < 1e-10 and rows["e0"].phi[0] < 0

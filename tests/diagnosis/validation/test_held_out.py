@@ -167,38 +167,6 @@ def test_numbers_of_the_runs_make_up_the_whole(closed: tuple[GriddedTrials, Held
     assert min(reductions) - 1e-12 <= held.interval_90[0] and held.interval_90[1] <= max(reductions) + 1e-12
 
 
-def test_the_interval_is_drawn_with_its_seed_alone(
-    fits: tuple[SearchProblem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
-) -> None:
-    problem, null, true = fits
-    data, held = closed
-    assert compared(problem.steps, data, null, true) == held
-    other = compared(problem.steps, data, null, true, seed=5)
-    assert other is not None and replace(other, interval_90=(0, 0), likelihood_interval_90=None) == replace(
-        held, interval_90=(0, 0), likelihood_interval_90=None
-    )
-
-
-def test_taking_a_true_effect_away_makes_predictions_worse(
-    fits: tuple[SearchProblem, Estimate, Estimate], closed: tuple[GriddedTrials, HeldOut]
-) -> None:
-    problem, null, true = fits
-    data, held = closed
-    back = compared(problem.steps, data, true, null)
-    assert back is not None and back.reduction < 0 and back.interval_90[1] < 0
-    assert back.reduction == pytest.approx(1 - held.mse_before / held.mse_after, rel=1e-9)
-    assert held.likelihood_gain is not None
-    assert back.likelihood_gain == pytest.approx(-held.likelihood_gain, rel=1e-9)
-
-
-def test_one_test_trial_is_enough_to_see_a_strong_effect(fits: tuple[SearchProblem, Estimate, Estimate]) -> None:
-    problem, null, true = fits
-    held = compared(problem.steps, others(OTHERS[1:2]), null, true)
-    assert held is not None and held.windows == 5 and len(held.by_run) == 1
-    assert held.reduction > 0.2 and held.likelihood_gain is not None and held.likelihood_gain > 5
-    assert held.interval_90[0] - 1e-12 <= held.reduction <= held.interval_90[1] + 1e-12
-
-
 def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong(
     fits: tuple[SearchProblem, Estimate, Estimate],
 ) -> None:
