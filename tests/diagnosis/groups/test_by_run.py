@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.groups.between import RunSlopes, candidate_test, imitated, run_slopes, with_scatter
+from diagnosis.groups.between import RunSlopes, imitated, own_values, run_slopes, with_scatter
 from diagnosis.hypotheses.score_test import slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm
@@ -121,6 +121,6 @@ def test_resistance_is_imitated_by_its_coefficient_and_not_by_a_sway_force() -> 
     c = [find(case()[0].candidates, "fouling"), coefficient("X_0F"), coefficient("Y_v")]
     s = by_run(c)
     assert imitated(s, c[0], c[1]) > 0.9 > 0.5 > imitated(s, c[0], c[2])
-    assert candidate_test(s, c[0]) is not None
     reverse = find(case()[0].candidates, "propeller_side_force")
-    assert candidate_test(by_run([reverse]), reverse) is None  # no run reverses
+    none = by_run([reverse])
+    assert group_test(*own_values(none, none.at(reverse)), none.group, 1) is None  # no run reverses
