@@ -16,12 +16,10 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import (
     Priors,
     get_values,
-    priors_of_effects,
     set_values,
 )
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
-    candidate,
     full_model,
     full_steps,
     off_neutral,
@@ -53,18 +51,6 @@ def window(data: GriddedTrials, r: int) -> GriddedTrials:
     only = slice(r, r + 1)
     cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs", "changes", "record")}
     return replace(data, steps=data.steps[only], run=data.run[only], **cut)
-
-
-def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
-    current = candidate("current")
-    own = current.in_each([0, 2])
-    assert (own.effect, own.form) == ("current", "")
-    assert own.columns == (("current.x", 0), ("current.y", 0), ("current.x", 2), ("current.y", 2))
-    assert own.symbols == 2 * current.symbols
-    for k in ("neutral", "typical", "lower", "upper"):
-        np.testing.assert_array_equal(getattr(own, k), np.tile(getattr(current, k), 2))
-    priors, one = priors_of_effects([own]), priors_of_effects([current])
-    np.testing.assert_array_equal(priors.std, np.tile(one.std, 2))
 
 
 def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:

@@ -170,19 +170,14 @@ def changed(array: np.ndarray, at: tuple[int, ...], by: float) -> np.ndarray:
 def test_slopes_of_the_log_determinant_are_those_of_finite_differences() -> None:
     s, _ = case()
     found = adjoint(s, filtered(s))
-    rng, n, small = np.random.default_rng(3), s.T.shape[2], 1e-4
-    for _ in range(40):
-        at = (int(rng.integers(K)), int(rng.integers(R)), int(rng.integers(n)), int(rng.integers(n)))
-        if not s.inside[at[:2]]:
-            continue
-        up, down = (half_log_det(replace(s, T=changed(s.T, at, e))) for e in (small, -small))
-        assert found.by_T[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
-    for _ in range(40):
-        at = (int(rng.integers(K + 1)), int(rng.integers(R)), int(rng.integers(6)), int(rng.integers(n)))
-        if not s.good[at[:3]]:
-            continue
-        up, down = (half_log_det(replace(s, Z=changed(s.Z, at, e))) for e in (small, -small))
-        assert found.by_Z[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
+    rng, small = np.random.default_rng(3), 1e-4
+    for name, slope, there in (("T", found.by_T, s.inside), ("Z", found.by_Z, s.good)):
+        whole = getattr(s, name)
+        for _ in range(40):
+            at = tuple(int(rng.integers(count)) for count in whole.shape)
+            if there[at[: there.ndim]]:
+                up, down = (half_log_det(replace(s, **{name: changed(whole, at, e)})) for e in (small, -small))
+                assert slope[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
 
 
 def test_diagonals_are_the_slopes_by_the_variances() -> None:
@@ -190,10 +185,9 @@ def test_diagonals_are_the_slopes_by_the_variances() -> None:
     s, _ = case()
     found: Filtered = filtered(s)
     a = adjoint(s, found)
-    n, small = s.T.shape[2], 1e-6
-    for j in range(n):
-        up, down = (half_log_det(replace(s, Q=changed(s.Q, (j,), e))) for e in (small, -small))
-        assert np.where(s.inside, a.N[..., j], 0).sum() == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
-    for j in range(6):
-        up, down = (half_log_det(replace(s, R=changed(s.R, (j,), e))) for e in (small, -small))
-        assert np.where(s.good[..., j], a.D[..., j], 0).sum() == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
+    for name, found_by, there in (("Q", a.N, s.inside[..., None]), ("R", a.D, s.good)):
+        whole, small = getattr(s, name), 1e-6
+        for j in range(len(whole)):
+            up, down = (half_log_det(replace(s, **{name: changed(whole, (j,), e)})) for e in (small, -small))
+            own = np.where(there, found_by, 0.0)[..., j].sum()
+            assert own == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)

@@ -20,9 +20,10 @@ from diagnosis.hypotheses.forward_selection import (
     search,
     select_effects,
 )
-from diagnosis.hypotheses.score_test import Slopes
+from diagnosis.hypotheses.refit import refit
+from diagnosis.hypotheses.score_test import Slopes, followed, score_tests, slopes
 from tests.support.diagnosis_answers import a_fit, made_up, tried
-from tests.support.diagnosis_cases import pushed_problem
+from tests.support.diagnosis_cases import candidate, pushed_problem, quiet
 
 
 def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> ScoreTest:
@@ -116,3 +117,30 @@ def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
     (found,) = found_by([rows])
     assert found.indistinguishable == (made_up("a"), made_up("b"))
     assert Search((), (), a_fit(0.0)).indistinguishable == () and Search((), (), a_fit(0.0)).best is None
+
+
+def test_an_effect_that_was_missing_no_longer_lengthens_the_memory_of_the_random_force() -> None:
+    truth = quiet(tau=2.0)
+    problem, null = pushed_problem(1, "current:x=0.05,y=-0.04", how=truth)
+    found = select_effects(problem, null)
+    assert [c.effect for c in found.effects] == ["current"]
+    before, after = (abs(np.log(fit.noise.tau / truth.tau)) for fit in (null, found.final))
+    assert after < 0.5 < 1.5 < before
+    size = np.array([truth.X, truth.Y, truth.N])
+    assert (null.noise.force > 4 * size).all() and (np.abs(np.log(found.final.noise.force / size)) < 0.6).all()
+
+
+def test_with_an_effect_more_the_first_point_is_likelier_than_with_coefficients_that_stay() -> None:
+    """Coefficients go, to first order, where they go when an effect comes."""
+    p, null = pushed_problem(1, "draft:share=0.1")
+    effect = candidate("draft")
+    score = score_tests(slopes(p.steps, p.data, null, [effect]), [effect])[0]
+    size = effect.neutral + score.phi * effect.typical
+    start = dict(zip(effect.columns, size, strict=True))
+    moved = followed(null, score, size)
+    assert set(moved) == set(null.free.columns) and not followed(null, replace(score, taken=np.zeros((0, 0))), size)
+    stay, goes, end = (
+        refit(p.steps, p.data, p.base, null, [effect], values, iterations=count)
+        for values, count in ((start, 1), (moved | start, 1), (start, 12))
+    )
+    assert end.nll - 0.1 < goes.nll < stay.nll - 0.5 and goes.nll - end.nll < 0.5 * (stay.nll - end.nll)

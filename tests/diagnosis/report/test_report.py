@@ -27,7 +27,7 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.location.where import where
-from diagnosis.report.page import build_report, held_rows, write_report
+from diagnosis.report.page import FELT, build_report, figures_for, held_rows, to_port, track_figure, write_report
 from diagnosis.report.words import (
     BADGE,
     VARIABLES,
@@ -45,6 +45,7 @@ from diagnosis.report.words import (
 )
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
+from tests.support.colours import told_by_colour_alone
 from tests.support.quick import first_quick
 
 CURRENT = {"x": EstimatedParameter(0.03, 0.002, "m/s"), "y": EstimatedParameter(-0.04, 0.002, "m/s")}
@@ -218,3 +219,20 @@ def test_an_instrument_heads_the_sentence_as_none_of_the_ship() -> None:
     fault = InstrumentFault("log_scale", {"share": EstimatedParameter(0.05, 0.001, "")}, 1e-9)
     words = sentence_of("none", [], [fault], (), False, None)
     assert words.startswith(fault.name) and "instrument" in words
+
+
+@pytest.mark.parametrize("verdict", ["named", "unknown", "none"])
+def test_nothing_in_a_figure_is_told_by_its_colour_alone(verdict: str) -> None:
+    found = case(verdict)
+    looks = {name: told_by_colour_alone(draw(found)) for name, draw, *_ in figures_for(found)}
+    assert looks == {name: [] for name in looks} and {"where_on_track", "where_in_state"} <= set(looks)
+
+
+def test_a_moment_to_port_is_dashed_along_the_track() -> None:
+    points = np.column_stack([np.arange(5.0), np.zeros(5)])
+    east, north = to_port(points, np.array([1.0, -1.0, -0.05, 0.5]), FELT)
+    assert np.isfinite(east).tolist() == [False, True, False, False, False] and north[1] == 0.0
+    dashed = [
+        line for ax in track_figure(case("unknown")).axes for line in ax.get_lines() if line.get_color() == "white"
+    ]
+    assert dashed and all(line.is_dashed() and np.isfinite(line.get_xdata()).any() for line in dashed)
