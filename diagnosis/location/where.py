@@ -176,10 +176,6 @@ class Samples:
     h: float
     tau: float
 
-    def rms(self, member: np.ndarray) -> np.ndarray:
-        """Root mean squares (bins, 3) of the samples of each bin; member: (bins, M)."""
-        return np.sqrt(means(self.force**2, member))
-
     def summary(self, member: np.ndarray, channel: int) -> dict[str, float]:
         """Rms and mean of the force of one channel (0 to 2) over the samples ``member`` (M,), later force included."""
         row: dict[str, float] = {}
@@ -303,7 +299,7 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> list[dict[str, Any
             continue
         member, count = member[used], count[used]
         at = member.astype(float) @ one.values / count
-        mean, rms = means(s.force, member), s.rms(member)
+        mean, rms = means(s.force, member), np.sqrt(means(s.force**2, member))
         later = means(s.after, member) if s.after is not None else None
         spread = np.sqrt(np.maximum(rms**2 - mean**2, 0.0) / np.maximum(count * s.h / (2 * s.tau), 1.0)[:, None])
         chance = 2 * s.tau * len(count) / (len(s.force) * s.h)
