@@ -14,8 +14,7 @@ import pytest
 from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import filtered_by, source, whitened_by
-from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
-from diagnosis.estimation.transition_model import LinearModel
+from diagnosis.estimation.kalman import Filtered, LinearSystem
 from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
 
@@ -65,24 +64,6 @@ def test_the_filter_is_that_of_numpy(code: ctypes.CDLL, n: int) -> None:
     f, own = kalman.filtered(s), filtered_by(code, s)
     for name in ("gain", "P", "inverse", "root", "log_det"):
         close(getattr(own, name), getattr(f, name))
-
-
-@pytest.mark.parametrize("blown", [False, True])
-def test_a_system_is_made_of_its_parts(blown: bool) -> None:
-    s, rng, S = system(9), np.random.default_rng(6), 4
-    given = (rng.standard_normal((STEPS, RUNS, S, w)) for w in (S, S, 2, 3))
-    model = LinearModel(*given, s.Z[..., 0], s.Z[..., :S], s.Z, np.arange(0))
-    gusts = rng.standard_normal((STEPS, RUNS, 3, 2)) if blown else None
-    coloured = np.array([0.0, 0.1, 0.0, 0.0, 0.2, 0.0])
-    noise = NoiseModel(np.ones(3), 2.0, np.ones(6), coloured, 1.0)
-    made = linear_system(model, noise, np.repeat(np.eye(S)[None], RUNS, 0), s.good, s.inside, 0.5, gusts)
-    n, seen = S + 5 + 2 * blown, S + 3 + 2 * blown
-    assert made.T.shape == (STEPS, RUNS, n, n) and not made.Z[~s.good].any()
-    assert (made.T[~s.inside] == np.eye(n)).all()
-    close(made.T[s.inside][..., :S, S : S + 3], model.force[s.inside])
-    if gusts is not None:
-        close(made.T[s.inside][..., :S, S + 3 : seen], (model.force @ gusts)[s.inside])
-    assert (made.Z[..., [1, 4], [seen, seen + 1]] == s.good[..., [1, 4]]).all()
 
 
 @pytest.mark.parametrize("c", [1, 8, 13, 128, 131])

@@ -99,16 +99,6 @@ def test_the_runs_add_up_to_the_score_test_of_all() -> None:
     assert each.group.tolist() == [0, 1, 2]
 
 
-def test_a_coefficient_is_in_its_own_unit() -> None:
-    both = by_run([coefficient("X_0F")]), by_run([])
-    at = both[0].columns.index(Column("X_0F"))
-    c = SHIP.coefficients["X_0F"]
-    unit = 0.1 * abs(c.value) / c.std
-    np.testing.assert_allclose(both[0].g[:, at], unit * both[1].g[:, at], rtol=1e-9)
-    np.testing.assert_allclose(both[0].G[:, at, at], unit**2 * both[1].G[:, at, at], rtol=1e-9)
-    assert both[0].precision[at] == pytest.approx(unit**2) and both[1].precision[at] == 1.0
-
-
 def test_what_scatters_from_run_to_run_takes_its_part_of_the_information() -> None:
     s = by_run([find(case()[0].candidates, "tow")])
     free = with_scatter(s, {Column("tow.X"): 2.0})

@@ -12,8 +12,7 @@ from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import FEW, candidate, full_model, pushed_problem
+from tests.support.diagnosis_cases import FEW, full_model, pushed_problem
 from tests.support.quick import first_quick
 
 FORMS = {
@@ -54,25 +53,12 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
     assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
-def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
-    problem, null = pushed_problem(5, "heading_bias:psi=0.06")
-    found = select_effects(problem, null)
-    assert [c.label for c in found.effects] == ["heading_bias"]
-
-
 def test_the_ranking_has_each_effect_once() -> None:
     ranked = summary.ranking(full_model(), searched("heading_bias alone")[1].searches[0])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
     assert set(rows) == {c.effect for c in full_model().candidates}
-
-
-def test_other_forms_take_no_part_unless_asked_for() -> None:
-    for name in {candidate_of(form).effect for form in FORMS}:
-        rows = EFFECTS[name].parameters(full_model().ship.namespace, dict(full_model().ship.components))
-        assert all(p.held == bool(p.form) for p in rows)
-        assert set(candidate(name).symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
 
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:

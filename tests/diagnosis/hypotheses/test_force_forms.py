@@ -13,8 +13,6 @@ from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.force_forms import (
     DAMPING,
-    OF_ONE,
-    OF_PLACE,
     SWINGS,
     ForceForms,
     Forms,
@@ -66,26 +64,6 @@ def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> No
     middle = 0.5 * (z[:-1] + z[1:])
     names = ForceForms(steps, data, middle).on(data, middle).names
     assert {"delta_port", "delta_starboard|delta_starboard|"} <= set(names)
-
-
-def test_each_variable_has_functions_of_it_alone(arranged: tuple) -> None:
-    _, data, middle, forms = arranged
-    every = forms.on(data, middle)
-    for name, at in (("v", 4), ("r", 5)):
-        own = every.only(tuple(n for n in every.names if n.startswith(f"{name} alone")))
-        assert len(own.names) == OF_ONE and np.abs(own.gradients[..., at]).max() > 0
-        assert not np.delete(own.gradients, at, axis=-1).any()
-    families = {"v alone 3": "v alone ", "uu": ""}
-    assert {name: forms.family(name) for name in families} == families
-
-
-def test_functions_of_the_place_are_those_of_the_ships_position(arranged: tuple) -> None:
-    _, data, middle, forms = arranged
-    found = forms.by_place(data, middle)
-    assert len(found.names) == OF_PLACE and not found.gradients[..., 2:].any()
-    other = middle.copy()
-    other[..., 2:] += 1.0
-    np.testing.assert_array_equal(forms.by_place(data, other).values, found.values)
 
 
 def test_what_swings_after_the_rudder_is_an_oscillator(arranged: tuple) -> None:

@@ -62,11 +62,6 @@ def test_the_most_probable_are_refitted_and_those_with_most_evidence_come_first(
     assert found.best is not None and found.best.candidate.label == "e2"  # e1 has a size that cannot be
 
 
-def test_test_trials_count_as_much_as_those_of_the_fit() -> None:
-    one = replace(tried("a", 4.0), predictive=3.0)
-    assert one.evidence == pytest.approx(0.5 * 4.0 + 3.0) and replace(one, predictive=-3.0).evidence < 0
-
-
 def test_selection_goes_on_while_the_evidence_is_enough(searches: list[Search]) -> None:
     problem, null = pushed_problem(1)
     searches += found_by([[tried("a", 2.2 * ODDS)], [tried("b", 2.1 * ODDS)], [tried("c", 1.9 * ODDS)]])
