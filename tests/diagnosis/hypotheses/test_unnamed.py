@@ -153,16 +153,14 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     assert found == pytest.approx(unit * expected, rel=0.05, abs=0.02 * size)
 
 
-@pytest.fixture(scope="module")
 def without_effects() -> tuple[SearchProblem, Estimate]:
+    """Trials without effects in which the random forces are large."""
     return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
 
 
-def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum(
-    without_effects: tuple[SearchProblem, Estimate],
-) -> None:
+def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum() -> None:
     """The data pull at N_r as strongly as the log determinant, the other way; so they must at u r in the dictionary."""
-    problem, null = without_effects
+    problem, null = without_effects()
     active = active_states(problem.steps, null.free.symbols, null.theta)
     words = Dictionary(problem.steps, problem.data, null, active)
     linearised = linearise_and_filter(problem.steps, problem.data, null, active, words.columns)
@@ -184,9 +182,9 @@ def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
     assert unnamed_forms(problem.steps, problem.data, null).evidence < ODDS
 
 
-def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tuple[SearchProblem, Estimate]) -> None:
+def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
     """However surely it is seen: anemometers, and gusts between the samples, are no better. A lee is something."""
-    slopes = unnamed_slopes(*_parts(*without_effects))
+    slopes = unnamed_slopes(*_parts(*without_effects()))
     own = np.array([kind == UNLOGGED for kind in slopes.kinds])
     assert own.sum() >= 4 and 0 < slopes.wind < 10
     for sure in (1.0, 1e4):  # the information of calmer and calmer trials
@@ -197,9 +195,9 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tu
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
 
 
-def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[SearchProblem, Estimate]) -> None:
+def test_residuals_correlated_in_time_are_less_news() -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
-    plain = unnamed_slopes(*_parts(*without_effects)).dispersion
+    plain = unnamed_slopes(*_parts(*without_effects())).dispersion
     assert max(plain.values()) < 1.35
     trials = pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4))
     rng = np.random.default_rng(0)
@@ -263,11 +261,9 @@ def test_the_mean_bayes_factor_of_nothing_is_one(multiple: float) -> None:
     assert 2 * found.mean() - 1 == pytest.approx(1.0, abs=0.03)  # half of it is of no force at all
 
 
-def test_what_is_kept_of_compared_times_alone_says_the_same(
-    without_effects: tuple[SearchProblem, Estimate],
-) -> None:
+def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
     """Rows of times at which nothing is compared are zero, so that sums, smoothing and dispersion do without them."""
-    problem, null = without_effects
+    problem, null = without_effects()
     steps, data = problem.steps, problem.data.thinned(4)
     whole, brief = (linearise_and_filter(steps, data, null, is_brief=some) for some in (False, True))
     assert brief.rows is not None and len(brief.rows) < 0.4 * len(whole.white)
@@ -282,14 +278,9 @@ def test_what_is_kept_of_compared_times_alone_says_the_same(
     assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
 
 
-@pytest.fixture(scope="module")
-def runs() -> SearchProblem:
-    return pushed_problem(1, h=1.0)[0]
-
-
 @pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
-def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
-    found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
+def test_a_single_form_that_the_ship_lacks_is_seen(axis: int, form: str, size: float) -> None:
+    found = unnamed_forms(*pushed_by(pushed_problem(1, h=1.0)[0], 1, axis, form, size))
     assert found.single > ODDS
     largest = max(found.by_kind, key=lambda k: found.by_kind[k])
     assert largest.startswith(("surge force", "sway force", "yaw force")[axis])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def budget_for(problem: SearchProblem, found: Selection, tests: GriddedTrials | 
     return made
 
 
-@pytest.fixture(scope="module")
+@cache
 def streamed() -> tuple[SearchProblem, Selection]:
     """Trials in a current that the model lacks, and the selection."""
     problem, null = pushed_problem(1, TRUTH)
@@ -42,10 +43,8 @@ def streamed() -> tuple[SearchProblem, Selection]:
 
 
 @pytest.mark.parametrize("has_tests", [True, False])
-def test_a_current_that_was_put_in_causes_the_avoidable_error(
-    has_tests: bool, streamed: tuple[SearchProblem, Selection]
-) -> None:
-    problem, found = streamed
+def test_a_current_that_was_put_in_causes_the_avoidable_error(has_tests: bool) -> None:
+    problem, found = streamed()
     made = budget_for(problem, found, gridded(problem, 2, [TRUTH]) if has_tests else None)
     (part,), rest = made.parts, made.unexplained
     assert rest is not None and made.by == ("test trials" if has_tests else "left-out runs")
@@ -76,8 +75,8 @@ def test_a_single_run_cannot_be_left_out() -> None:
     assert budget_of(problem, Selection((), null, null, ())) is None
 
 
-def test_a_run_is_left_out_as_by_a_fit_without_it(streamed: tuple[SearchProblem, Selection]) -> None:
-    problem, found = streamed
+def test_a_run_is_left_out_as_by_a_fit_without_it() -> None:
+    problem, found = streamed()
     fit, data = found.final, problem.data
     quick = left_out_errors(problem.steps, data, fit)
     run = data.run[0]

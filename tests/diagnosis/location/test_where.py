@@ -58,8 +58,6 @@ def coloured(seed: int, size: float = 1.0) -> np.ndarray:
     return size * force
 
 
-
-
 def test_what_does_not_vary_but_for_rounding_is_no_variable() -> None:
     data, z = weaving()
     data.inputs[..., 0] = 15.0 + 1e-12 * np.random.default_rng(1).standard_normal((K, R))
