@@ -299,7 +299,7 @@ def _details(where: Mapping[str, Any]) -> list[tuple[str, str, list[dict[str, An
     )
     phases = [row | {"more": words.percent(row["share_of_time"])} for row in where.get("phases", [])]
     earth = {
-        row["run"]: f"{row['force']:.2g} {row['unit']} to {round(math.degrees(row['towards'])) % 360:03d}°"
+        row["run"]: f"{words.force(row['force'], row['unit'])} to {round(math.degrees(row['towards'])) % 360:03d}°"
         for row in where.get("earth", [])
     }
     runs = [row | {"more": earth.get(row["run"], "")} for row in where.get("runs", [])]
