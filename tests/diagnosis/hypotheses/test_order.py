@@ -9,6 +9,11 @@ import numpy as np
 import pytest
 
 import diagnosis.hypotheses.forward_selection as hypotheses
+from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.kalman import NoiseModel
+from diagnosis.estimation.linearisation import Trajectory
+from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.parameters import Priors
 from diagnosis.hypotheses.forward_selection import (
     CURVED,
     MOST,
@@ -22,8 +27,25 @@ from diagnosis.hypotheses.forward_selection import (
 )
 from diagnosis.hypotheses.refit import refit
 from diagnosis.hypotheses.score_test import Slopes, followed, score_tests, slopes
-from tests.support.diagnosis_answers import a_fit, made_up, tried
 from tests.support.diagnosis_cases import candidate, pushed_problem, quiet
+
+
+def a_fit(nll: float) -> Estimate:
+    """A fit of which only the likelihood matters."""
+    zero = np.zeros(0)
+    noise = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+    path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
+    return Estimate(zero, Priors((), zero, zero, zero, zero), zero, path, noise, np.zeros((0, 0)), nll, 1, True)
+
+
+def made_up(label: str) -> Candidate:
+    """A candidate of this label without parameters."""
+    effect, form = (*label.split(" "), "")[:2]
+    return Candidate(effect, form, (), *4 * [np.zeros(0)])
+
+
+def tried(name: str, delta_bic: float, p_value: float = 1e-6) -> RefittedEffect:
+    return RefittedEffect(made_up(name), a_fit(0.0), 0.5 * delta_bic, delta_bic, p_value)
 
 
 def row(name: str, p: float, degrees: int = 1, T: float = 10.0) -> ScoreTest:
