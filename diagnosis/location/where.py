@@ -43,16 +43,12 @@ FEW = 12
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable that a force may depend on.
-
-    values: (M,) by sample; edges: (B + 1,) of its bins, rising; signed: port and starboard.
-    """
+    """A variable that a force may depend on: values (M,) by sample, rising edges (B + 1,) of its bins."""
 
     name: str
     unit: str
     values: np.ndarray
     edges: np.ndarray
-    signed: bool = False
 
 
 def quantile_edges(values: np.ndarray, bins: int = 6) -> np.ndarray:
@@ -95,18 +91,15 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
     inputs = {name: data.inputs[..., i][inside] for i, name in enumerate(names)}
     found = [
         Variable("u", "m/s", u, quantile_edges(u)),
-        Variable("v", "m/s", v, signed_edges(v), signed=True),
-        Variable("r", "rad/s", r, signed_edges(r), signed=True),
+        Variable("v", "m/s", v, signed_edges(v)),
+        Variable("r", "rad/s", r, signed_edges(r)),
     ]
     for name in (n for n in INPUTS if n in inputs):
-        values = inputs[name]
-        signed = name in RUDDERS or (INPUTS[name][1] == "rps" and bool((values < 0).any()))
-        edges = signed_edges(values) if signed else quantile_edges(values)
-        found.append(Variable(name, INPUTS[name][1], values, edges, signed=signed))
+        found.append(Variable(name, INPUTS[name][1], inputs[name], signed_edges(inputs[name])))
         if name in RUDDERS:
             rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
             edges = np.abs(rate).max() * np.array([-1.0001, -0.1, 0.1, 1.0001])  # to port, at rest, to starboard
-            found.append(Variable(f"rate of {name}", "rad/s", rate, edges, signed=True))
+            found.append(Variable(f"rate of {name}", "rad/s", rate, edges))
     if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
         speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
