@@ -1,4 +1,4 @@
-"""The compiled filter against that in numpy; what happens where it is wrong or a covariance is singular."""
+"""The compiled filter against that in numpy, columns in blocks; where it is wrong or a covariance is singular."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.estimation import filtering, kalman
-from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation import driven_columns, filtering, kalman
+from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.filtering import filtered_by, source, whitened_by
 from diagnosis.estimation.kalman import Filtered, LinearSystem
 from mmg.compile.batch import LOOP_FLAGS
@@ -147,3 +147,19 @@ def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -
     white, none = filtering.whitened(s, f, columns)
     whole, states = filtering.whitened(s, f, columns, np.empty((STEPS + 1, RUNS, 6, 2)), with_states=True)
     assert not none.size and np.array_equal(white, whole) and states.shape == (STEPS + 1, RUNS, 9, 2)
+
+
+@pytest.mark.parametrize("windows", [1, 3])
+@pytest.mark.parametrize("most", [1, 4 * 3 * 2 * 5 * 2, 10**6])
+def test_blocks_are_the_products_in_their_order(most: int, windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """values: of each window, or the same in all."""
+    monkeypatch.setattr(driven_columns, "BLOCK", most)
+    rng = np.random.default_rng(0)
+    pushes, values = rng.standard_normal((4, 3, 2, 5)), rng.standard_normal((7, 4, windows))
+    columns = ProductColumns(pushes, values)
+    blocks = list(columns.blocks())
+    found = np.concatenate([block.forcing for block in blocks], axis=3)
+    expected = np.einsum("kraf,vkr->kravf", pushes, np.broadcast_to(values, (7, 4, 3))).reshape(4, 3, 2, 35)
+    np.testing.assert_array_equal(found, expected)
+    assert columns.width == 35 and len(blocks) == {1: 7, 240: 4}.get(most, 1)
+    assert not any(block.dense_observed.any() for block in blocks)

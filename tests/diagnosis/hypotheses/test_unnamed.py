@@ -1,8 +1,9 @@
-"""Unnamed forms: their slopes are those of the marginal likelihood, and their limits those of chance."""
+"""Unnamed forms: slopes of the marginal likelihood, limits by chance; their force is that which acted."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,7 +23,9 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.force_forms import Forms
 from diagnosis.hypotheses.forward_selection import ODDS
+from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import (
     MULTIPLES,
     SIZES,
@@ -31,10 +34,12 @@ from diagnosis.hypotheses.unnamed import (
     unnamed_forms,
     unnamed_slopes,
 )
+from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
 from tests.support.diagnosis_cases import (
     FEW,
+    SHIP,
     WHITE,
     full_model,
     problem_of,
@@ -284,3 +289,49 @@ def test_a_single_form_that_the_ship_lacks_is_seen(axis: int, form: str, size: f
     assert found.single > ODDS
     largest = max(found.by_kind, key=lambda k: found.by_kind[k])
     assert largest.startswith(("surge force", "sway force", "yaw force")[axis])
+
+
+SIZE = 0.6
+"""Of a sway force SIZE cos(psi) [N] that no model has."""
+
+
+@cache
+def pushed() -> tuple:
+    steps, seen, null = pushed_by(pushed_problem(1)[0], 1, 1, "cos", SIZE)
+    unnamed = unnamed_forms(steps, seen, null)
+    return seen, null, unnamed, estimated_force(unnamed)
+
+
+def test_the_force_is_that_which_acted() -> None:
+    data, null, unnamed, found = pushed()
+    row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
+    true = SIZE * np.cos(null.path.z[:-1, :, 2])[data.inside]
+    mine = row.force[data.inside][:, 1]
+    assert unnamed.evidence > ODDS
+    assert np.corrcoef(mine, true)[0, 1] > 0.85
+    assert row.channels["sway"].share > 0.9
+    low, high = row.channels["sway"].interval_90
+    assert low < np.sqrt((true**2).mean()) < 1.3 * high
+    inside = np.abs(mine - true) < 1.64 * row.std[data.inside][:, 1]
+    assert inside.mean() > 0.5  # the coefficients took a part of it
+    # along the track of each channel's own trial
+    assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
+
+
+def test_nothing_is_estimated_where_nothing_acts() -> None:
+    steps, seen, null = pushed_by(pushed_problem(1)[0], 4, 1, "cos", 0.0)
+    found = estimated_force(unnamed_forms(steps, seen, null))
+    row = unexplained_force(seen, null, 1.0, found, SHIP)
+    assert max(channel.force_rms for channel in row.channels.values()) < 0.1
+    nothing = ForceEstimate(0 * found.mean, 0 * found.covariance, found.dictionary, 0 * found.sizes, found.taken)
+    none = unexplained_force(seen, null, 1.0, nothing, SHIP)
+    assert none.times == () and none.follows == () and none.channels["sway"].interval_90 == (0.0, 0.0)
+    assert unexplained_hint(none) == ""
+
+
+@pytest.mark.slow
+def test_a_manoeuvre_is_named_in_which_it_shows() -> None:
+    _, null, _, found = pushed()
+    assert "--maneuver" in telling_test(pushed_problem(1)[0], null, found, SHIP)
+    nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes, found.taken)
+    assert "--maneuver" not in telling_test(pushed_problem(1)[0], null, nothing, SHIP)
