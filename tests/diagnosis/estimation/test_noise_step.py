@@ -22,14 +22,9 @@ SIZES = NoiseModel(
 )
 
 
-@pytest.fixture(scope="module")
-def one() -> tuple:
-    return fitted(1)
-
-
-def at(one: tuple, coloured: float = 0.0) -> Linearisation:
+def at(coloured: float = 0.0) -> Linearisation:
     """About a fitted path with other sizes of the noise; coloured: errors with a memory of two sensors."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     colours = np.array([0.0, 0.0, 0.0, coloured, coloured, 0.0])
     return linearise_and_filter(steps, data, replace(found, noise=SIZES.with_(coloured=colours)))
 
@@ -45,8 +40,8 @@ def nll(here: Linearisation, logs: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("coloured", [0.0, 0.004])
-def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> None:
-    here = at(one, coloured)
+def test_slopes_are_those_of_finite_differences(coloured: float) -> None:
+    here = at(coloured)
     slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     count = 9 + 2 * (coloured > 0)
     assert slope.shape == (count,) and information.shape == (count, count)
@@ -55,9 +50,9 @@ def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> 
         assert slope[i] == pytest.approx(by_differences, rel=1e-5, abs=1e-3)
 
 
-def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
+def test_information_is_about_that_of_the_likelihood() -> None:
     """At the most likely sizes; there observed and expected information are the same but for chance."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     here = linearise_and_filter(steps, data, found.fixed())
     slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     sure = np.diag(information) > 20.0
@@ -68,8 +63,8 @@ def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
         assert information[i, i] == pytest.approx(observed, rel=0.25)
 
 
-def test_they_end_where_steps_of_the_fixed_point_end(one: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps, data, found, _ = one
+def test_they_end_where_steps_of_the_fixed_point_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, data, found, _ = fitted(1)
     for factor in (0.3, 3.0):
         noise = found.noise.with_(force=factor * found.noise.force, white=factor**0.6 * found.noise.white)
         fast = estimate(steps, data, replace(found.fixed(), noise=noise), 9)
@@ -82,9 +77,9 @@ def test_they_end_where_steps_of_the_fixed_point_end(one: tuple, monkeypatch: py
         np.testing.assert_allclose(sizes, 1.0, atol=0.03)
 
 
-def test_sizes_stay_within_their_limits(one: tuple) -> None:
+def test_sizes_stay_within_their_limits() -> None:
     """Far from the optimum a step is shortened; at a limit that it would leave, a size stays."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     typical = initial_noise(steps.ship)
     least = least_force(found.noise, data, typical)
     tiny = found.noise.with_(force=least.copy(), white=0.03 * found.noise.white)
@@ -97,10 +92,8 @@ def test_sizes_stay_within_their_limits(one: tuple) -> None:
     assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_sizes.SHORTEST)
 
 
-def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(
-    one: tuple, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    steps, data, found, _ = one
+def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, data, found, _ = fitted(1)
     start = replace(found, p=found.p + 0.1)
     first = estimate(steps, data, start, 8, is_enough=lambda here, gain: gain > 0)
     assert first.iterations == 1 and not first.converged

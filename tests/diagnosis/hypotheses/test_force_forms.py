@@ -11,14 +11,7 @@ from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.force_forms import (
-    DAMPING,
-    SWINGS,
-    ForceForms,
-    Forms,
-    SmoothBasis,
-    spread_of,
-)
+from diagnosis.hypotheses.force_forms import DAMPING, SWINGS, ForceForms, Forms, SmoothBasis, spread_of
 from tests.support.diagnosis_cases import full_steps, pushed_trials
 
 

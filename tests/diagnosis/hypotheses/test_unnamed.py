@@ -26,14 +26,7 @@ from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
-from diagnosis.hypotheses.unnamed import (
-    MULTIPLES,
-    SIZES,
-    UNLOGGED,
-    log_bayes,
-    unnamed_forms,
-    unnamed_slopes,
-)
+from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UNLOGGED, log_bayes, unnamed_forms, unnamed_slopes
 from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
